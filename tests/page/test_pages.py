@@ -246,16 +246,22 @@ def test_a_run_without_water_or_dry_points(tmp_path):
 def test_positions_in_the_output_system(tmp_path):
     text = record_text(ROOT / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd")
     stated = json.loads(text)["stated"]
-    rows = read(written(tmp_path, text)).rows("Adjusted Exposure Stations: In The Output System")
+    page, of_system = read(written(tmp_path, text)), "In The Output System"
+    row = {name: number for number, name in enumerate(stated["stations"]["photo"])}
+    rows = page.rows(f"Adjusted Exposure Stations: The Map There: {of_system}")
+    scales = [[float(row["Scale along meridian"]), float(row["Scale along parallel"])] for row in rows]
+    order = [row[shown["Photo"]] for shown in rows]
+    np.testing.assert_allclose(scales, np.array(stated["stations"]["scale"])[order], atol=5.1e-8)
+    rows = page.rows(f"Adjusted Exposure Stations: Positions: {of_system}")
     heads = list(rows[0])
-    assert heads[:3] == ["Photo", "E US survey foot", "N US survey foot"]
-    assert heads[7:] == ["Convergence", "Scale along meridian", "Scale along parallel"]
-    scales = [[float(row[head]) for head in heads[8:]] for row in rows]
-    np.testing.assert_allclose(scales, stated["stations"]["scale"], atol=5.1e-8)
-    shown = np.array([[float(row[head]) for head in heads[1:7]] for row in rows])
-    np.testing.assert_allclose(shown[:, :3], stated["stations"]["position"], atol=5.1e-4)
-    variance = np.diagonal(np.array(stated["stations"]["covariance"]), axis1=1, axis2=2)[:, :3]
+    assert heads[:4] == ["Photo", "Camera", "E US survey foot", "N US survey foot"]
+    shown = np.array([[float(row[head]) for head in heads[2:]] for row in rows])
+    np.testing.assert_allclose(shown[:, :3], np.array(stated["stations"]["position"])[order], atol=5.1e-4)
+    variance = np.diagonal(np.array(stated["stations"]["covariance"]), axis1=1, axis2=2)[order, :3]
     np.testing.assert_allclose(shown[:, 3:], np.sqrt(variance), atol=5.1e-4)
+    assert {f"Adjusted Exposure Stations: Attitudes: {of_system}", f"Adjusted Ground Points: {of_system}"} <= set(
+        page.tables
+    )
 
 
 def test_columns_of_a_local_job(tmp_path):

@@ -28,11 +28,6 @@ class StatedPoints:
     covariance: FloatArray
     apparent: FloatArray
 
-    @property
-    def sigma(self) -> FloatArray:
-        """(k, 3), of the coordinates."""
-        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
-
 
 def stated_points(compiled: Compiled) -> StatedPoints | None:
     """Return the points as the answer of the run is stated, None where that is in the system of the job."""

@@ -13,7 +13,6 @@ from musatpy.page.accuracy import ORDERS, Depths, analysis_table, orders_table
 from musatpy.page.cells import count_of, number_text
 from musatpy.page.page_tables import PageReport, chapters_of, places_of, reasons_of, tables_of
 from musatpy.page.rendering import Fact, Facts, Page, Part, Sentences, anchor_of
-from musatpy.page.stated_answer import stated_tables
 from musatpy.plots.tables import Tables, flags, numbers, part, texts
 from musatpy.reports import (
     compilation,
@@ -22,6 +21,7 @@ from musatpy.reports import (
     compilation_points,
 )
 from musatpy.reports.answer import USE
+from musatpy.reports.stated import answered
 from musatpy.reports.table import Report
 
 _POINTS = 200  # rows
@@ -58,7 +58,7 @@ def compilation_page(tables: Tables) -> Page:
         "Accuracy": _accuracy(tables, depths),
         "Models": tables_of(_MODELS, tables),
         "The Bottom": tables_of(_BOTTOM, tables),
-        "Points": [*stated_tables(tables, _POINTS), *tables_of(_OF_POINTS, tables)],
+        "Points": [*_stated(tables), *tables_of(_OF_POINTS, tables)],
     }
     chapters = chapters_of(contents)
     titles = [" ".join(title.split()) for title in job["titles"]]
@@ -125,6 +125,13 @@ def _data(tables: Tables) -> Iterator[Part]:
             ),
         ]
     )
+
+
+def _stated(tables: Tables) -> Iterator[Part]:
+    """Yield the points in the output coordinate system, where the run asks for one."""
+    if stated := tables["stated"]:
+        shown = partial(PageReport, listed=_POINTS, note=f"{stated['answer']['text']}.")
+        yield from tables_of(map(shown, compilation_points.in_words(stated["answer"])), answered(tables, "points"))
 
 
 def _accuracy(tables: Tables, depths: Depths) -> Sequence[Part]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from musatpy.page import flight, stated_answer
+from musatpy.page import flight
 from musatpy.page.accuracy import (
     analysis_table,
     depths_of,
@@ -40,12 +41,14 @@ from musatpy.reports import (
     titles,
 )
 from musatpy.reports.fields import Field, same
+from musatpy.reports.stated import answered
 from musatpy.reports.table import Report
 from musatpy.reports.values import at
 from musatpy.statistics.quality import TEST_LIMIT
 
 _PHOTOS = 250  # rows of tables of photos
 _CONTROL = 500
+_POINTS = 100
 _FEW = 20
 _WARNINGS = 50
 _BY_KIND = ("Observations, ", "Unknowns, ", "Sigma0, ")  # labels of numbers that are told beside others
@@ -143,7 +146,7 @@ def run_page(tables: Tables) -> Page:
         "Accuracy": _accuracy(tables),
         "Camera And Water": _camera(tables),
         "Worst Observations And Blunders": _worst(tables),
-        "Stations And Points": [*stated_answer.stated_tables(tables, _PHOTOS), *tables_of(_RESULTS, tables)],
+        "Stations And Points": [*_stated(tables), *tables_of(_RESULTS, tables)],
         "How It Was Computed": _computed(tables),
     }
     return top_of(tables, chapters_of(contents))
@@ -237,6 +240,16 @@ def _water(tables: Tables) -> Iterator[Fact]:
 def _worst(tables: Tables) -> Sequence[Part]:
     nothing = Sentences(texts=["The solution carries no statistics of its observations."])
     return list(tables_of(_OBSERVATIONS, tables)) or [nothing]
+
+
+def _stated(tables: Tables) -> Iterator[Part]:
+    """Yield stations and points in the output coordinate system, where the deck asks for one."""
+    if stated := tables["stated"]:
+        stations, points = positions.in_words(stated["answer"])
+        for report, listed in (*((station, _PHOTOS) for station in stations), (points, _POINTS)):
+            other = replace(report, title=f"{report.title}: In The Output System")
+            shown = PageReport(other, listed, note=f"{stated['answer']['text']}.")
+            yield from tables_of([shown], answered(tables, "stations", "points"))
 
 
 def _computed(tables: Tables) -> Iterator[Part]:

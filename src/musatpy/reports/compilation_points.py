@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +11,8 @@ from musatpy.arrays import FloatArray
 from musatpy.reports.editing import position
 from musatpy.reports.fields import POSITION_UNIT, Field, Group, Rows, identity
 from musatpy.reports.pages import Section
-from musatpy.reports.stated_record import WORDS
+from musatpy.reports.stated import WORDS, Said, answered, place_columns, place_sigma_columns, said_of, with_answer
 from musatpy.reports.table import Report
-from musatpy.reports.wording import of_job, place_columns, place_sigma_columns
 from musatpy.statistics import Words
 from musatpy.statistics.analyses import words_of
 
@@ -274,7 +272,11 @@ STATED = (POINT_TABLE, *ANSWER_TABLES, APPARENT_TABLE, RAY_TABLE, *OF_PROFILES)
 def point_sections(compiled: Compiled) -> list[Section]:
     """Return the tables of points."""
     words = _words(compiled)
-    answer = [] if words is None else [report.section(compiled) for report in _answer(words)]
+    answer: list[Section] = []
+    if words is not None:
+        stated = {"points": STATED_POINTS.raw(compiled)}
+        content = answered({"points": POINTS.raw(compiled), "stated": stated}, "points")
+        answer = [report.section(report.read(content, "")) for report in in_words(said_of(words))]
     return [
         POINT_TABLE.section(compiled, new_page=True),
         *answer[:1],
@@ -284,21 +286,12 @@ def point_sections(compiled: Compiled) -> list[Section]:
     ]
 
 
-def _answer(words: Words) -> Iterator[Report[Any]]:
-    """Yield the tables of the points as an answer is stated."""
-
-    def of(name: str) -> Any:
-        return lambda compiled: getattr(compiled.answer, name)
-
-    def sigmas(compiled: Any) -> FloatArray:
-        values: FloatArray = compiled.answer.sigma if words.of_system else compiled.sigma
-        return values
-
-    columns = (place_columns(words, of("position"), 3), place_columns(words, of("apparent"), 3))
-    more = (place_sigma_columns(words, sigmas), ())
-    for report, places, others in zip(ANSWER_TABLES, columns, more, strict=True):
-        names: tuple[Field[Any], ...] = (
-            of_job("Model", "A8", lambda c: c.model_ids),
-            of_job("Point", "A8", lambda c: c.deck.stages.ids[c.rows]),
-        )
-        yield replace(report, columns=(*names, *places, *others))
+def in_words(said: Said) -> list[Report[Any]]:
+    """Return the tables of the points as an answer is stated: of a table that is `answered`."""
+    table = with_answer(POINTS, STATED_POINTS)
+    true = (*place_columns(said, "position", 3), *place_sigma_columns(said, "sigma"))
+    columns = (true, place_columns(said, "apparent", 3))
+    return [
+        replace(report, table=table, columns=("model", "point", *places), worst=POINT_TABLE.worst)
+        for report, places in zip(ANSWER_TABLES, columns, strict=True)
+    ]

@@ -18,11 +18,10 @@ from musatpy.model.block import parts_of_block
 from musatpy.model.tables import Table, columns
 from musatpy.reports import job_record, residuals
 from musatpy.reports.editing import SEXAGESIMAL, field_width
-from musatpy.reports.fields import Field, Group, Rows, same
+from musatpy.reports.fields import Field, Group, Rows, of_job, same
 from musatpy.reports.pages import MOST_PAGES, Section, wrapped
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values
-from musatpy.reports.wording import of_job
 from musatpy.statistics import Statistics
 from musatpy.units import AngleUnit
 

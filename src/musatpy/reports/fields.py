@@ -309,6 +309,11 @@ def unrecorded(heading: str, edit: str, values: Callable[[Any], Any]) -> Field[A
     return Field(heading, heading=heading, edit=edit, shown=values)
 
 
+def of_job(heading: str, edit: str, values: Callable[[Any], Any]) -> Field[Any]:
+    """Return a column of what no table of the record has: `values` of the statistics of a job."""
+    return Field(heading, heading=heading, edit=edit, shown=lambda t: values(getattr(t, "source", t)), of_run=True)
+
+
 def without_images(nodes: Iterable[Node[Part]]) -> Iterator[Node[Part]]:
     """Yield fields and tables, but no table of images, nor the parts of objects that are one."""
     for node in nodes:

@@ -13,10 +13,9 @@ from musatpy.model import CoordinateSystem, PlaneTreatment, Weights
 from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS
 from musatpy.reports.answer import MARKS, USE
 from musatpy.reports.editing import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, number_text, position
-from musatpy.reports.fields import Document, Field, Group, Node, Rows, identity
+from musatpy.reports.fields import Document, Field, Group, Node, Rows, identity, of_job
 from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, laid_out, print_pages, wrapped
 from musatpy.reports.table import Report
-from musatpy.reports.wording import of_job
 from musatpy.units import ARC_SECOND, DEGREE
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, TextArray
+from musatpy.arrays import TextArray
 from musatpy.model import (
     LevelPairs,
     PointStatus,
@@ -16,9 +17,8 @@ from musatpy.reports import stated
 from musatpy.reports.editing import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, along_axes, position
 from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, identity
 from musatpy.reports.pages import Section, wrapped
-from musatpy.reports.table import Report
+from musatpy.reports.table import Report, worst_first
 from musatpy.reports.values import names
-from musatpy.reports.wording import place_columns, place_sigma_columns
 from musatpy.statistics import Statistics, Words
 
 STATIONS = Rows[Statistics, Statistics](
@@ -154,31 +154,36 @@ NO_PART: Report[Statistics] = Report(
 )
 
 
-def _in_words(statistics: Statistics, words: Words) -> Report[Statistics]:
-    """Return the table with coordinates and sigmas in the words of the answer."""
-    rows = statistics.solution.points.status != PointStatus.NOT_DETERMINED
-    places = (
-        *place_columns(words, lambda s: _stated(s)[rows], 3),
-        *place_sigma_columns(words, lambda s: s.answer_point_sigmas[rows]),
-    )
-    return replace(GROUND_POINTS, columns=(*GROUND_POINTS.columns[:-2], *places))
+def in_words(said: stated.Said) -> tuple[list[Report[Any]], Report[Any]]:
+    """Return the tables of the stations and that of the points as an answer is stated, of `answered` tables."""
+    of_stations = stated.with_answer(STATIONS, stated.STATIONS)
+    of_points = stated.with_answer(POINTS, stated.POINTS)
+    places = stated.place_columns(said, "position", 3)
+    sigmas = stated.place_sigma_columns(said, "position_sigma")
+    stations = [replace(POSITIONS, table=of_stations, columns=("photo", "camera", *places, *sigmas))]
+    if columns := stated.map_columns(said):
+        stations.append(replace(POSITIONS, title=stated.MAP.title, table=of_stations, columns=columns))
+    stations.append(replace(POSITIONS, title=ATTITUDES.title, table=of_stations, columns=stated.turn_columns(said)))
+    columns = (*GROUND_POINTS.columns[:-2], *places, *stated.place_sigma_columns(said, "sigma"))
+    return stations, replace(GROUND_POINTS, table=of_points, columns=columns)
 
 
-def _stated(statistics: Statistics) -> FloatArray:
-    assert statistics.answer is not None
-    return statistics.answer.points
-
-
-def _points(statistics: Statistics) -> list[Section]:
-    """Return the points that have a position, and the reasons why others have none or took no part."""
-    words = statistics.answer_words
-    sections = [
-        (_in_words(statistics, words) if words else GROUND_POINTS).section(statistics, new_page=True),
-        *(stated.far_points(statistics, words) if words else []),
-    ]
-    _, *rows = NO_PART.cells(statistics)
-    lines = [line for point, status, why in rows for line in wrapped([why], lead=f"{point:<8.8}  {status:<14}  ")]
-    return [*sections, Section(title=NO_PART.title, lines=lines, worst=range(len(lines)))] if lines else sections
+def _stated(statistics: Statistics, words: Words) -> list[Section]:
+    """Return stations and points in the words of the answer, and what these cannot say."""
+    content: dict[str, Any] = {table.name: table.raw(statistics) for table in (STATIONS, POINTS)}
+    content["stated"] = {table.name: table.raw(statistics) for table in (stated.STATIONS, stated.POINTS)}
+    content = stated.answered(content, "stations", "points")
+    stations, points = in_words(stated.said_of(words))
+    sections: list[Section] = []
+    for report in stations:
+        values = report.read(content, "")
+        section = report.section(values, new_page=not sections)
+        lines = len(section.lines) // max(values.count, 1)  # of a photo
+        worst = worst_first(np.linalg.norm(values["position_sigma"], axis=1), lines=lines).tolist()
+        sections.append(replace(section, worst=worst))
+    sections += stated.notes(statistics, words)
+    sections.append(points.section(points.read(content, ""), new_page=True))
+    return [*sections, *stated.far_points(statistics, words)]
 
 
 STATED = (POSITIONS, stated.MAP, ATTITUDES, GROUND_POINTS, NO_PART)
@@ -187,6 +192,11 @@ STATED = (POSITIONS, stated.MAP, ATTITUDES, GROUND_POINTS, NO_PART)
 def sections(statistics: Statistics) -> list[Section]:
     """Return the adjusted stations, the points that have a position, and the reasons of those that have none."""
     words = statistics.answer_words
-    if words is not None:
-        return [*stated.stations(statistics, words), *_points(statistics)]
-    return [POSITIONS.section(statistics, new_page=True), ATTITUDES.section(statistics), *_points(statistics)]
+    if words is None:
+        tables = (POSITIONS, True), (ATTITUDES, False), (GROUND_POINTS, True)
+        sections = [report.section(statistics, new_page=new_page) for report, new_page in tables]
+    else:
+        sections = _stated(statistics, words)
+    _, *rows = NO_PART.cells(statistics)
+    lines = [line for point, status, why in rows for line in wrapped([why], lead=f"{point:<8.8}  {status:<14}  ")]
+    return [*sections, Section(title=NO_PART.title, lines=lines, worst=range(len(lines)))] if lines else sections

@@ -29,7 +29,7 @@ from musatpy.reports import (
     positions,
     reduction,
     residuals,
-    stated_record,
+    stated,
     statistical_tests,
 )
 from musatpy.reports.fields import (
@@ -90,7 +90,7 @@ _RESULTS: tuple[Node[Statistics], ...] = (
     positions.PAIRS,
     positions.LEVEL_PAIRS,
     positions.POINTS,
-    stated_record.STATED,
+    stated.STATED,
     bathymetric.BATHYMETRIC,
     control.CONTROL,
     control.EQUAL_ELEVATIONS,

@@ -12,11 +12,10 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import (
     ObservationKind,
 )
-from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows, identity
+from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows, identity, of_job
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
 from musatpy.reports.values import Json, Values, names
-from musatpy.reports.wording import of_job
 from musatpy.statistics import LARGE_RESIDUAL, Statistics
 
 PLATES = Rows[Statistics, Statistics](

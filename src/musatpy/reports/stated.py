@@ -1,24 +1,253 @@
-"""The answer in the words that the deck asks for: stations, attitudes, ground points; and what these words are."""
+"""The answer in the words of SYS cards: in the record, and as columns of print that are made of its tables.
+
+`said` is how an answer is stated, as `WORDS` have it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
+from musatpy.model import CoordinateSystem
+from musatpy.reports.editing import printed_unit
+from musatpy.reports.fields import Field, Group, Rows
 from musatpy.reports.pages import Section, labelled, wrapped
-from musatpy.reports.table import Report, worst_first
-from musatpy.reports.wording import Columns, map_columns, of_job, place_columns, place_sigma_columns, turn_columns
+from musatpy.reports.table import Report
+from musatpy.reports.values import Json, Values, plain
 from musatpy.statistics import Statistics, Words
-from musatpy.units import AngleUnit
+from musatpy.statistics.quality import sigmas_of
+from musatpy.units import ARC_SECOND, DEGREE, GON, AngleUnit
 
-_UNITS = {
+Answer = tuple[Statistics, Any]  # and what the systems make of its solution
+Said = Mapping[str, Any]
+Columns = tuple[Field[Any], ...]
+
+_SEXAGESIMAL = "D  M  S   "
+# Of a unit of angles: its heading, in radians, and edit descriptors of places and of turns, by the decimals that
+# are no less certain than those of metres (see `docs/extending.md`).
+_ANGLES = {
+    AngleUnit.DMS: (_SEXAGESIMAL, 1.0, "S16.5", "S14.3"),
+    AngleUnit.DEGREES: ("deg", DEGREE, "F15.9", "F13.7"),
+    AngleUnit.GONS: ("gon", GON, "F15.9", "F13.7"),
+    AngleUnit.RADIANS: ("rad", 1.0, "F15.11", "F13.9"),
+}
+_IN_WORDS = {
     AngleUnit.DMS: "degrees, minutes, seconds",
     AngleUnit.DEGREES: "degrees",
     AngleUnit.GONS: "gons",
     AngleUnit.RADIANS: "radians",
 }
+# Names of the angles of an attitude, where it is no matrix.
+_NAMES = {
+    "OPK": ("Omega", "Phi", "Kappa"),
+    "POK": ("Phi", "Omega", "Kappa"),
+    "ATS": ("Azimuth", "Tilt", "Swing"),
+}
+_UNIT = 14  # characters of a unit in a heading: `US survey foot`
+
+WORDS: tuple[Field[Words], ...] = (
+    Field("kind", "enum", "kind of coordinate system", lambda w: w.spec.kind,
+          choices=("GEOG", "GEOC", "LOCL", "TANG", "PROJ")),
+    Field("definition", "string?", "code, PROJ string or WKT of a projected system",
+          lambda w: w.spec.definition or None),
+    Field("geoid", "string?", "grid file of the geoid model to which heights refer",
+          lambda w: w.spec.geoid or None),
+    Field("origin", "3 number or null", "latitude, longitude, height of the origin of a tangent plane",
+          lambda w: w.spec.origin, "rad, rad, m"),
+    Field("false_origin", "3 number or null", "coordinates of this origin; null: zeros", lambda w: w.spec.false,
+          "m"),
+    Field("axes", "enum", "what attitudes refer to", lambda w: w.spec.axes, choices=("VERT", "GRID", "GEOC")),
+    Field("angles", "enum", "form of attitudes", lambda w: w.spec.angles, choices=("OPK", "POK", "ATS", "MATR")),
+    Field("unit", "enum", "of angles on cards and in the listing", lambda w: w.spec.unit,
+          choices=("DMS", "DEG", "GON", "RAD")),
+    Field("sigmas", "enum", "what the sigmas of cards and listing are of", lambda w: w.spec.sigmas,
+          choices=("LOCL", "SYST")),
+    Field("text", "string", "all this in words", lambda w: w.statement.text),
+    Field("coordinates", "3 string", "names of the coordinates", lambda w: w.names),
+    Field("coordinate_units", "3 string", "their units in this record", lambda w: w.units),
+)  # fmt: skip
+_COORDINATES = "that of the coordinates"
+
+
+def _convergence(answer: Any) -> list[Json]:
+    factors = answer.factors
+    return [None] * len(answer.tide) if factors is None else plain(factors.convergence)
+
+
+def _scales(answer: Any) -> list[Json]:
+    """Return the scales of the map along meridian and parallel."""
+    factors = answer.factors
+    if factors is None:
+        return [None] * len(answer.tide)
+    scales = plain(factors.meridian_scale), plain(factors.parallel_scale)
+    return [list(pair) for pair in zip(*scales, strict=True)]
+
+
+STATIONS: Rows[Statistics, Answer] = Rows(
+    "stations",
+    "one row per photo; null where the system does not reach",
+    of=lambda s: None if s.answer is None else (s, s.answer),
+    fields=(
+        Field("photo", "string", "photo id", lambda a: a[0].block.photos.ids),
+        Field("position", "3 number?", "adjusted", lambda a: a[1].position, _COORDINATES, exact=True),
+        Field("angles", "3 number?", "adjusted, in the order of the form; null where attitudes are matrices",
+              lambda a: a[1].angles, "rad"),
+        Field("matrix", "3x3 number?", "adjusted, from the axes of attitudes to the photo", lambda a: a[1].matrix,
+              exact=True),
+        Field("covariance", "6x6 number?",
+              "a posteriori, of position and angles (of small rotations about the axes where attitudes are "
+              "matrices); null for angles that turn about one line", lambda a: a[1].covariance,
+              "those of position and angles", exact=True),
+        Field("tide", "number?",
+              "height of the water surface, adjusted where that is unknown, in heights of the system",
+              lambda a: a[1].tide, "m"),
+        Field("undulation", "number?", "height of the geoid above the ellipsoid; 0 without one",
+              lambda a: a[1].undulation, "m"),
+        Field("convergence", "number?", "from true to grid north, clockwise; null where there is no map",
+              lambda a: _convergence(a[1]), "rad"),
+        Field("scale", "2 number? or null", "map over ellipsoid, along meridian and parallel",
+              lambda a: _scales(a[1])),
+    ),
+)  # fmt: skip
+POINTS: Rows[Statistics, Answer] = Rows(
+    "points",
+    "one row per ground point; null where not determined or not reached",
+    of=lambda s: None if s.answer is None else (s, s.answer),
+    fields=(
+        Field("point", "string", "point id", lambda a: a[0].block.points.ids),
+        Field("position", "3 number?", "adjusted", lambda a: a[1].points, _COORDINATES, exact=True),
+        Field("covariance", "3x3 number?", "a posteriori", lambda a: a[1].point_covariance,
+              f"{_COORDINATES}, squared", exact=True),
+    ),
+)  # fmt: skip
+STATED = Group[Statistics, Statistics](
+    "stated",
+    "the answer in the words of SYS cards; null in a job without any",
+    of=lambda s: None if s.answer_words is None else s,
+    fields=(
+        Group[Statistics, Words](
+            "input",
+            "how the deck is stated; null: in the system of the options",
+            of=lambda s: s.given_words,
+            fields=WORDS,
+            optional=True,
+        ),
+        Group[Statistics, Words]("answer", "how the answer is stated", of=lambda s: s.answer_words, fields=WORDS),
+        STATIONS,
+        POINTS,
+    ),
+    optional=True,
+)
+
+
+def said_of(words: Words) -> Said:
+    """Return how an answer is stated as a record has it."""
+    return {field.name: field.json(words) for field in WORDS}
+
+
+def with_answer(table: Rows[Any, Any], stated: Rows[Any, Any]) -> Rows[Any, Any]:
+    """Return a table in which what the answer says stands for what the job's own system does: see `answered`."""
+    return replace(table, fields=(*stated.fields, *table.fields))
+
+
+def answered(content: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    """Return tables of a record with what its answer says in their stead."""
+    return {name: {**content[name], **content["stated"][name]} for name in names}
+
+
+def place_columns(said: Said, name: str, decimals: int) -> Columns:
+    """Return the columns of coordinates `name` (n, 3), lengths with `decimals`."""
+    names, units = said["coordinates"], said["coordinate_units"]
+    headings = [f"{_heading(name)}\n{unit[:_UNIT]}" for name, unit in zip(names, units, strict=True)]
+    edits, sizes = [f"F15.{decimals}"] * 3, [1.0] * 3
+    if said["kind"] == CoordinateSystem.GEOGRAPHIC:
+        unit, size, edit, _ = _ANGLES[said["unit"]]
+        headings[:2] = [f"{_heading(name)}\n{unit}" for name in names[:2]]
+        edits[:2], sizes[:2] = [edit] * 2, [size] * 2
+    return _vector(headings, edits, lambda t: t[name], sizes)
+
+
+def place_sigma_columns(said: Said, local: str) -> Columns:
+    """Return the columns of sigmas (n, 3), of the coordinates (arc seconds where angles), or `local` ones."""
+    of_system, edits, sizes = said["sigmas"] == "SYST", ["F9.3"] * 3, [1.0] * 3
+    if not of_system and said["kind"] != CoordinateSystem.LOCAL:  # its axes are east, north, up by other names
+        headings = ["Sigma East\nm", "Sigma North\nm", "Sigma Up\nm"]
+    elif said["kind"] != CoordinateSystem.GEOGRAPHIC:
+        pairs = zip(said["coordinates"], said["coordinate_units"], strict=True)
+        headings = [f"Sigma {name}\n{unit[:_UNIT]}" for name, unit in pairs]
+    else:
+        headings = ["Sigma Lat\narc sec", "Sigma Long\narc sec", "Sigma h\nm"]
+        edits[:2], sizes[:2] = ["F9.5"] * 2, [ARC_SECOND] * 2
+    return _vector(headings, edits, lambda t: _sigmas(t)[:, :3] if of_system else t[local], sizes)
+
+
+def turn_columns(said: Said) -> Columns:
+    """Return the columns of photos with their attitudes and sigmas: a line for each, three of matrices."""
+    angles, of_system = _NAMES.get(said["angles"]), said["sigmas"] == "SYST"
+
+    def sigmas(t: Values) -> FloatArray:
+        values: FloatArray = _sigmas(t)[:, 3:] if of_system else t["attitude_sigma"]
+        return values
+
+    if angles is None:
+        axes = ("First axis", "Second axis", "Third axis")
+        return (
+            _column("Photo", "A8", lambda t: np.repeat(t["photo"], 3), is_id=True),
+            _column("Row", "I3", lambda t: np.tile([1, 2, 3], len(t["photo"]))),
+            *_vector(axes, ("F13.9",) * 3, lambda t: t["matrix"].reshape(-1, 3), (1.0,) * 3),
+            _column("Sigma\narc sec", "F9.2", lambda t: sigmas(t).ravel()),
+        )
+    unit, size, _, edit = _ANGLES[said["unit"]]
+    names = angles if of_system else ("X-T", "Y-T", "Hdg")
+    return (
+        _column("Photo", "A8", lambda t: t["photo"], is_id=True),
+        *_vector([f"{name}\n{unit}" for name in angles], (edit,) * 3, lambda t: t["angles"], (size,) * 3),
+        *_vector([f"Sigma {name}\narc sec" for name in names], ("F9.2",) * 3, sigmas, (ARC_SECOND,) * 3),
+    )
+
+
+def map_columns(said: Said) -> Columns:
+    """Return the columns of what the map of the answer does at the stations; none where it is on no map."""
+    if said["kind"] != "PROJ":
+        return ()
+    unit, size, _, edit = _ANGLES[said["unit"]]
+    columns: Columns = (
+        _column("Photo", "A8", lambda t: t["photo"], is_id=True),
+        *_vector([f"Convergence\n{unit}"], [edit], lambda t: t["convergence"][:, None], [size]),
+        _column("Scale along\nmeridian", "F11.7", lambda t: t["scale[0]"]),
+        _column("Scale along\nparallel", "F11.7", lambda t: t["scale[1]"]),
+    )
+    return (*columns, _column("Geoid\nm", "F9.3", lambda t: t["undulation"])) if said["geoid"] else columns
+
+
+def _column(heading: str, edit: str, values: Callable[[Values], Any], *, is_id: bool = False) -> Field[Any]:
+    return Field(heading, heading=heading, edit=edit, shown=values, is_id=is_id)
+
+
+def _vector(
+    headings: Sequence[str], edits: Sequence[str], values: Callable[[Values], FloatArray], sizes: Sequence[float]
+) -> Columns:
+    """Return one column for each component of `values` (n, k), printed in units of these `sizes`."""
+
+    def component(axis: int, size: float) -> Callable[[Values], FloatArray]:
+        return lambda t: values(t)[:, axis] / size
+
+    return tuple(
+        _column(heading, edit, component(axis, size / printed_unit(heading)))
+        for axis, (heading, edit, size) in enumerate(zip(headings, edits, sizes, strict=True))
+    )
+
+
+def _sigmas(t: Values) -> FloatArray:
+    return sigmas_of(t["covariance"])
+
+
+def _heading(name: str) -> str:
+    return name.capitalize() if len(name) > 1 else name  # h above the ellipsoid, H above a geoid
 
 
 # What the map of the answer does at the stations: the record has it in words of its own.
@@ -39,42 +268,13 @@ def _lines(what: str, words: Words) -> list[str]:
     texts = {
         f"{what}, coordinates": statement.system.text,
         f"{what}, attitudes": statement.attitudes_text,
-        f"{what}, angles in": _UNITS[words.unit],
+        f"{what}, angles in": _IN_WORDS[words.spec.unit],
         f"{what}, sigmas": statement.sigmas_text,
     }
     return [line for label, text in texts.items() for line in wrapped([text], lead=labelled({label: ""})[0])]
 
 
-def stations(statistics: Statistics, words: Words) -> list[Section]:
-    """Return the adjusted positions, what the map does there, and the adjusted attitudes."""
-    positions: Columns = (
-        of_job("Photo", "A8", lambda s: s.block.photos.ids),
-        of_job("Camera", "A6", lambda s: s.block.cameras.ids[s.block.photos.camera]),
-        *place_columns(words, lambda s: _answer(s, "position"), 3),
-        *place_sigma_columns(words, lambda s: s.answer_station_sigmas[:, :3]),
-    )
-    attitudes = turn_columns(
-        words,
-        lambda s: _answer(s, "angles"),
-        lambda s: _answer(s, "matrix"),
-        lambda s: s.answer_station_sigmas[:, 3:],
-    )
-    tables = [("Positions", positions), ("Attitudes", attitudes)]
-    answer = statistics.answer
-    if answer is not None and answer.factors is not None:
-        tables.insert(1, ("The Map There", map_columns(words)))
-    photos, sizes = len(statistics.block.photos.ids), np.linalg.norm(statistics.station_sigmas[:, :3], axis=1)
-    sections: list[Section] = []
-    for what, columns in tables:
-        report: Report[Statistics] = Report(title=f"Adjusted Exposure Stations: {what}", columns=columns)
-        section = report.section(statistics, new_page=not sections)
-        worst = worst_first(sizes, lines=len(section.lines) // photos).tolist() if photos else ()
-        sections.append(replace(section, worst=worst))
-    notes = _notes(statistics, words)
-    return [*sections, Section(title="Notes On The Stations", lines=notes)] if notes else sections
-
-
-def _notes(statistics: Statistics, words: Words) -> list[str]:
+def notes(statistics: Statistics, words: Words) -> list[Section]:
     """Return what the columns of the stations cannot say."""
     answer, ids = statistics.answer, statistics.block.photos.ids
     if answer is None:
@@ -87,7 +287,8 @@ def _notes(statistics: Statistics, words: Words) -> list[str]:
         f"{name}: {words.statement.system.text} does not reach the station."
         for name in ids[answer.far_stations].tolist()
     ]
-    return wrapped([f"Photo {text}" for text in (*lost, *far)])
+    lines = wrapped([f"Photo {text}" for text in (*lost, *far)])
+    return [Section(title="Notes On The Stations", lines=lines)] if lines else []
 
 
 def far_points(statistics: Statistics, words: Words) -> list[Section]:
@@ -98,8 +299,3 @@ def far_points(statistics: Statistics, words: Words) -> list[Section]:
     names = ", ".join(statistics.block.points.ids[answer.far_points].tolist())
     text = f"{words.statement.system.text} does not reach these points: {names}."
     return [Section(title="Points Without Coordinates In The System", lines=wrapped([text]))]
-
-
-def _answer(statistics: Statistics, name: str) -> FloatArray:
-    values: FloatArray = getattr(statistics.answer, name)
-    return values

@@ -30,9 +30,8 @@ from musatpy.model.tables import largest
 from musatpy.model.water import WAVE_SIGMAS
 from musatpy.statistics.differences import Analysis, analysis_of, metric_components, position_components
 from musatpy.statistics.gates import elevations, rectangular
-from musatpy.statistics.quality import Quality, sigmas_of
+from musatpy.statistics.quality import Quality
 from musatpy.statistics.verdict import verdict_of
-from musatpy.units import AngleUnit
 
 if TYPE_CHECKING:
     from musatpy.systems import StatedSolution, Statement
@@ -41,11 +40,6 @@ LARGE_RESIDUAL = 3.0  # sigmas
 PLATE_KINDS = ("triangulated", "not triangulated", "all")
 NOT_GIVEN = -1
 _NAMED = 8  # photos: of more, the first ones are named
-_ANGLES = {
-    "OPK": ("Omega", "Phi", "Kappa"),
-    "POK": ("Phi", "Omega", "Kappa"),
-    "ATS": ("Azimuth", "Tilt", "Swing"),
-}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,12 +69,8 @@ class Words:
 
     spec: SystemSpec
     statement: Statement
-    angular: bool  # the first two coordinates are angles (rad)
-    unit: AngleUnit  # in which angles are printed
     names: tuple[str, str, str]  # of the coordinates
     units: tuple[str, str, str]
-    angles: tuple[str, str, str] | None  # names of those of an attitude; None where attitudes are matrices
-    of_system: bool  # sigmas are of the stated coordinates and attitudes; else of east, north, up and X-tilt, ...
     has_plane: bool  # error ellipses are in the plane of the first two coordinates, not across the vertical
 
 
@@ -193,20 +183,6 @@ class Statistics(Quality):
         return stated_solution(self.solution, self.answer_words.statement)
 
     @cached_property
-    def answer_station_sigmas(self) -> FloatArray:
-        """(n, 6) a posteriori, of what the sigmas of the answer are of: see `Words.of_system`."""
-        if self.answer is None or self.answer_words is None or not self.answer_words.of_system:
-            return self.station_sigmas
-        return sigmas_of(self.answer.covariance)
-
-    @cached_property
-    def answer_point_sigmas(self) -> FloatArray:
-        """(p, 3) a posteriori, likewise."""
-        if self.answer is None or self.answer_words is None or not self.answer_words.of_system:
-            return self.point_sigmas
-        return sigmas_of(self.answer.point_covariance)
-
-    @cached_property
     def point_ellipses(self) -> Ellipses:
         """Error ellipses of the ground points, in the plane of `Words.has_plane` or across the vertical."""
         if self.answer is None or self.answer_words is None or not self.answer_words.has_plane:
@@ -298,17 +274,12 @@ def words_of(spec: SystemSpec | None, block: Block) -> Words | None:
     from musatpy.systems import statement_of
 
     statement = statement_of(spec, block)
-    of_system = spec.sigmas == "SYST"
     return Words(
         spec=spec,
         statement=statement,
-        angular=spec.kind == CoordinateSystem.GEOGRAPHIC,
-        unit=spec.unit,
         names=statement.system.names,
         units=statement.system.units,
-        angles=_ANGLES.get(spec.angles),
-        of_system=of_system,
-        has_plane=of_system and statement.system.plane,
+        has_plane=spec.sigmas == "SYST" and statement.system.plane,
     )
 
 
