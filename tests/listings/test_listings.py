@@ -10,7 +10,7 @@ import pytest
 from asa_printer import played
 from listings.runs import ST_THOMAS, run_of
 from musatpy import listing
-from musatpy.listings import CannotCompareError, compare_files, compare_texts, parse_rules
+from musatpy.listings import compare_files, compare_texts, parse_rules
 
 ROOT = Path(__file__).parents[2]
 GOLDEN = ROOT / "fixtures" / "st_thomas" / "st_thomas.lst"
@@ -30,11 +30,6 @@ def changed(old, new, text=TEXT):
 
 def shown(difference):
     return [(one.kind, one.row, one.column, one.a, one.b) for one in difference.findings]
-
-
-def test_a_listing_is_itself():
-    found = compare_files(GOLDEN, GOLDEN)
-    assert found.same and found.counts["rows compared"] > 200
 
 
 def test_one_digit_is_found_with_its_place():
@@ -59,12 +54,6 @@ def test_an_angle_that_carries_into_its_minutes_differs_by_little():
     found = compared(changed(STATION, other), "[[rule]]\nsection = 'Attitudes'\narcsec = 0.392\n")
     assert found.same and found.rules[0].passed == 1
     assert not compared(changed(STATION, other), "[[rule]]\narcsec = 0.391\n").same
-
-
-def test_full_circle_is_no_difference_of_an_angle():
-    rules = parse_rules("[[rule]]\narcsec = 0.2\n")
-    assert compare_texts("photo 359 59 59.9\n", "photo 0 0 0.1\n", rules).same
-    assert not compare_texts("photo 359 59 59.9\n", "photo 0 0 0.11\n", rules).same
 
 
 @pytest.mark.parametrize(
@@ -204,17 +193,6 @@ def test_headings_that_a_page_repeats_without_saying_so_do_not_count():
     found = compare_texts(whole, broken, parse_rules("[[rule]]\nsection = 'Page headers'\nonly = 'either'\n"))
     assert found.same, found.findings
     assert compare_texts(whole, again).same
-
-
-def test_page_headers_are_compared_once_without_their_numbers():
-    found = compared(TEXT.replace("THREE PHOTOS  SIMULATED   ", "THREE PHOTOS  SIMULATOR   "))
-    assert {one.section for one in found.findings} == {"Page headers"}
-
-
-def test_a_sentence_that_ends_with_a_page_is_no_header():
-    assert not compare_texts("X 1\nas in the table on page 12\n", "X 1\nas in the table on page 13\n").same
-    assert compare_texts("A JOB PAGE 1\nX 1\n", "A JOB PAGE 2\nX 1\n").same
-    assert compare_texts("X 1\n    - PAGE 1 OF 2\nY 2\n", "X 1\n    - PAGE 7 OF 9\nY 2\n").same
 
 
 def test_carriage_control_can_be_declared():
@@ -365,28 +343,11 @@ def test_the_largest_differences_are_summed_up():
     assert [(one.row, one.difference, one.unit) for one in section.largest] == [("206", Decimal("0.010"), "m")]
 
 
-@pytest.mark.parametrize(("data", "message"), [(b"", "empty"), (b" \n", "empty"), (b"a\0b", "not a text")])
-def test_what_cannot_be_compared_is_refused(tmp_path, data, message):
-    path = tmp_path / "x.lst"
-    path.write_bytes(data)
-    with pytest.raises(CannotCompareError, match=message):
-        compare_files(GOLDEN, path)
-
-
 def test_latin_text_is_read(tmp_path):
     path = tmp_path / "old.lst"
     path.write_bytes("Höhe 1.5\n".encode("latin-1"))
     (tmp_path / "new.lst").write_text("Höhe 1.5\n", encoding="utf-8")
     assert compare_files(path, tmp_path / "new.lst").same
-
-
-def test_a_limit_of_angles_may_stand_beside_limits_of_numbers():
-    rules = parse_rules("[[rule]]\narcsec = 0.2\nabsolute = 0.1\n")
-    assert compare_texts("x 1.5\ny 0 59 59.9\n", "x 1.6\ny 1 0 0.1\n", rules).same
-    found = compare_texts("x 1.5\n", "x 1.7\n", rules)
-    assert [(one.kind, one.difference, one.rule) for one in found.findings] == [
-        ("number", Decimal("0.2"), "rule 1")
-    ]
 
 
 def test_the_sign_of_zero_degrees_is_no_difference_of_nothing():
@@ -403,21 +364,6 @@ def test_asterisks_in_both_are_said_to_tell_nothing():
     assert compare_texts("sum .... ******\n", "sum .... ******\n").not_compared
     assert not compare_texts("*** DONE ***\nx 1 *\n", "*** DONE ***\nx 1 *\n").not_compared
     assert not compare_texts(TEXT, TEXT).not_compared  # frames are marked by asterisks there
-
-
-def test_two_rules_that_say_the_same_are_counted_apart():
-    rules = parse_rules("[[rule]]\nname = 'x'\nabsolute = 1\n" * 2)
-    found = compare_texts("x 1.5\n", "x 1.6\n", rules)
-    assert [(rule.applied, rule.passed) for rule in found.rules] == [(False, 0), (True, 1)]
-
-
-def test_rows_without_names_may_stand_in_another_order():
-    rng = random.Random(5)
-    rows = [f"{rng.uniform(-9, 9):.4f} {rng.uniform(-9, 9):.4f}" for _ in range(60)]
-    others = rows[::-1]
-    found = compare_texts("\n".join(rows), "\n".join(others))
-    assert {one.kind for one in found.findings} == {"order"} and len(found.findings) == 59
-    assert compare_texts("\n".join(rows), "\n".join(others), parse_rules("[[rule]]\norder = 'any'\n")).same
 
 
 def test_what_stands_before_the_first_title_has_a_name():

@@ -30,12 +30,6 @@ def test_a_record_is_itself_however_it_is_laid_out(text):
         assert compared(text, other).same
 
 
-@pytest.mark.parametrize(("begin", "end"), [("[", "]"), ('{"y": ', "}")])
-def test_a_record_may_be_nested_deep(begin, end):
-    one, other = (f'{{"x": {begin * 900}{number}{end * 900}}}' for number in (1, 2))
-    assert [found.kind for found in compared(one, other).findings] == ["number"]
-
-
 def test_the_last_bit_of_a_number_is_found(text):
     def change(content):
         station = content["stations"][1]
@@ -160,13 +154,6 @@ def test_what_is_no_json_cannot_be_compared(bad):
     assert caught.value.problems[0].file == "b.json"
 
 
-@pytest.mark.parametrize("values", [["NaN", "1"], ["1", "NaN"], ["1e99999", "1"]])
-def test_a_rule_is_known_to_be_of_use_whichever_row_shows_it(values):
-    text = f'{{"points": [{", ".join(f"""{{"id": "{n}", "x": {one}}}""" for n, one in enumerate(values))}]}}'
-    (rule,) = compare_texts(text, text, parse_rules("[[rule]]\nabsolute = 1\ncolumn = 'x'\n"), RECORDS).rules
-    assert rule.matched and rule.applied
-
-
 @pytest.mark.parametrize(
     ("rows", "labels"),
     [
@@ -181,53 +168,6 @@ def test_rows_are_called_by_the_fields_that_tell_them_apart(rows, labels):
     changed = [{**row, "value": 2} for row in rows]
     texts = [json.dumps({"table": table}) for table in ([{**row, "value": 1} for row in rows], changed)]
     assert [one.row for one in compare_texts(*texts, names=RECORDS).findings] == labels
-
-
-LONG = 400  # rows
-
-
-def by_columns(**changed):
-    """Return the text of a record of one table, as records are laid out; `changed` are texts of columns."""
-    columns = {
-        "point": [str(n) for n in range(LONG)],
-        "position": [[n / 7, n / 3] for n in range(LONG)],
-        "position_sigma": [[0.5, 0.25]] * LONG,
-        "note": ['say "[1]"', "a ] \\ b"] * (LONG // 2),
-    }
-    texts = {name: json.dumps(column) for name, column in columns.items()} | changed
-    lines = ",\n".join(f'    "{name}": {text}' for name, text in texts.items())
-    return f'{{\n  "schema_version": "3.0",\n  "points": {{\n{lines}\n  }}\n}}\n'
-
-
-def test_tables_by_columns_give_what_their_rows_give():
-    a = by_columns()
-    b = by_columns(
-        position=json.dumps([[n / 7 + (n == 300), n / 3 + (n == 3)] for n in range(LONG)]),
-        note=json.dumps(['say "[1]"', "a ] \\ b"] * (LONG // 2 - 1) + ["x", "y"]),
-    )
-    rows = [json.dumps({"points": with_rows(json.loads(text))["points"]}) for text in (a, b)]
-    rules = (
-        "",
-        "[[rule]]\nsigmas = 3\n",
-        "[[rule]]\ncolumn = 3\nabsolute = 2\n[[rule]]\npoint = '3'\nabsolute = 2\n",
-    )
-    for rule in rules:
-        ours, plain = compared(a, b, rule), compared(*rows, rule)
-        assert [found for found in plain.findings if found.section == "points"] == list(ours.findings)
-        assert [(use.matched, use.passed) for use in ours.rules] == [
-            (use.matched, use.passed) for use in plain.rules
-        ]
-    assert {(found.row, found.sigmas) for found in compared(a, b).findings} == {
-        ("point 3", 4.0), ("point 300", 2.0), ("point 398", None), ("point 399", None)
-    }  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("column", "text"), [("position", "[" + "1, " * LONG + "2 3]"), ("point", "[" + "1, " * LONG + "2], 3]")]
-)
-def test_a_column_that_is_wrong_is_an_error(column, text):
-    with pytest.raises(CannotCompareError, match="is not JSON"):
-        compared(by_columns(), by_columns(**{column: text}))
 
 
 def test_records_of_two_schemas_are_refused(text):

@@ -15,13 +15,6 @@ STANDARD, MODIFIED = (FIXTURES / "cayman" / f"cayman_{name}.lst" for name in ("s
 ST_THOMAS = FIXTURES / "st_thomas" / "st_thomas.lst"
 
 
-@pytest.mark.parametrize("second", [MODIFIED, ST_THOMAS], ids=["same job", "another job"])
-def test_runs_one_below_the_other_are_held_against_themselves_alone(second):
-    listing = listing_of(STANDARD.read_text() + "\f" + second.read_text(), "x")
-    assert listing.repairs == listing.unreadable == () and audit(listing) == []
-    assert len(listing.analyses) == sum(len(read_listing(one).analyses) for one in (STANDARD, second))
-
-
 def test_an_error_in_the_second_run_is_found_at_its_line():
     spoiled = MODIFIED.read_text().replace("-0  0  4.113", "-0  0  4.173")
     found = audit(listing_of(STANDARD.read_text() + "\f" + spoiled, "x"))
@@ -42,14 +35,6 @@ def test_what_two_runs_say_otherwise_is_not_compared(tmp_path):
     assert set(found.several) == numbers_of(read_listing(both))[1]
 
 
-def test_upper_case_is_no_noise():
-    for number in range(1, 10):
-        text = table(number).read_text()
-        upper, plain = listing_of(text.upper(), "x"), listing_of(text, "x")
-        assert upper.repairs == upper.unreadable == () and statistics_of(upper) == statistics_of(plain)
-        assert [one.item for one in audit(upper)] == [one.item for one in audit(plain)]
-
-
 def test_carriage_returns_form_feeds_and_a_byte_order_mark_change_nothing(tmp_path):
     for source in (MODIFIED, table(4)):
         (path := tmp_path / "x.lst").write_bytes(
@@ -57,50 +42,6 @@ def test_carriage_returns_form_feeds_and_a_byte_order_mark_change_nothing(tmp_pa
         )
         found, plain = read_listing(path), read_listing(source)
         assert found.repairs == found.unreadable == () and statistics_of(found) == statistics_of(plain)
-
-
-@pytest.mark.parametrize(
-    ("number", "row", "said"),
-    [
-        (3, "(Degrees, Minutes, Seconds)", None),  # the headings tell it too
-        (4, "Frame   ", "no row 'Frame' is legible below"),
-        (9, "1042      Y", "the row of Y of a point is missing here"),
-    ],
-)
-def test_a_line_that_is_missing_is_said_once_and_nothing_is_made_of_the_others(number, row, said):
-    lines = table(number).read_text().splitlines()
-    (at,) = (n for n, line in enumerate(lines) if line.startswith(row))
-    listing = listing_of("\n".join(lines[:at] + lines[at + 1 :]), "x")
-    assert [one.message for one in listing.unreadable] == ([said] if said else []) and listing.repairs == ()
-    plain = statistics_of(read_listing(table(number)))
-    assert statistics_of(listing).items() <= plain.items() and listing.plates == ()
-    assert said or statistics_of(listing) == plain
-
-
-def test_a_point_of_which_one_row_is_left_is_noted():
-    lines = table(9).read_text().splitlines()
-    (at,) = (n for n, line in enumerate(lines) if line.startswith("1042"))
-    (problem,) = listing_of("\n".join(lines[: at - 1] + lines[at + 1 :]), "x").unreadable
-    assert problem.message == "the row of X of a point is missing here" and problem.line == at
-
-
-def test_an_analysis_of_unknown_components_is_noted_and_not_guessed():
-    text = table(7).read_text()
-    for name in ("(Degrees, Minutes, Seconds)", "Latitude", "Longitude"):
-        text = text.replace(name, "")
-    listing = listing_of(text, "x")
-    assert listing.analyses == () and listing.repairs == ()
-    (problem,) = listing.unreadable
-    assert problem.message.startswith("no row 'Latitude, Longitude, Elevation or X, Y, Z") and problem.line == 1
-
-
-@pytest.mark.parametrize("title", ["Frame  ", "Frame With Max. RMS All"])
-def test_the_frames_of_our_own_plate_residuals_are_never_words(title):
-    lines = MODIFIED.read_text().splitlines()
-    (at,) = (n for n, line in enumerate(lines) if line.startswith(title))
-    listing = listing_of("\n".join(lines[:at] + lines[at + 1 :]), "x")
-    assert listing.repairs == () and audit(listing) == []
-    assert [one.message.startswith("no row 'Frame") for one in listing.unreadable] == [True]
 
 
 @pytest.mark.parametrize(
@@ -121,14 +62,6 @@ def test_a_negative_root_is_found(number, row, old, item, found):
     findings = [one for one in audit(listing_of("\n".join(lines), "x")) if (one.item, one.message) not in known]
     assert [(one.item, one.line) for one in findings] == [(item, at + 1)]
     assert found in [suspect.found for suspect in findings[0].suspects]
-
-
-def test_an_rms_that_nothing_bounds_from_above_is_found_without_a_proposal():
-    lines = [line for line in table(1).read_text().splitlines() if not line.startswith(("Sum", "Mean"))]
-    text = "\n".join(lines).replace("0  0    .140 ", "0  0    .040 ")
-    (finding,) = audit(listing_of(text, "x"))
-    assert finding.item == "Latitude"
-    assert ("RMS", "") in [(suspect.item, suspect.expected) for suspect in finding.suspects]
 
 
 OWN = (FIXTURES / "st_thomas_utm" / "st_thomas_utm.lst").read_text()
@@ -201,27 +134,6 @@ def test_undeclared_noise_is_never_taken(name):
         listing = listing_of("\n".join(lines), "x")
         assert at + 1 in [problem.line for problem in listing.unreadable], lines[at]
         assert not [one for one in listing.repairs if one.line == at + 1]
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        (
-            "Camera Station Attitude Analysis",
-            "Cxmera Stxtion Attxtude Analxsis",
-            "a report without a legible title",
-        ),
-        ("Ground Point Analysis", "Ground P0int Analysis", "a report without a legible title"),
-        ("Plate Residuals\n", "P1ate Residuals\n", "a report without a legible title"),
-        ("Comparison of Computed Geocentric", "Cxmparison xf Computed Geocentric", "without a legible title"),
-    ],
-)
-def test_a_report_whose_title_is_not_legible_is_missed(old, new, said):
-    assert f"\n{old}" in OWN
-    listing = listing_of(OWN.replace(old, new), "x")
-    title = OWN[: OWN.index(f"\n{old}")].count("\n") + 2
-    problems = [problem for problem in listing.unreadable if said in problem.message]
-    assert problems and title <= problems[0].line <= title + 12
 
 
 def test_ids_with_letters_that_look_like_digits_are_no_noise():

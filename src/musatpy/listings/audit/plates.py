@@ -62,6 +62,7 @@ def _read(excerpt: Excerpt, notes: Notes) -> Report | None:
     frames = notes.cells(heading, rest, ["id"] * number, "Frame")
     if len(set(frames)) < len(frames):
         notes.lost(heading, "a frame is there twice")
+        frames = ()
     cells: dict[tuple[str, str], Printed] = {}
     for (group, what), (line, text) in rows.items() if frames else ():
         if what == STAR:
