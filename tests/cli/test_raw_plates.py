@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from altered import altered, put
 from cli.commands import musat
 from formats.deck_edits import add, drop, in_system
 from formats.deck_edits import replace as edit
@@ -141,9 +142,7 @@ def test_readings_in_micrometres_have_room_and_their_unit(run):
 
 def test_points_outside_what_is_calibrated_are_listed(run):
     block = raw_block(reseau=reseau(), cross_measurements=crosses(["21", "22", "23"]))
-    narrow = block.distortion.values.copy()
-    narrow[2:, 0] = [30.0, 60.0, 90.0]
-    block = replace(block, distortion=replace(block.distortion, values=narrow))
+    block = altered(block, distortion={"values": put(np.s_[2:, 0], [30.0, 60.0, 90.0])})
     inner = np.isin(
         block.cross_measurements.ids, [f"{row}{column:02d}" for row in "BCDEF" for column in range(2, 7)]
     )

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from altered import altered, put
 from formats.agency_blocks import random_job, with_marks
 from formats.deck_edits import deck, drop, in_system
 from musatpy.errors import DeckError
@@ -185,9 +186,7 @@ def test_what_cannot_be_held_is_counted(tmp_path):
 
 def test_stations_without_attitude_are_left_out_where_one_row_says_both(tmp_path):
     block = in_system(CoordinateSystem.LOCAL)
-    attitude = block.photos.attitude.copy()
-    attitude[1] = np.nan
-    lines = bingo.dump_one(replace(block, photos=replace(block.photos, attitude=attitude)), tmp_path)
+    lines = bingo.dump_one(altered(block, photos={"attitude": put(1, np.nan)}), tmp_path)
     assert "bingo holds no stations without attitudes: 1 left out" in lines
     words = [line.split()[1] for line in (tmp_path / "itera.dat").read_text().splitlines()]
     assert words == ["841", "843"]

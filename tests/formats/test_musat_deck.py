@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from altered import altered, put
 from formats.deck_edits import GOOD, add, deck, drop, in_system
 from formats.random_blocks import random_block
 from musatpy import model
@@ -206,9 +207,7 @@ def test_the_order_of_the_cards_does_not_matter() -> None:
 )
 def test_sexagesimal_angles_carry_and_keep_their_sign(angle: float, text: str) -> None:
     block = in_system(CoordinateSystem.GEOGRAPHIC)
-    attitude = block.photos.attitude.copy()
-    attitude[0, 2] = angle
-    data = musat.deck_bytes(replace(block, photos=replace(block.photos, attitude=attitude)))
+    data = musat.deck_bytes(altered(block, photos={"attitude": put((0, 2), angle)}))
     card = next(line for line in data.decode().splitlines() if line.startswith("ATT"))
     assert card[42:57] == text
     back = musat.read_deck(data).photos.attitude[0, 2]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from altered import added, altered
 from jobs.decks import cards, cayman, complaints, merge, photos, reread, rich, st_thomas, with_options
 from musatpy import model
 from musatpy.errors import DeckError
@@ -308,9 +309,8 @@ def test_which_deck_is_meant() -> None:
 def test_control_of_two_names_at_one_place_is_found() -> None:
     block = st_thomas()
     other = renamed(block, {Kind.POINT: {"101": "7"}}, "b.crd")
-    position = np.array(other.control.position)
-    position[1, 0] += 0.5 / 6.37e6  # half a metre north: not the same name, but one of its own
-    other = replace(other, control=replace(other.control, position=position))
+    # half a metre north: not the same name, but one of its own
+    other = altered(other, control={"position": added((1, 0), 0.5 / 6.37e6)})
     ((first, one, second, same, distance),) = near_control([block, other], 1.0)
     assert (first, one, second, same) == (0, "101", 1, "7")
     assert distance < 1e-6

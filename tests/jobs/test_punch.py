@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from adjustment.test_musat3a import sea_block
+from altered import added, altered
 from jobs.decks import cards, cayman, photos, reread, rich, st_thomas, with_options
 from musatpy import model
 from musatpy.errors import AdjustmentError
@@ -222,9 +223,7 @@ def test_computed_initial_values_become_given_ones() -> None:
 @pytest.mark.slow
 def test_what_was_taken_out_as_a_blunder_stays_out() -> None:
     block = cayman()
-    xy = np.array(block.plates.xy)
-    xy[3] += 0.5
-    block = with_options(replace(block, plates=replace(block.plates, xy=xy)), editing=model.Editing.EDIT)
+    block = with_options(altered(block, plates={"xy": added(3, 0.5)}), editing=model.Editing.EDIT)
     solution = solved(block)
     assert solution.findings
     second = again(solution)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 
+from altered import added, altered
 from cli.commands import musat
 from json_schema import violations
 from musatpy import model
@@ -124,9 +125,7 @@ def test_a_strip_that_fits_much_of_its_control_badly_keeps_it(
     """Two of six are too many to be wrong cards. IIIA, beside it, need not look for causes."""
     monkeypatch.setattr("musatpy.pipeline.causes_of", lambda *_: ())
     block, _ = strip_block("lab", 4)
-    away = block.control.position.copy()
-    away[1:3, 2] += 5.0
-    result = run(tmp_path, replace(block, control=replace(block.control, position=away)))
+    result = run(tmp_path, altered(block, control={"position": added(np.s_[1:3, 2], 5.0)}))
     ids = block.points.ids[block.control.point]
     assert "DOUBTFUL" in result.output and "the strip does not fit its control, at " in result.output
     assert all(str(point) in result.output for point in ids[1:3]) and "left out" not in result.output

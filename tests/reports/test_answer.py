@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from altered import added, altered
 from musatpy import adjust, read_deck
 from musatpy.listings import compare_texts
 from musatpy.listings.audit import audit
@@ -42,9 +43,7 @@ def with_options(block, **options):
 
 def lifted(block, metres):
     """The deck with the height of a control point wrong."""
-    position = block.control.position.copy()
-    position[VERTICAL, 2] += metres
-    return dataclasses.replace(block, control=dataclasses.replace(block.control, position=position))
+    return altered(block, control={"position": added((VERTICAL, 2), metres)})
 
 
 @functools.cache
