@@ -7,12 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.model import (
-    AdjustedWater,
-    AdjustedWaves,
-    ConsideredWater,
-    WaterPrecision,
-)
+from musatpy.model import AdjustedWater, AdjustedWaves, ConsideredWater, WaterPrecision
 from musatpy.model.solution import WAVE_VALUES
 from musatpy.reports.editing import number_text
 from musatpy.reports.fields import Field, Group, Rows
@@ -219,9 +214,7 @@ WAVES: Report[AdjustedWaves] = Report(
 
 
 PARAMETERS_OF_WAVES: Report[AdjustedWaves] = Report(
-    title="Water: How Well The Waves Are Known",
-    table=_PARAMETERS,
-    path="adjusted_water.waves.parameters",
+    title="Water: How Well The Waves Are Known", table=_PARAMETERS, path="adjusted_water.waves.parameters"
 )
 CORRELATIONS: Report[AdjustedWaves] = Report(
     title="Water: Correlations Of The Waves",
@@ -230,9 +223,7 @@ CORRELATIONS: Report[AdjustedWaves] = Report(
     worst=lambda t: np.abs(t["correlation"]),
 )
 CONSIDERED: Report[Statistics] = Report(
-    title="Water: Known With An Error",
-    table=_CONSIDERED,
-    path="adjusted_water.considered",
+    title="Water: Known With An Error", table=_CONSIDERED, path="adjusted_water.considered"
 )
 CORRECTIONS: Report[Statistics] = Report(
     title="Water: Corrections Of The Tides",

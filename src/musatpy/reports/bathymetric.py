@@ -127,10 +127,7 @@ FLAGS = Rows[Statistics, Statistics](
               lambda s: s.flags.other_height[_rows(s)], "m", heading="Other flag\nm", edit="F12.3"),
     ),
 )  # fmt: skip
-FLAG_TABLE: Report[Statistics] = Report(
-    title=TITLE,
-    table=FLAGS,
-)
+FLAG_TABLE: Report[Statistics] = Report(title=TITLE, table=FLAGS)
 
 
 RECORD, STATED = (FLAGS,), (COORDINATES, DEPTHS, FLAG_TABLE)

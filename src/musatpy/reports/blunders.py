@@ -8,12 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.model import (
-    Cause,
-    Editing,
-    Finding,
-    Solution,
-)
+from musatpy.model import Cause, Editing, Finding, Solution
 from musatpy.reports.editing import printed_unit
 from musatpy.reports.fields import Each, Field
 from musatpy.reports.pages import Section, wrapped
@@ -129,7 +124,7 @@ def _causes(statistics: Statistics) -> list[Section]:
 _CAUSES_SAY = [
     "Causes of one group explain the same misfit; those of one rank explain it equally well, the cheaper to check "
     "first. The test is the root of what the weighted sum of squares loses by it, for each parameter, in sigma0; "
-    "the size, given minus true as all else says, that of the component that is largest in its sigmas.",
+    "the size, given minus true as all else says, that of the component that is largest in its sigmas."
 ]
 
 

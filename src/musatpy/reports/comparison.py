@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from musatpy.arrays import FloatArray
 from musatpy.comparison import Comparison, Differences
-from musatpy.reports.fields import Field, unrecorded
-from musatpy.reports.table import Table
+from musatpy.reports.table import sheet
 from musatpy.reports.values import Json, plain, rows
 
 _LISTED = 20
@@ -21,14 +17,8 @@ def comparison_text(comparison: Comparison, listed: int = _LISTED) -> str:
     """Return the comparison as text, of stations and points the `listed` ones that differ most."""
     first, second = comparison.labels
     lines = [f"COMPARISON OF TWO SOLUTIONS: {first} AND {second}", ""]
-    facts: Table[Comparison] = Table(
-        (
-            unrecorded("", "A46", lambda c: [fact[0] for fact in c.facts]),
-            unrecorded(first[-20:], "A20", lambda c: [fact[1] for fact in c.facts]),
-            unrecorded(second[-20:], "A20", lambda c: [fact[2] for fact in c.facts]),
-        )
-    )
-    lines += facts.text(comparison)
+    what, *values = zip(*comparison.facts, strict=True)
+    lines += sheet(("", "A46", what), *zip((first[-20:], second[-20:]), ("A20", "A20"), values, strict=True)).text()
     title = f"{second} minus {first}, in sigmas of {second}: the largest of each row first"
     lines += ["", "", f"Exposure Stations: {title}", "", *_stations(comparison.stations, listed)]
     lines += ["", "", f"Ground Points: {title}", "", *_points(comparison.points, listed)]
@@ -75,26 +65,22 @@ def _waves(part: Differences, listed: int) -> list[str]:
 
 
 def _table(name: str, part: Differences, names: list[str], listed: int) -> list[str]:
-    def column(heading: str, edit: str, values: FloatArray) -> Field[Differences]:
-        return unrecorded(heading, edit, lambda source: values[:listed])
-
-    differences = [column(h, "F9.3", part.difference[:, i]) for i, h in enumerate(names)]
-    ratios = [column(h.split("\n")[0] + "\nsigma", "F8.2", part.ratio[:, i]) for i, h in enumerate(names)]
-    ids: Field[Differences] = unrecorded(name, "A8", lambda source: source.ids[:listed])
-    table: Table[Any] = Table((ids, *differences, *ratios))
+    table = sheet(
+        (name, "A8", part.ids[:listed]),
+        (names, "F9.3", part.difference[:listed]),
+        ([heading.split("\n")[0] + "\nsigma" for heading in names], "F8.2", part.ratio[:listed]),
+    )
     left = [] if len(part.ids) <= listed else [f"and {len(part.ids) - listed} more that differ less"]
-    return [*table.text(part), *left]
+    return [*table.text(), *left]
 
 
 def _depths(comparison: Comparison) -> list[str]:
     depths = comparison.depths
-    table: Table[Comparison] = Table(
-        (
-            unrecorded("Point", "A8", lambda c: depths.ids),
-            unrecorded(f"{comparison.labels[0][-12:]}\nm", "F12.3", lambda c: depths.depth[:, 0]),
-            unrecorded(f"{comparison.labels[1][-12:]}\nm", "F12.3", lambda c: depths.depth[:, 1]),
-            unrecorded("Difference\nm", "F11.3", lambda c: depths.depth[:, 1] - depths.depth[:, 0]),
-            unrecorded("Sigma\nm", "F9.3", lambda c: depths.sigma),
-        )
-    )
-    return table.text(comparison)
+    first, second = comparison.labels
+    return sheet(
+        ("Point", "A8", depths.ids),
+        (f"{first[-12:]}\nm", "F12.3", depths.depth[:, 0]),
+        (f"{second[-12:]}\nm", "F12.3", depths.depth[:, 1]),
+        ("Difference\nm", "F11.3", depths.depth[:, 1] - depths.depth[:, 0]),
+        ("Sigma\nm", "F9.3", depths.sigma),
+    ).text()

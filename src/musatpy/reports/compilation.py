@@ -10,17 +10,11 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import Verdict
-from musatpy.reports import (
-    compilation_bottom,
-    compilation_comparisons,
-    compilation_points,
-    iterations,
-    job_record,
-)
+from musatpy.reports import compilation_bottom, compilation_comparisons, compilation_points, iterations, job_record
 from musatpy.reports.answer import MARKS, USE
 from musatpy.reports.editing import position
 from musatpy.reports.fields import POSITION_UNIT, Document, Each, Field, Group, identity, same
-from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, laid_out, print_pages, wrapped
+from musatpy.reports.pages import Section, labelled, print_titled, wrapped
 from musatpy.reports.table import Report, Texts, sentences_at
 from musatpy.reports.values import Json
 
@@ -31,7 +25,6 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.profiles import CompiledProfile, ProfileScan
     from musatpy.model.compilation import ContourSpec
 
-_VERSION = "2.0"
 _ABOUT = (
     "Points compiled in stereomodels of a run, in metres and radians; positions are in the system of the job, "
     "sigmas along east, north, up (X, Y, Z in LOCL jobs). A number that does not exist is null"
@@ -45,10 +38,17 @@ JOB: Group[Compiled, Compiled] = Group(
         Field("system", "string", "coordinate system of the run", lambda c: c.run.block.options.system),
         job_record.part("ellipsoid", "ellipsoid", lambda c: c.run.block.ellipsoid),
         Field("caution", "string?", "to be known of the run, on every page", lambda c: c.run.caution or None),
-        Field("index", "number?", "refractive index of the water", lambda c: _index(c)),
+        Field(
+            "index", "number?", "refractive index of the water", lambda c: getattr(c.run.block.water, "index", None)
+        ),
         Field("datum", "string?", "sounding datum", lambda c: c.deck.datum.name if c.deck.datum else None),
         Field("datum_height", "number", "of it, above its grid if it has one", lambda c: c.datum.height, "m"),
-        Field("datum_grid", "string?", "grid file of its heights", lambda c: _grid_of(c)),
+        Field(
+            "datum_grid",
+            "string?",
+            "grid file of its heights",
+            lambda c: getattr(c.deck.datum, "geoid", None) or None,
+        ),
         Field("datum_sigma", "number", "of that", lambda c: c.datum.sigma, "m"),
     ),
 )
@@ -59,7 +59,8 @@ MODELS: Each[Compiled, CompiledModel] = Each(
     of=lambda c: c.models,
     fields=(
         identity("model", lambda m: m.name),
-        Field("photos", "2 string", "left and right", lambda m: _ids(m), heading=("Left", "Right"), edit="A8"),
+        Field("photos", "2 string", "left and right",
+              lambda m: m.stereo.run.block.photos.ids[list(m.stereo.photos)], heading=("Left", "Right"), edit="A8"),
         Field("mode", "string", "IMAGE or PRINTED", lambda m: m.mode, heading="Mode", edit="A7"),
         Field("vertical", "string", "POINT or MODEL", lambda m: "MODEL" if m.printed.model_vertical else "POINT",
               heading="Vert.", edit="A5"),
@@ -123,7 +124,7 @@ RECOVERED: Each[tuple[Compiled, list[AgainstRun]], AgainstRun] = Each(
 )  # fmt: skip
 DOCUMENT: Document[Compiled] = Document(
     name="compilation_version",
-    version=_VERSION,
+    version="2.0",
     title="musatpy compilation",
     about=_ABOUT,
     nodes=(
@@ -198,20 +199,6 @@ def _shorelines(compiled: Compiled) -> list[tuple[str, FloatArray]]:
     return [(name, heights) for name, heights in of_models if len(heights)]
 
 
-def _grid_of(compiled: Compiled) -> str | None:
-    datum = compiled.deck.datum
-    return datum.geoid or None if datum else None
-
-
-def _index(compiled: Compiled) -> float | None:
-    water = compiled.run.block.water
-    return None if water is None else water.index
-
-
-def _ids(model: CompiledModel) -> list[str]:
-    return [str(name) for name in model.stereo.run.block.photos.ids[list(model.stereo.photos)]]
-
-
 def _rms(values: FloatArray) -> float:
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(np.square(known)))) if len(known) else np.nan
@@ -244,10 +231,7 @@ RECOVERED_TABLE: Report[Any] = Report(
         "recovered",
     ),
 )
-SHORE_TABLE: Report[Any] = Report(
-    title="Shoreline: Heights Over The Tide",
-    table=SHORELINES,
-)
+SHORE_TABLE: Report[Any] = Report(title="Shoreline: Heights Over The Tide", table=SHORELINES)
 WARNINGS = Texts("Warnings Of Run And Readings", lambda r: sentences_at(r, "warnings"), "warnings")
 STATED = (WARNINGS, MODEL_TABLE, SHORE_TABLE, RECOVERED_TABLE, compilation_comparisons.RUN_TABLE)
 
@@ -310,11 +294,4 @@ def listing_of(
     title = compiled.deck.titles[0] if compiled.deck.titles else ""
     mark = MARKS.get(verdict.grade, "") if verdict else ""
     left = f"MUSATPY  COMPILATION  {title:<60.60}{'  ' * bool(mark)}{mark}"
-    day = date.isoformat() if date else ""
-    pages, _ = laid_out(sections)
-    return print_pages(
-        pages,
-        lambda page: f"{left}{f'{day}  PAGE {page:6d}':>{PAGE_WIDTH - len(left)}}",
-        carriage_control=carriage_control,
-        caution=compiled.run.caution,
-    )
+    return print_titled(left, sections, compiled.run.caution, carriage_control=carriage_control, date=date)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray
 from musatpy.reports.fields import Each, Field, identity
 from musatpy.reports.pages import Section, wrapped
-from musatpy.reports.table import Report
+from musatpy.reports.table import Report, filled
 from musatpy.surfaces.contours import bounds
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ SURFACES: Each[Bottoms, tuple[str, Surface, Bottom]] = Each(
 EDGES: Each[Bottoms, tuple[Bottom, EdgeMatch]] = Each(
     "edge_match",
     "one row per pair of models that overlap: values of the first less those of the second",
-    of=lambda bottoms: _edges(bottoms),
+    of=lambda bottoms: [(bottom, edge) for bottom in bottoms for edge in bottom.edges],
     fields=(
         Field("models", "2 string", "model ids", lambda e: e[1].models, heading=("First", "Second"), edit="A8",
               is_id=True),
@@ -76,7 +76,7 @@ EDGES: Each[Bottoms, tuple[Bottom, EdgeMatch]] = Each(
 GRIDS: Each[Bottoms, PostGrid] = Each(
     "grids",
     "one row per grid of posts",
-    of=lambda bottoms: _grids(bottoms),
+    of=lambda bottoms: [grid for bottom in bottoms for grid in bottom.grids],
     fields=(
         identity("grid", lambda g: g.name, text="name"),
         Field("spacing", "number", "of the posts", unit="m", heading="Spacing\nm", edit="F9.2"),
@@ -138,24 +138,12 @@ def _numbered(bottoms: Bottoms) -> list[tuple[str, Surface, Bottom]]:
     return [(name, surface, bottom) for bottom in bottoms for name, surface in bottom.named]
 
 
-def _edges(bottoms: Bottoms) -> list[tuple[Bottom, EdgeMatch]]:
-    return [(bottom, edge) for bottom in bottoms for edge in bottom.edges]
-
-
-def _grids(bottoms: Bottoms) -> list[PostGrid]:
-    return [grid for bottom in bottoms for grid in bottom.grids]
-
-
 def _value(surface: Surface, of: Any) -> float:
     return np.nan if surface.tin is None else float(of(surface.tin.z))
 
 
 def _least(depth: FloatArray, of: Any) -> float:
     return float(of(depth)) if np.isfinite(depth).any() else np.nan
-
-
-def _collocated(bottoms: Bottoms) -> IntArray:
-    return np.flatnonzero([grid.validation is not None for grid in _grids(bottoms)])
 
 
 def _levels(bottoms: Bottoms, of: str) -> list[Level]:
@@ -166,14 +154,9 @@ def _levels(bottoms: Bottoms, of: str) -> list[Level]:
     return rows
 
 
-SURFACE_TABLE: Report[Any] = Report(
-    title="Surfaces",
-    table=SURFACES,
-)
+SURFACE_TABLE: Report[Any] = Report(title="Surfaces", table=SURFACES)
 GRID_TABLE: Report[Any] = Report(
-    title="Grids Of Posts",
-    table=GRIDS,
-    columns=("grid", "spacing", "posts", "empty", "least", "greatest"),
+    title="Grids Of Posts", table=GRIDS, columns=("grid", "spacing", "posts", "empty", "least", "greatest")
 )
 COLLOCATED_TABLE: Report[Any] = Report(
     title="Grids By Collocation: Points Left Out And Predicted",
@@ -181,18 +164,9 @@ COLLOCATED_TABLE: Report[Any] = Report(
     which=lambda t: np.flatnonzero(t["collocated"]),
     columns=("grid", "left_out_rms", "left_out_test", "mean_sigma"),
 )
-EDGE_TABLE: Report[Any] = Report(
-    title="Edge Match: The First Model Less The Second",
-    table=EDGES,
-)
-CONTOUR_TABLE: Report[Any] = Report(
-    title="Contours",
-    table=CONTOURS,
-)
-HEIGHT_TABLE: Report[Any] = Report(
-    title="Contours Of Height",
-    table=HEIGHT_CONTOURS,
-)
+EDGE_TABLE: Report[Any] = Report(title="Edge Match: The First Model Less The Second", table=EDGES)
+CONTOUR_TABLE: Report[Any] = Report(title="Contours", table=CONTOURS)
+HEIGHT_TABLE: Report[Any] = Report(title="Contours Of Height", table=HEIGHT_CONTOURS)
 STATED = (SURFACE_TABLE, EDGE_TABLE, CONTOUR_TABLE, HEIGHT_TABLE, GRID_TABLE, COLLOCATED_TABLE)
 
 
@@ -204,11 +178,7 @@ def sections_of(bottoms: Bottoms) -> list[Section]:
     return [
         SURFACE_TABLE.section(bottoms, new_page=True),
         Section(title="Surfaces And Their Models", lines=wrapped(names)),
-        *([EDGE_TABLE.section(bottoms)] if _edges(bottoms) else []),
-        *([CONTOUR_TABLE.section(bottoms)] if _levels(bottoms, "depth") else []),
-        *([HEIGHT_TABLE.section(bottoms)] if _levels(bottoms, "height") else []),
-        *([GRID_TABLE.section(bottoms)] if _grids(bottoms) else []),
-        *([COLLOCATED_TABLE.section(bottoms)] if len(_collocated(bottoms)) else []),
+        *filled(STATED[1:], bottoms),
     ]
 
 

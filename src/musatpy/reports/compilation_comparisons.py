@@ -59,11 +59,7 @@ CAUTION: Field[tuple[Compiled, list[AgainstRun]]] = Field(
     "caution", "string?", "what is to be known of the run, on every page", lambda s: s[0].run.caution or None
 )
 RECORD = (RUN_POINTS, ANALYSIS)
-RUN_TABLE: Report[Any] = Report(
-    title="Comparison With The Run",
-    table=RUN_POINTS,
-    worst=lambda t: t["length"],
-)
+RUN_TABLE: Report[Any] = Report(title="Comparison With The Run", table=RUN_POINTS, worst=lambda t: t["length"])
 _ANALYSIS_TABLE: Report[Any] = Report(
     title="Ground Point Analysis",
     table=ANALYSIS,

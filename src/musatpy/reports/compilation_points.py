@@ -12,7 +12,7 @@ from musatpy.reports.editing import position
 from musatpy.reports.fields import POSITION_UNIT, Field, Group, Rows, identity
 from musatpy.reports.pages import Section
 from musatpy.reports.stated import WORDS, Said, answered, place_columns, place_sigma_columns, said_of, with_answer
-from musatpy.reports.table import Report
+from musatpy.reports.table import Report, filled
 from musatpy.statistics import Words
 from musatpy.statistics.analyses import words_of
 
@@ -153,7 +153,8 @@ PROFILES: Each[list[CompiledProfile], CompiledProfile] = Each(
               heading="Least depth\nm", edit="F11.3"),
         Field("greatest", "number?", "depth below the datum", lambda p: _of_values(p, np.max), "m",
               heading="Greatest depth\nm", edit="F14.3"),
-        Field("timed", "integer", "readings with a time", lambda p: _timed(p), heading="Timed", edit="I6"),
+        Field("timed", "integer", "readings with a time", lambda p: int(np.isfinite(p.time).sum()), heading="Timed",
+              edit="I6"),
         Field("duration", "number?", "from the first time to the last", lambda p: p.pace[0], "s", heading="Time\ns",
               edit="F9.2"),
         Field("speed", "number?", "mean, of the faster stage", lambda p: p.pace[1], "mm/s",
@@ -195,10 +196,6 @@ def _of_values(part: CompiledProfile, of: Any) -> float:
     return float(of(values)) if len(values) else np.nan
 
 
-def _timed(part: CompiledProfile) -> int:
-    return int(np.isfinite(part.time).sum())
-
-
 PROFILE_TABLE: Report[Any] = Report(
     title="Profile Compilation",
     table=PROFILES,
@@ -210,10 +207,7 @@ PACE_TABLE: Report[Any] = Report(
     which=lambda t: np.flatnonzero(t["timed"] > 0),
     columns=("model", "profile", "line", "timed", "duration", "speed", "fastest", "turns"),
 )
-SCAN_TABLE: Report[Any] = Report(
-    title="Scans By Profiles Side By Side",
-    table=SCANS,
-)
+SCAN_TABLE: Report[Any] = Report(title="Scans By Profiles Side By Side", table=SCANS)
 OF_PROFILES = (PROFILE_TABLE, PACE_TABLE, SCAN_TABLE)
 
 
@@ -231,8 +225,8 @@ def profile_sections(profiles: list[CompiledProfile], scans: list[ProfileScan]) 
     ]
     return [
         PROFILE_TABLE.section(profiles, new_page=True),
-        *([PACE_TABLE.section(profiles)] if any(map(_timed, profiles)) else []),
-        *([SCAN_TABLE.section(scans)] if scans else []),
+        *filled([PACE_TABLE], profiles),
+        *filled([SCAN_TABLE], scans),
         *([Section(title="Spikes Of Profiles", lines=spikes)] if spikes else []),
     ]
 

@@ -19,7 +19,6 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.compiled import Compiled
     from musatpy.compilation.setups import ModelSetUp
 
-_VERSION = "2.0"
 _ABOUT = (
     "Stereomodels of a run, set up: metres, millimetres of the plate, radians. Model axes: X along the base, Z up "
     "at the origin. A number that does not exist is null"
@@ -76,7 +75,7 @@ EXPECTED: Rows[SetUps, SetUps] = Rows(
 )  # fmt: skip
 DOCUMENT: Document[Compiled] = Document(
     name="setup_version",
-    version=_VERSION,
+    version="2.0",
     title="musatpy models set up",
     about=_ABOUT,
     nodes=(
@@ -141,23 +140,13 @@ GEOMETRY_TABLE: Report[Any] = Report(
     table=MODELS,
     columns=("model", "scale", "base", "height", "origin_position"),
 )
-POINT_TABLE: Report[Any] = Report(
-    title="Points Of The Run In The Model",
-    table=RUN_POINTS,
-)
-EXPECTED_TABLE: Report[Any] = Report(
-    title="Standard Errors To Expect",
-    table=EXPECTED,
-)
+POINT_TABLE: Report[Any] = Report(title="Points Of The Run In The Model", table=RUN_POINTS)
+EXPECTED_TABLE: Report[Any] = Report(title="Standard Errors To Expect", table=EXPECTED)
 STATED = (GEOMETRY_TABLE, AXES_TABLE, POINT_TABLE, EXPECTED_TABLE)
 
 
 def listing_of(
-    setups: SetUps,
-    warnings: Sequence[str],
-    *,
-    carriage_control: bool = False,
-    date: datetime.date | None = None,
+    setups: SetUps, warnings: Sequence[str], *, carriage_control: bool = False, date: datetime.date | None = None
 ) -> str:
     """Return the listing of models set up, on pages of 60 lines of 132 columns."""
     compiled, against = setups.compiled, setups.against

@@ -5,15 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.model import (
-    ControlKind,
-    ObservationKind,
-)
+from musatpy.model import ControlKind, ObservationKind
 from musatpy.reports.analyses import CHECK_POINTS, analysis_section
 from musatpy.reports.editing import along_axes
 from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, identity
 from musatpy.reports.pages import Section, wrapped
-from musatpy.reports.table import Report, worst_first
+from musatpy.reports.table import Report, filled, worst_first
 from musatpy.reports.values import names, plain
 from musatpy.statistics import Statistics
 from musatpy.statistics.quality import TEST_LIMIT
@@ -150,9 +147,7 @@ def _adjusted(title: str, table: Table, ends: str, what: str) -> Report[Statisti
 
 CONSTRAINTS: tuple[Report[Statistics], ...] = (
     Report(
-        title="Equal Elevation Levels",
-        table=EQUAL_ELEVATIONS,
-        columns=("group", _COUNT, "level", "level_sigma"),
+        title="Equal Elevation Levels", table=EQUAL_ELEVATIONS, columns=("group", _COUNT, "level", "level_sigma")
     ),
     Report(
         title="Equal Elevation Points",
@@ -174,7 +169,7 @@ def sections(statistics: Statistics) -> list[Section]:
     if is_check.any():
         worst = worst_first(statistics.check_test.squares).tolist()
         sections += [DIFFERENCES.section(statistics, worst=worst), analysis_section(CHECK_POINTS, statistics)]
-    return sections + [section for report in CONSTRAINTS if (section := report.section(statistics)).lines]
+    return sections + filled(CONSTRAINTS, statistics)
 
 
 def _fails(tests: FloatArray) -> BoolArray:

@@ -81,10 +81,7 @@ WAVE_ORIGIN = Field[Statistics](
     "wave_origin", "3 number or null", "place from which crests count; null without waves",
     lambda s: None if s.block.wave_origin is None else s.block.wave_origin.position, "rad, rad, m (GEOG) or m",
 )  # fmt: skip
-SEA: Report[Statistics] = Report(
-    title="Waves On The Water",
-    table=WAVES,
-)
+SEA: Report[Statistics] = Report(title="Waves On The Water", table=WAVES)
 
 
 def _waves(statistics: Statistics) -> list[Section]:

@@ -249,7 +249,8 @@ class Rows(Tabled[Source, Item]):
         return {field.name: LazyColumn(partial(field.of, item), field.digits) for field in self.recorded}
 
     def raw(self, source: Source, nested: str = "") -> Mapping[str, Any]:
-        return {field.name: values for field, values in self.columns(source)}
+        item, fields = self.of(source), {field.name: field for field in self.recorded}
+        return Values(list(fields), lambda name: [] if item is None else fields[name].of(item))
 
     def columns(self, source: Source) -> Iterator[tuple[Field[Item], Any]]:
         """Yield the fields with their values, one per row, as arrays or lists."""

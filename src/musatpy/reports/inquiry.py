@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray, TextArray
-from musatpy.inquiry import About, Images, Others
+from musatpy.arrays import TextArray
+from musatpy.inquiry import About, Images
 from musatpy.reports.editing import edited, number_text
-from musatpy.reports.fields import Field, unrecorded
 from musatpy.reports.pages import text_of, wrapped
-from musatpy.reports.table import Table
+from musatpy.reports.table import sheet
 from musatpy.units import ARC_SECOND, DEGREE
 
 _IMAGES, _NEIGHBOURS, _CAUSES, _ALONE = 12, 6, 3, 12  # of each that are shown
@@ -124,37 +123,29 @@ def _images(about: About, axes: tuple[str, ...]) -> Iterator[str]:
         return
     more = len(about.images.point) - len(rows)
     yield from ("", f"Images{f', the worst first, and {more} more' if more else ''}", "")
-    yield from Table[Any](tuple(_image_columns(about, axes, rows))).text(about.images)
-
-
-def _image_columns(about: About, axes: tuple[str, ...], rows: IntArray) -> Iterator[Field[Images]]:
-    def values(heading: str, edit: str, column: FloatArray) -> Field[Images]:
-        return unrecorded(heading, edit, lambda images: column[rows])
-
     images = about.images
-    names = images.point if about.is_photo else images.photo
-    yield unrecorded("Point" if about.is_photo else "Photo", "A8", lambda i: names[rows])
-    yield unrecorded("", "A2", lambda i: _flags(i)[rows])
-    for n, axis in enumerate("xy"):
-        yield values(f"Res {axis}\num", "F6.2", images.residual[:, n])
-    for n, axis in enumerate("xy"):
-        yield values(f"Test {axis}", "F6.2", images.test[:, n])
-    for n, axis in enumerate("xy"):
-        yield values(f"Red {axis}", "F5.2", images.redundancy[:, n])
-    for n, axis in enumerate("xy"):
-        yield values(f"Det {axis}\num", "F6.1", images.detectable[:, n])
-    yield values("Moves\nm", "F7.3", images.hidden)
-    yield from (values(*column) for column in _changes(axes, images.change))
+    of_submerged: list[tuple[str, str, Any]] = []
     if images.submerged.any():
-        yield values("Refr.\num", "F6.1", images.refraction)
-        if not about.is_photo:
-            yield values("Water\nm", "F7.3", images.tide)
+        of_submerged = [("Refr.\num", "F6.1", images.refraction), ("Water\nm", "F7.3", images.tide)][
+            : 1 + (not about.is_photo)
+        ]
+    columns = (
+        ("Point", "A8", images.point) if about.is_photo else ("Photo", "A8", images.photo),
+        ("", "A2", _flags(images)),
+        (("Res x\num", "Res y\num"), "F6.2", images.residual),
+        (("Test x", "Test y"), "F6.2", images.test),
+        (("Red x", "Red y"), "F5.2", images.redundancy),
+        (("Det x\num", "Det y\num"), "F6.1", images.detectable),
+        ("Moves\nm", "F7.3", images.hidden),
+        (_without_heads(axes), "F7.3", images.change),
+        *of_submerged,
+    )
+    yield from sheet(*((heading, edit, values[rows]) for heading, edit, values in columns)).text()
 
 
-def _changes(axes: tuple[str, ...], change: FloatArray) -> Iterator[tuple[str, str, FloatArray]]:
-    """Yield headings, descriptors and values of what would change without each observation."""
-    for n, axis in enumerate(axes):
-        yield f"{'Without' if n == 0 else ''}\n{axis}", "F7.3", change[:, n]
+def _without_heads(axes: tuple[str, ...]) -> list[str]:
+    """Return the headings of what would change without each observation."""
+    return [f"{'Without' if n == 0 else ''}\n{axis}" for n, axis in enumerate(axes)]
 
 
 def _flags(images: Images) -> TextArray:
@@ -168,27 +159,19 @@ def _others(about: About, axes: tuple[str, ...]) -> Iterator[str]:
     if not others.of:
         return
     factor = np.array([kind.factor for kind in others.kind])
-    numbers = (
+    yield from ("", "Other Observations", "")
+    yield from sheet(
+        ("Kind", "A8", [kind.label for kind in others.kind]),
+        ("Of", "A17", others.of),
+        ("Comp.", "A7", others.component),
+        ("Unit", "A4", [kind.unit for kind in others.kind]),
         ("Residual", "F9.3", others.residual / factor),
         ("Sigma", "F8.3", others.sigma / factor),
         ("Test", "F6.2", others.test),
         ("Redund.", "F7.3", others.redundancy),
         ("Detect.", "F9.3", others.detectable / factor),
-        *_changes(axes, others.change),
-    )
-
-    def values(heading: str, edit: str, column: FloatArray) -> Field[Others]:
-        return unrecorded(heading, edit, lambda _: column)
-
-    columns: tuple[Field[Others], ...] = (
-        unrecorded("Kind", "A8", lambda o: [kind.label for kind in o.kind]),
-        unrecorded("Of", "A17", lambda o: o.of),
-        unrecorded("Comp.", "A7", lambda o: o.component),
-        unrecorded("Unit", "A4", lambda o: [kind.unit for kind in o.kind]),
-        *(values(*column) for column in numbers),
-    )
-    yield from ("", "Other Observations", "")
-    yield from Table[Any](columns).text(others)
+        (_without_heads(axes), "F7.3", others.change),
+    ).text()
 
 
 def _without(about: About) -> Iterator[str]:
@@ -240,17 +223,12 @@ def _neighbours(about: About) -> Iterator[str]:
     more = len(around.ids) - len(around.ids[shown])
     yield from ("", f"{what} Nearby{f', and {more} more' if more else ''}", "")
 
-    def numbers(heading: str, edit: str, values: FloatArray) -> Field[About]:
-        return unrecorded(heading, edit, lambda a: values[shown])
-
-    wet = (numbers("Depth\nm", "F8.3", around.depth),) if np.isfinite(around.depth[shown]).any() else ()
-    yield from Table[Any](
-        (
-            unrecorded(what[:-1], "A8", lambda a: around.ids[shown]),
-            numbers("Distance\nm", "F10.1", around.distance),
-            unrecorded(f"{common}\nin common", "I9", lambda a: around.common[shown]),
-            numbers("Sigma up\nm", "F8.3", around.sigma),
-            *wet,
-            numbers("Largest\ntest", "F8.2", around.test),
-        )
-    ).text(about)
+    columns = [
+        (what[:-1], "A8", around.ids),
+        ("Distance\nm", "F10.1", around.distance),
+        (f"{common}\nin common", "I9", around.common),
+        ("Sigma up\nm", "F8.3", around.sigma),
+        *([("Depth\nm", "F8.3", around.depth)] if np.isfinite(around.depth[shown]).any() else []),
+        ("Largest\ntest", "F8.2", around.test),
+    ]
+    yield from sheet(*((heading, edit, values[shown]) for heading, edit, values in columns)).text()

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from musatpy.model import (
-    Iteration,
-    Solution,
-    Verdict,
-    WaterPass,
-)
+from musatpy.model import Iteration, Solution, Verdict, WaterPass
 from musatpy.model.findings import Reason
 from musatpy.reports.fields import Each, Field, Group
 from musatpy.reports.pages import Section, wrapped
@@ -122,10 +117,7 @@ PASSES = Each[Statistics, tuple[WaterPass, str]](
 
 # The name of what moved most is left out where the movement prints as zero: which one it is, is then rounding error
 # of the machine, and a listing must not depend on that.
-ITERATION_TABLE: Report[Statistics] = Report(
-    title="Iterations",
-    table=ITERATIONS,
-)
+ITERATION_TABLE: Report[Statistics] = Report(title="Iterations", table=ITERATIONS)
 PASS_TABLE: Report[Statistics] = Report(
     title="Passes Of The Water Point Correction: ",
     pattern=r"Passes Of The Water Point Correction: \d+",

@@ -26,7 +26,7 @@ from musatpy.reports import (
     statistical_tests,
     titles,
 )
-from musatpy.reports.pages import MOST_PAGES, PAGE_WIDTH, Section, laid_out, page_texts, paginate
+from musatpy.reports.pages import MOST_PAGES, Section, headed, laid_out, page_texts, paginate
 from musatpy.reports.table import Labels, Report, Texts
 from musatpy.statistics import Statistics
 
@@ -96,11 +96,7 @@ _TITLE_WIDTH = 68
 
 
 def listing(
-    solution: Solution,
-    *,
-    carriage_control: bool = False,
-    date: datetime.date | None = None,
-    brief: bool = False,
+    solution: Solution, *, carriage_control: bool = False, date: datetime.date | None = None, brief: bool = False
 ) -> str:
     """Return the listing of a solution, converged or not.
 
@@ -152,11 +148,10 @@ def _header(statistics: Statistics, date: datetime.date | None) -> Callable[[int
     """Return the header of a page by its number; that of a run that is not accepted says so on every page."""
     block = statistics.block
     title = block.titles[0] if block.titles else ""
-    day = date.isoformat() if date else ""
     mark = answer.MARKS.get(statistics.verdict.grade, "")
     room = _TITLE_WIDTH - len(mark) - 2 * bool(mark)
     left = f"MUSATPY  MUSAT-{block.options.program}  {title[:room]:<{room}}{'  ' * bool(mark)}{mark}"
-    return lambda page: f"{left}{f'{day}  PAGE {page:6d}':>{PAGE_WIDTH - len(left)}}"
+    return headed(left, date)
 
 
 def _pages(statistics: Statistics, sections: Sequence[Section]) -> list[list[str]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,15 +13,14 @@ from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS
 from musatpy.reports.answer import MARKS, USE
 from musatpy.reports.editing import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, number_text, position
 from musatpy.reports.fields import Document, Field, Group, Node, Rows, identity, of_job
-from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, laid_out, print_pages, wrapped
-from musatpy.reports.table import Report
+from musatpy.reports.pages import Section, labelled, print_titled, wrapped
+from musatpy.reports.table import Report, filled
 from musatpy.units import ARC_SECOND, DEGREE
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.orienting.answer import Answer
     from musatpy.orienting.placement import Placement
 
-_VERSION = "2.0"
 _ABOUT = (
     "An orientation of photos through a plane of water (Okamoto and Mori 1974), in metres and radians; sigmas are "
     "a posteriori, null for what is held. Axes are those of the job, or of a model"
@@ -168,11 +166,7 @@ RECORD: tuple[Node[Answer], ...] = (
     *(JOB, VERDICT, FIT, PLANE, STATIONS, ROOTS, POINTS, LEFT_OUT, IMAGES, CORRELATIONS),
 )
 DOCUMENT: Document[Answer] = Document(
-    name="orientation_version",
-    version=_VERSION,
-    title="musatpy orientation",
-    about=_ABOUT,
-    nodes=RECORD,
+    name="orientation_version", version="2.0", title="musatpy orientation", about=_ABOUT, nodes=RECORD
 )
 
 
@@ -184,32 +178,19 @@ def system_of(answer: Placement) -> str:
 # --- the listing ---
 
 STATION_TABLE: Report[Any] = Report(
-    title="Exposure Stations: Positions",
-    table=STATIONS,
-    columns=("photo", "position", "position_sigma"),
+    title="Exposure Stations: Positions", table=STATIONS, columns=("photo", "position", "position_sigma")
 )
 ATTITUDE_TABLE: Report[Any] = Report(
-    title="Exposure Stations: Attitudes",
-    table=STATIONS,
-    columns=("photo", "attitude", "attitude_sigma"),
+    title="Exposure Stations: Attitudes", table=STATIONS, columns=("photo", "attitude", "attitude_sigma")
 )
 POINT_TABLE: Report[Any] = Report(
     title="Points",
     table=POINTS,
     columns=("point", "submerged", "control", "rays", "position", "sigma", "depth", "outlier"),
 )
-IMAGE_TABLE: Report[Any] = Report(
-    title="Images: Residuals And Tests",
-    table=IMAGES,
-)
-ROOT_TABLE: Report[Any] = Report(
-    title="Other Exact Solutions",
-    table=ROOTS,
-)
-LEFT_OUT_TABLE: Report[Any] = Report(
-    title="Points That No Condition Can Use",
-    table=LEFT_OUT,
-)
+IMAGE_TABLE: Report[Any] = Report(title="Images: Residuals And Tests", table=IMAGES)
+ROOT_TABLE: Report[Any] = Report(title="Other Exact Solutions", table=ROOTS)
+LEFT_OUT_TABLE: Report[Any] = Report(title="Points That No Condition Can Use", table=LEFT_OUT)
 PAPER_TABLE: Report[Any] = Report(
     title="In The Axes Of Okamoto And Mori: X, -Y And -Z, About The Middle Of The Axes",
     columns=(
@@ -230,15 +211,12 @@ def _units(answer: Answer) -> FloatArray:
 
 
 def listing_of(
-    answer: Placement,
-    sections: list[Section],
-    *,
-    carriage_control: bool = False,
-    date: datetime.date | None = None,
+    answer: Placement, sections: list[Section], *, carriage_control: bool = False, date: datetime.date | None = None
 ) -> str:
     """Return the listing of an orientation from its sections, on pages of 60 lines of 132 columns."""
-    pages, _ = laid_out(sections)
-    return print_pages(pages, _header(answer, date), carriage_control=carriage_control)
+    title, mark = answer.block.titles[0] if answer.block.titles else "", MARKS.get(answer.verdict.grade, "")
+    left = f"MUSATPY  ORIENTATION  {title:<60.60}  {mark}"
+    return print_titled(left, sections, carriage_control=carriage_control, date=date)
 
 
 def sections_of(answer: Answer) -> list[Section]:
@@ -250,20 +228,13 @@ def sections_of(answer: Answer) -> list[Section]:
         *([] if answer.scene.dry else [Section(title="Plane Of Water", lines=plane)]),
         STATION_TABLE.section(answer),
         ATTITUDE_TABLE.section(answer),
-        *([ROOT_TABLE.section(answer)] if len(answer.roots.level) else []),
+        *filled([ROOT_TABLE], answer),
         POINT_TABLE.section(answer, new_page=True),
-        *([LEFT_OUT_TABLE.section(answer)] if answer.scene.left_out else []),
+        *filled([LEFT_OUT_TABLE], answer),
         IMAGE_TABLE.section(answer),
         Section(title="Correlations Of The Unknowns", lines=_matrix(answer), new_page=True),
         PAPER_TABLE.section(answer),
     ]
-
-
-def _header(answer: Placement, date: datetime.date | None) -> Callable[[int], str]:
-    title, mark = answer.block.titles[0] if answer.block.titles else "", MARKS.get(answer.verdict.grade, "")
-    left = f"MUSATPY  ORIENTATION  {title:<60.60}  {mark}"
-    day = date.isoformat() if date else ""
-    return lambda page: f"{left}{f'{day}  PAGE {page:6d}':>{PAGE_WIDTH - len(left)}}"
 
 
 def verdict_section(answer: Placement) -> Section:

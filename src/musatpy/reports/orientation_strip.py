@@ -23,12 +23,11 @@ from musatpy.reports.orientation import (
     verdict_section,
 )
 from musatpy.reports.pages import Section, labelled, wrapped
-from musatpy.reports.table import Report
+from musatpy.reports.table import Report, filled
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.orienting.strip_answer import StripAnswer
 
-_VERSION = "2.0"
 _ABOUT = (
     "A strip oriented through a plane of water by triplets that are joined (Okamoto and Mori 1974), in metres and "
     "radians; sigmas are a posteriori, 0 for what is held. Axes are those of the job, or of the first triplet"
@@ -152,32 +151,16 @@ def _in_sigmas(answer: StripAnswer) -> Any:
 
 
 DOCUMENT: Document[StripAnswer] = Document(
-    name="strip_version",
-    version=_VERSION,
-    title="musatpy strip",
-    about=_ABOUT,
-    nodes=RECORD,
+    name="strip_version", version="2.0", title="musatpy strip", about=_ABOUT, nodes=RECORD
 )
 
 
 # --- the listing ---
 
-TRIPLET_TABLE: Report[Any] = Report(
-    title="Triplets And Their Planes Of Water",
-    table=TRIPLETS,
-)
-JOIN_TABLE: Report[Any] = Report(
-    title="Joins Of The Triplets",
-    table=JOINS,
-)
-CONTROL_TABLE: Report[Any] = Report(
-    title="Control Of The Strip",
-    table=CONTROL,
-)
-AGAINST_TABLE: Report[Any] = Report(
-    title="The Strip Less IIIA",
-    table=AGAINST,
-)
+TRIPLET_TABLE: Report[Any] = Report(title="Triplets And Their Planes Of Water", table=TRIPLETS)
+JOIN_TABLE: Report[Any] = Report(title="Joins Of The Triplets", table=JOINS)
+CONTROL_TABLE: Report[Any] = Report(title="Control Of The Strip", table=CONTROL)
+AGAINST_TABLE: Report[Any] = Report(title="The Strip Less IIIA", table=AGAINST)
 STATED = (TRIPLET_TABLE, JOIN_TABLE, CONTROL_TABLE, AGAINST_TABLE)
 
 
@@ -190,9 +173,9 @@ def sections_of(answer: StripAnswer) -> list[Section]:
         ATTITUDE_TABLE.section(answer),
         TRIPLET_TABLE.section(answer, new_page=True, below=["", *wrapped([_NOTE])]),
         JOIN_TABLE.section(answer),
-        *([CONTROL_TABLE.section(answer)] if len(answer.control_ids) else []),
+        *filled([CONTROL_TABLE], answer),
         POINT_TABLE.section(answer, new_page=True),
-        *([LEFT_OUT_TABLE.section(answer)] if answer.scene.left_out else []),
+        *filled([LEFT_OUT_TABLE], answer),
         *([AGAINST_TABLE.section(answer, new_page=True)] if answer.against is not None else []),
     ]
 

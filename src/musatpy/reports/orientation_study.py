@@ -2,30 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from musatpy.arrays import FloatArray
 from musatpy.reports.editing import number_text
-from musatpy.reports.fields import unrecorded
 from musatpy.reports.pages import text_of
-from musatpy.reports.table import Table
+from musatpy.reports.table import sheet
 from musatpy.units import DEGREE
 
 if TYPE_CHECKING:
     from musatpy.orientation.twomedia.study import Basins, Precision, Study
-
-_BASINS: Table[Basins] = Table(
-    (
-        unrecorded("Angles\ndegrees", "F8.1", lambda b: 5.0 * DEGREE * b.levels),
-        unrecorded("Lengths\nof H", "F8.2", lambda b: 0.1 * b.levels),
-        unrecorded("Slopes", "F8.3", lambda b: 0.05 * b.levels),
-        unrecorded("Starts", "I6", lambda b: [b.outcomes.shape[1]] * len(b.levels)),
-        unrecorded("To this\nsolution, %", "F12.1", lambda b: 100.0 * b.shares[:, 0]),
-        unrecorded("To another\nsolution, %", "F12.1", lambda b: 100.0 * b.shares[:, 1]),
-        unrecorded("To none\n%", "F8.1", lambda b: 100.0 * b.shares[:, 2]),
-    )
-)
 
 
 def study_text(study: Study, title: str, limit: float) -> str:
@@ -36,7 +21,15 @@ def study_text(study: Study, title: str, limit: float) -> str:
         "",
         "Random starts around the solution, by the standard deviations of their errors",
         "",
-        *_BASINS.text(study.basins),
+        *sheet(
+            ("Angles\ndegrees", "F8.1", 5.0 * DEGREE * study.basins.levels),
+            ("Lengths\nof H", "F8.2", 0.1 * study.basins.levels),
+            ("Slopes", "F8.3", 0.05 * study.basins.levels),
+            ("Starts", "I6", [study.basins.outcomes.shape[1]] * len(study.basins.levels)),
+            ("To this\nsolution, %", "F12.1", 100.0 * study.basins.shares[:, 0]),
+            ("To another\nsolution, %", "F12.1", 100.0 * study.basins.shares[:, 1]),
+            ("To none\n%", "F8.1", 100.0 * study.basins.shares[:, 2]),
+        ).text(),
         *_roots(study.basins),
     ]
     if study.precision is not None:
@@ -52,25 +45,15 @@ def _roots(basins: Basins) -> list[str]:
 
 def _precision(precision: Precision, limit: float) -> list[str]:
     """Return the sigma of the level over the mean depth, by depth and share of dry points."""
-    table: Table[Precision] = Table(
-        (
-            unrecorded("Mean depth\nof H", "F10.3", lambda p: p.depths),
-            *(
-                unrecorded(f"{100.0 * share:.0f} % dry", "F9.3", _ratio(number))
-                for number, share in enumerate(precision.shares)
-            ),
-        )
-    )
+    ratio = precision.sigma / precision.depths[:, None]
+    heads = [f"{100.0 * share:.0f} % dry" for share in precision.shares]
+    table = sheet(("Mean depth\nof H", "F10.3", precision.depths), (heads, "F9.3", ratio))
     at_hand = number_text("F9.3", precision.at_hand / precision.depth)
     return [
         "Sigma of the level of the water over the mean depth, were the points as deep as that, and so many dry",
         "",
-        *table.text(precision),
+        *table.text(),
         "",
         f"At hand: depth {precision.depth:.3g} of H, {100.0 * precision.share:.0f} % dry: {at_hand} of the depth",
         f"The plane of water counts as determined up to {limit:g}; blank where a point would not show",
     ]
-
-
-def _ratio(number: int) -> Callable[[Precision], FloatArray]:
-    return lambda precision: precision.sigma[:, number] / precision.depths

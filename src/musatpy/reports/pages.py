@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import datetime
 import io
 import math
 import re
@@ -98,15 +99,22 @@ def page_texts(
         yield "\n".join(page) + "\n"
 
 
-def print_titled(title: str, sections: Sequence[Section], caution: str = "") -> str:
-    """Return sections as a listing whose pages have a title and their number above them, and a caution."""
-    pages, _ = laid_out(sections)
-    return print_pages(
-        pages,
-        lambda page: f"{title}{f'PAGE {page:6d}':>{PAGE_WIDTH - len(title)}}",
-        carriage_control=False,
-        caution=caution,
-    )
+def headed(title: str, date: datetime.date | None = None) -> Callable[[int], str]:
+    """Return the header of a page by its number: a title, a date where there is one, and the number."""
+    day = date.isoformat() if date else ""
+    return lambda page: f"{title}{f'{day}  PAGE {page:6d}':>{PAGE_WIDTH - len(title)}}"
+
+
+def print_titled(
+    title: str,
+    sections: Sequence[Section],
+    caution: str = "",
+    *,
+    carriage_control: bool = False,
+    date: datetime.date | None = None,
+) -> str:
+    """Return sections as a listing whose pages are `headed`, with a caution on each."""
+    return print_pages(paginate(sections), headed(title, date), carriage_control=carriage_control, caution=caution)
 
 
 def _fits(section: Section, page: Sequence[str]) -> bool:

@@ -8,11 +8,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import TextArray
-from musatpy.model import (
-    LevelPairs,
-    PointStatus,
-    StationPairs,
-)
+from musatpy.model import LevelPairs, PointStatus, StationPairs
 from musatpy.reports import stated
 from musatpy.reports.editing import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, along_axes, position
 from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, identity

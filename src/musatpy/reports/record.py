@@ -32,15 +32,7 @@ from musatpy.reports import (
     stated,
     statistical_tests,
 )
-from musatpy.reports.fields import (
-    Document,
-    Field,
-    Group,
-    Node,
-    Rows,
-    Schema,
-    without_images,
-)
+from musatpy.reports.fields import Document, Field, Group, Node, Rows, Schema, without_images
 from musatpy.reports.values import Json, plain, rounded
 from musatpy.statistics import Statistics
 

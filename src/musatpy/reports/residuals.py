@@ -9,9 +9,7 @@ import numpy as np
 
 from musatpy import image_observations
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.model import (
-    ObservationKind,
-)
+from musatpy.model import ObservationKind
 from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows, identity, of_job
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
@@ -155,9 +153,7 @@ OBSERVATIONS = Rows[Statistics, _Observed](
 )  # fmt: skip
 # As files have them: those of images stand in the table of plates.
 BESIDES_IMAGES = replace(
-    OBSERVATIONS,
-    text=f"{OBSERVATIONS.text}; those of images are in `plates`",
-    of=_besides_images,
+    OBSERVATIONS, text=f"{OBSERVATIONS.text}; those of images are in `plates`", of=_besides_images
 )
 
 

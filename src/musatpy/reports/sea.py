@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import partial
+from typing import Any
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model.tables import falling
-from musatpy.reports.fields import Field, unrecorded
 from musatpy.reports.pages import text_of
-from musatpy.reports.table import Table
+from musatpy.reports.table import Table, sheet
 from musatpy.sea.interpolation.correlation import Family
 from musatpy.sea.interpolation.interpolate import Candidate, Interpolation, Verdict
 from musatpy.sea.interpolation.prediction import Trend
@@ -28,37 +27,6 @@ CORRECTED = (
     "id,x,y,z,true_x,true_y,true_z,sigma_x,sigma_y,sigma_z,surface_sigma_z,parallax,reason"  # columns of the table
 )
 _CORRELATED = 0.5  # correlations below are not listed
-
-STEPS: Table[tuple[Step, ...]] = Table(
-    (
-        unrecorded("Try", "I3", lambda steps: range(1, len(steps) + 1)),
-        unrecorded("Length\nm", "F9.2", lambda steps: [step.length for step in steps]),
-        unrecorded("Azimuth\ndeg", "F7.1", lambda steps: [step.azimuth / DEGREE for step in steps]),
-        unrecorded("Power", "F6.3", lambda steps: [step.power for step in steps]),
-        unrecorded("F", "F10.2", lambda steps: [step.ratio if step.is_tested else np.nan for step in steps]),
-        unrecorded("Limit", "F6.2", lambda steps: [step.critical if step.is_tested else np.nan for step in steps]),
-        unrecorded("Verdict", "A54", lambda steps: [step.reason or "taken" for step in steps]),
-    )
-)
-
-
-def _described(heading: str, column: int, decimals: int, unit: float = 1.0) -> tuple[Field[FourierSurface], ...]:
-    """Return a number that describes each wave, and its sigma."""
-    return (
-        unrecorded(heading, f"F9.{decimals}", lambda s: s.described[0][:, column] / unit),
-        unrecorded("Sigma\n", f"F7.{decimals}", lambda s: s.described[1][:, column] / unit),
-    )
-
-
-WAVES: Table[FourierSurface] = Table(
-    (
-        unrecorded("Wave", "I4", lambda s: range(1, s.count + 1)),
-        *_described("Amplitude\nm", 0, 4),
-        *_described("Length\nm", 1, 3),
-        *_described("Azimuth\ndeg", 2, 2, DEGREE),
-        *_described("Phase\ndeg", 3, 2, DEGREE),
-    )
-)
 
 
 def surface_text(fit: SurfaceFit, title: str, left: tuple[str, ...] = ()) -> str:
@@ -87,13 +55,41 @@ def _fourier(fit: SurfaceFit, fitted: FourierSurface) -> list[str]:
         f"{fit.waves.trials} that can be told apart",
         "Peaks of the spectrum of what is left; F: what the fit gains by the wave",
         "",
-        *STEPS.text(fit.steps),
+        *_steps(fit.steps).text(),
         "",
         f"Level {level:.4f} m, sigma {sigma:.4f}",
     ]
     if fitted.count:
-        lines += ["", *WAVES.text(fitted), "", *_correlations(fitted)]
+        lines += ["", *_described(fitted).text(), "", *_correlations(fitted)]
     return lines
+
+
+def _steps(steps: Sequence[Step]) -> Table[Any]:
+    return sheet(
+        ("Try", "I3", range(1, len(steps) + 1)),
+        ("Length\nm", "F9.2", [step.length for step in steps]),
+        ("Azimuth\ndeg", "F7.1", [step.azimuth / DEGREE for step in steps]),
+        ("Power", "F6.3", [step.power for step in steps]),
+        ("F", "F10.2", [step.ratio if step.is_tested else np.nan for step in steps]),
+        ("Limit", "F6.2", [step.critical if step.is_tested else np.nan for step in steps]),
+        ("Verdict", "A54", [step.reason or "taken" for step in steps]),
+    )
+
+
+def _described(surface: FourierSurface) -> Table[Any]:
+    """Return the numbers that describe each wave, with their sigmas."""
+    values, sigmas = surface.described
+    stated = (
+        ("Amplitude\nm", 4, 1.0),
+        ("Length\nm", 3, 1.0),
+        ("Azimuth\ndeg", 2, DEGREE),
+        ("Phase\ndeg", 2, DEGREE),
+    )
+    columns: list[tuple[str, str, Any]] = [("Wave", "I4", range(1, surface.count + 1))]
+    for n, (heading, decimals, unit) in enumerate(stated):
+        columns.append((heading, f"F9.{decimals}", values[:, n] / unit))
+        columns.append(("Sigma\n", f"F7.{decimals}", sigmas[:, n] / unit))
+    return sheet(*columns)
 
 
 def _correlations(fitted: FourierSurface) -> list[str]:
@@ -168,27 +164,6 @@ def _decimal(place: FloatArray, decimals: tuple[int, int, int]) -> list[str]:
     return [f"{value:.{number}f}" for value, number in zip(place.tolist(), decimals, strict=True)]
 
 
-FAMILIES: Table[tuple[Candidate, ...]] = Table(
-    (
-        unrecorded("Function", "A11", lambda c: [candidate.family for candidate in c]),
-        unrecorded("Signal\nm", "F7.3", lambda c: [candidate.estimate.covariance.signal**0.5 for candidate in c]),
-        unrecorded("Noise\nm", "F7.3", lambda c: [candidate.estimate.covariance.noise**0.5 for candidate in c]),
-        unrecorded("Criterion", "F9.1", lambda c: [candidate.estimate.criterion for candidate in c]),
-        unrecorded("Left one out\nm", "F12.3", lambda c: [candidate.validation.rms for candidate in c]),
-        unrecorded("Over sigma", "F10.2", lambda c: [candidate.validation.standardised_rms for candidate in c]),
-        unrecorded(
-            "Parameters", "A50", lambda c: [candidate.estimate.covariance.correlation.in_words() for candidate in c]
-        ),
-    )
-)
-COVARIANCES: Table[Interpolation] = Table(
-    (
-        unrecorded("Distance\nm", "F9.1", lambda f: f.empirical.distance),
-        unrecorded("Pairs", "I8", lambda f: f.empirical.pairs),
-        unrecorded("Covariance\nm2", "F10.4", lambda f: f.empirical.covariance),
-        unrecorded("Fitted\nm2", "F10.4", lambda f: fitted(f)),
-    )
-)
 _SAYS = {
     Verdict.HELPS: "the interpolation helps",
     Verdict.LITTLE: "the interpolation helps little",
@@ -225,12 +200,17 @@ def collocation_text(result: Interpolation, ids: Sequence[str], sources: tuple[s
         "",
         "Covariance functions, best first, by Akaike's criterion of the restricted likelihood",
         "",
-        *FAMILIES.text(result.candidates),
+        *_families(result.candidates).text(),
         "",
         f"Empirical covariances without trend, and the function used ({result.best.family}), "
         "mean of all directions",
         "",
-        *COVARIANCES.text(result),
+        *sheet(
+            ("Distance\nm", "F9.1", result.empirical.distance),
+            ("Pairs", "I8", result.empirical.pairs),
+            ("Covariance\nm2", "F10.4", result.empirical.covariance),
+            ("Fitted\nm2", "F10.4", fitted(result)),
+        ).text(),
         "",
         *_validation(result),
         "",
@@ -241,6 +221,18 @@ def collocation_text(result: Interpolation, ids: Sequence[str], sources: tuple[s
         verdict_line(result),
     ]
     return text_of(lines)
+
+
+def _families(every: Sequence[Candidate]) -> Table[Any]:
+    return sheet(
+        ("Function", "A11", [one.family for one in every]),
+        ("Signal\nm", "F7.3", [one.estimate.covariance.signal**0.5 for one in every]),
+        ("Noise\nm", "F7.3", [one.estimate.covariance.noise**0.5 for one in every]),
+        ("Criterion", "F9.1", [one.estimate.criterion for one in every]),
+        ("Left one out\nm", "F12.3", [one.validation.rms for one in every]),
+        ("Over sigma", "F10.2", [one.validation.standardised_rms for one in every]),
+        ("Parameters", "A50", [one.estimate.covariance.correlation.in_words() for one in every]),
+    )
 
 
 def verdict_line(result: Interpolation) -> str:
@@ -291,31 +283,6 @@ def _cautions(result: Interpolation) -> list[str]:
 
 _COORDINATES = ("X", "Y", "Z")
 _BAR = 50  # characters of the longest bar of a histogram
-STUDIED: Table[WaveStudy] = Table(
-    (
-        unrecorded("Wave", "I4", lambda s: range(1, len(s.spec.wave) + 1)),
-        unrecorded("Shape", "A10", lambda s: [wave.shape for wave in s.spec.wave]),
-        unrecorded("Period\ns", "F6.1", lambda s: s.theory.period),
-        unrecorded("Length\nm", "F7.1", lambda s: s.length),
-        unrecorded("Speed\nm/s", "F6.2", lambda s: s.speed),
-        unrecorded("Group\nm/s", "F6.2", lambda s: s.theory.group_speed),
-        unrecorded("Height\nm", "F6.2", lambda s: s.theory.height),
-        unrecorded("Breaks at\nm", "F9.2", lambda s: s.theory.breaking_height),
-        unrecorded("Towards\ndeg", "F7.1", lambda s: [wave.azimuth for wave in s.spec.wave]),
-        unrecorded("Crest\nm", "F7.1", lambda s: [wave.crest for wave in s.spec.wave]),
-    )
-)
-ERRORS: Table[WaveStudy] = Table(
-    (
-        unrecorded("Coordinate", "A10", lambda s: _COORDINATES),
-        unrecorded("Maximum\nm", "F8.3", lambda s: s.spread.largest),
-        unrecorded("at No.", "I6", lambda s: s.spread.point + 1),
-        unrecorded("Mean\nm", "F8.3", lambda s: s.spread.mean),
-        unrecorded("Sigma\nm", "F8.3", lambda s: s.spread.sigma),
-        unrecorded("Allowed\nm", "F8.3", lambda s: s.verdict.allowed),
-        unrecorded("Verdict", "A8", lambda s: _words(s.verdict.kept)),
-    )
-)
 POINTS = ("no", "x", "y", "z", "dx", "dy", "dz", "y_parallax", "refraction_points_left", "refraction_points_right")
 
 
@@ -330,7 +297,18 @@ def waves_text(study: WaveStudy) -> str:
         f"Cameras at ({left}) and ({right}) m, {spec.stereo.interval:g} s apart, {height:.1f} m above the bottom",
         f"Water {spec.water.depth:g} m deep, index {spec.water.index:g}; {len(study.errors.points)} check points",
         "",
-        *STUDIED.text(study),
+        *sheet(
+            ("Wave", "I4", range(1, len(spec.wave) + 1)),
+            ("Shape", "A10", [wave.shape for wave in spec.wave]),
+            ("Period\ns", "F6.1", study.theory.period),
+            ("Length\nm", "F7.1", study.length),
+            ("Speed\nm/s", "F6.2", study.speed),
+            ("Group\nm/s", "F6.2", study.theory.group_speed),
+            ("Height\nm", "F6.2", study.theory.height),
+            ("Breaks at\nm", "F9.2", study.theory.breaking_height),
+            ("Towards\ndeg", "F7.1", [wave.azimuth for wave in spec.wave]),
+            ("Crest\nm", "F7.1", [wave.crest for wave in spec.wave]),
+        ).text(),
         *(
             f"note: wave {i + 1} is higher than a wave of its length can stand there"
             for i in np.flatnonzero(study.theory.breaks)
@@ -338,7 +316,15 @@ def waves_text(study: WaveStudy) -> str:
         "",
         "Errors of taking the water for level, mapped minus true",
         "",
-        *ERRORS.text(study),
+        *sheet(
+            ("Coordinate", "A10", _COORDINATES),
+            ("Maximum\nm", "F8.3", study.spread.largest),
+            ("at No.", "I6", study.spread.point + 1),
+            ("Mean\nm", "F8.3", study.spread.mean),
+            ("Sigma\nm", "F8.3", study.spread.sigma),
+            ("Allowed\nm", "F8.3", study.verdict.allowed),
+            ("Verdict", "A8", _words(study.verdict.kept)),
+        ).text(),
         "",
         f"Allowed are 1/{spec.accuracy.plan:g} of the flying height in plan, 1/{spec.accuracy.height:g} in height",
         *_rays(study),
@@ -396,22 +382,16 @@ def _trials(trials: Trials) -> list[str]:
     done = [(trial.value, trial.spread, trial.verdict) for trial in trials.trials if trial.spread and trial.verdict]
     largest = np.array([spread.largest for _, spread, _ in done]).reshape(-1, 3)
     sigma = np.array([spread.sigma for _, spread, _ in done]).reshape(-1, 3)
-    table: Table[Trials] = Table(
-        (
-            unrecorded(f"{trials.name}\n{trials.unit}", "F8.2", lambda t: [value for value, _, _ in done]),
-            *(unrecorded(f"Max {name}\nm", "F8.3", partial(_column, largest, n)) for n, name in enumerate("XYZ")),
-            *(unrecorded(f"Sigma {name}\nm", "F8.3", partial(_column, sigma, n)) for n, name in enumerate("XYZ")),
-            unrecorded("Verdict", "A8", lambda t: _words(verdict.kept.all() for _, _, verdict in done)),
-        )
+    table = sheet(
+        (f"{trials.name}\n{trials.unit}", "F8.2", [value for value, _, _ in done]),
+        ([f"Max {name}\nm" for name in _COORDINATES], "F8.3", largest),
+        ([f"Sigma {name}\nm" for name in _COORDINATES], "F8.3", sigma),
+        ("Verdict", "A8", _words(verdict.kept.all() for _, _, verdict in done)),
     )
     failed = [
         f"note: {trials.name.lower()} {t.value:g} {trials.unit}: {t.reason}" for t in trials.trials if t.reason
     ]
-    return [f"{trials.name} varied", "", *table.text(trials), *failed]
-
-
-def _column(values: FloatArray, column: int, source: object) -> FloatArray:
-    return values[:, column]
+    return [f"{trials.name} varied", "", *table.text(), *failed]
 
 
 def _words(kept: Iterable[object]) -> list[str]:

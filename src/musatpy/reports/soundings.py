@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.compilation.point_orders import order_names, orders_of_points
-from musatpy.reports.fields import Document, Each, Field, Group, Node, Rows
+from musatpy.reports.fields import Document, Each, Field, Group, Rows
 from musatpy.reports.pages import Section, labelled, print_titled, wrapped
 from musatpy.reports.table import Report
 from musatpy.soundings.differences import (
@@ -25,16 +25,11 @@ if TYPE_CHECKING:
     from musatpy.compilation.compiled import Compiled
     from musatpy.compilation.sounded import Matching, Sounded
 
-_VERSION = "2.1"
 _LARGEST = 20  # blunders that are named
 
 
 def _limit(value: float) -> float | None:
     return value if np.isfinite(value) else None
-
-
-def _radius(how: Matching) -> float | None:
-    return _limit(how.radius)
 
 
 def _first_day(how: Matching) -> str | None:
@@ -46,7 +41,13 @@ MATCHING: Group[Sounded, Matching] = Group(
     "how the soundings are held against the bottom",
     of=lambda s: s.how,
     fields=(
-        Field("radius", "number?", "of points whose plane is the bottom; null: triangles", _radius, "m"),
+        Field(
+            "radius",
+            "number?",
+            "of points whose plane is the bottom; null: triangles",
+            lambda m: _limit(m.radius),
+            "m",
+        ),
         Field("datum", "number", "of the soundings below that of the bottom", unit="m"),
         Field("datum_sigma", "number", "of that", unit="m"),
         Field("sigma", "number", "of soundings whose file has none", unit="m"),
@@ -135,24 +136,20 @@ POINT_ORDERS: Field[Compiled | None] = Field(
     "point_orders", "map", "compiled points by the order of S-44 that their sigmas meet; none of a raster",
     lambda c: {} if c is None else point_orders(c),
 )  # fmt: skip
-RECORD: tuple[Node[Sounded], ...] = (MATCHING, SAMPLES, REGRESSION, SHARES, DIFFERENCES, LEFT_OUT)
 
 SAMPLE_TABLE: Report[Any] = Report(
     title="Comparison With Soundings: Compiled Less Sounded Depths",
     table=SAMPLES,
     columns=("sample", "size", "sum", "mean", "rms", "deviation", "median", "spread", "maximum", "maximum_id"),
 )
-SHARE_TABLE: Report[Any] = Report(
-    title="Orders Of S-44 Met By The Differences",
-    table=SHARES,
-)
+SHARE_TABLE: Report[Any] = Report(title="Orders Of S-44 Met By The Differences", table=SHARES)
 STATED = (SAMPLE_TABLE, SHARE_TABLE)
 DOCUMENT: Document[Sounded] = Document(
     name="soundings_version",
-    version=_VERSION,
+    version="2.1",
     title="musatpy soundings",
     about="Compiled less sounded depths, metres. A number that does not exist is null",
-    nodes=(*RECORD, POINT_ORDERS),
+    nodes=(MATCHING, SAMPLES, REGRESSION, SHARES, DIFFERENCES, LEFT_OUT, POINT_ORDERS),
 )
 
 

@@ -9,10 +9,7 @@ from functools import partial
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.model import (
-    Dependence,
-    PlateSigma,
-)
+from musatpy.model import Dependence, PlateSigma
 from musatpy.model.kinds import ANGLES, ENU
 from musatpy.reports import positions, residuals
 from musatpy.reports.editing import number_text
@@ -183,9 +180,7 @@ _STAR: Field[Statistics] = Field(
     "beyond", heading="", edit="A1", shown=lambda t: np.where(np.abs(_tests(t)) > TEST_LIMIT, "*", "")
 )
 COMPONENTS: Report[Statistics] = Report(
-    title="Statistics: Sigma0 And Variance Components",
-    table=_COMPONENTS,
-    path="tests.variance_components",
+    title="Statistics: Sigma0 And Variance Components", table=_COMPONENTS, path="tests.variance_components"
 )
 OBSERVATIONS: Report[Statistics] = Report(
     title="Statistics: Observations, The Worst First",

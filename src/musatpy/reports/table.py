@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import accumulate, chain
 from typing import Any, Generic, Literal, TypeVar
 
@@ -12,7 +13,7 @@ import numpy as np
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model.tables import falling
 from musatpy.reports.editing import MANY, blank, characters, edited, field_width, prints_as_zero, strings, with_unit
-from musatpy.reports.fields import Each, Field, Group, Rows
+from musatpy.reports.fields import Each, Field, Group, Rows, unrecorded
 from musatpy.reports.pages import PAGE_WIDTH, Cells, Section
 from musatpy.reports.values import Values, array_of, at, in_rows, nothing, unnested
 
@@ -51,7 +52,7 @@ class Table(Generic[Source]):
         chunks = (slice(start, start + _ROWS) for start in range(0, count, _ROWS))
         return list(chain.from_iterable(self._lines([values[rows] for values in columns]) for rows in chunks))
 
-    def text(self, source: Source) -> list[str]:
+    def text(self, source: Any = None) -> list[str]:
         """Return the heading lines, and below them those of the rows."""
         return [*self.head(), *self.lines(source)]
 
@@ -96,16 +97,7 @@ class Report(Generic[Source]):
         table = self.table
         if table is None:  # columns of what no record has
             return Values([], lambda name: None, _system_of(source), source)
-        if isinstance(table, Rows) and not self.expand:
-            item, fields = table.of(source), {field.name: field for field in table.fields}
-            found = Values(
-                list(fields),
-                lambda name: array_of(fields[name].kind, [] if item is None else fields[name].of(item)),
-                _system_of(source),
-                source,
-            )
-        else:
-            found = self._values_of(table.raw(source, self.nested), _system_of(source), source)
+        found = self._values_of(table.raw(source, self.nested), _system_of(source), source)
         return found if self.which is None else found.taken(self.which(found))
 
     def read(self, content: Mapping[str, Any], system: str) -> Values:
@@ -161,11 +153,11 @@ class Report(Generic[Source]):
     def section(self, source: Source | Values, below: Sequence[str] = (), **layout: Any) -> Section:
         """Return the printed section, with lines `below` the rows; `layout` is that of `Section`."""
         values = self.values(source)
-        sheet: Any = Table(self.side_by_side(values))
+        printed: Any = Table(self.side_by_side(values))
         stated: dict[str, Any] = {
             "title": self.title,
-            "head": sheet.head(),
-            "lines": [*sheet.lines(values), *below],
+            "head": printed.head(),
+            "lines": [*printed.lines(values), *below],
             "values": lambda: self.cells(values),
         }
         if self.worst:
@@ -206,6 +198,26 @@ def _of_entries(kind: str) -> str:
     """Return the kind of the entries of a list: of `3x2 number` `2 number`."""
     sizes, _, base = kind.rpartition(" ")
     return f"{sizes.partition('x')[2]} {base}".strip()
+
+
+def sheet(*columns: tuple[str | Sequence[str], str, Any]) -> Table[Any]:
+    """Return a table of what no record has: heading (of a vector headings), descriptor, values of each column."""
+    found: list[Field[Any]] = []
+    for heading, edit, values in columns:
+        if isinstance(heading, str):
+            found.append(unrecorded(heading, edit, partial(_given, values)))
+        else:
+            found += [unrecorded(name, edit, partial(_given, values[:, n])) for n, name in enumerate(heading)]
+    return Table(tuple(found))
+
+
+def _given(values: Any, source: Any) -> Any:
+    return values
+
+
+def filled(reports: Iterable[Report[Any]], source: Any) -> list[Section]:
+    """Return the sections of those reports of a source that have rows."""
+    return [section for report in reports if (section := report.section(source)).lines]
 
 
 def unless_zero(names: Sequence[str], edit: str, numbers: Any) -> list[str]:

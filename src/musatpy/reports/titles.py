@@ -7,16 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import musatpy
-from musatpy.model import (
-    Block,
-    CoordinateSystem,
-    Editing,
-    Initial,
-    Options,
-    Refraction,
-    WaterLevel,
-    Weights,
-)
+from musatpy.model import Block, CoordinateSystem, Editing, Initial, Options, Refraction, WaterLevel, Weights
 from musatpy.reports import stated
 from musatpy.reports.editing import number_text
 from musatpy.reports.pages import Section, labelled, wrapped
