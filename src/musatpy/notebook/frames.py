@@ -3,18 +3,98 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from importlib import import_module
-from itertools import product
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from musatpy.errors import MusatError
 from musatpy.model import Solution
-from musatpy.notebook.columns import RecordTable, TableColumn, tables_of
+from musatpy.reports import record
+from musatpy.reports.fields import Each, Field, Group, Node, Rows
+from musatpy.reports.values import array_of
 from musatpy.statistics import Statistics
 
+_JOB = "record"  # of what stands in no table
 _AXES = ("row", "component")  # of a field of several components, the last of them first
+Owners = tuple[Field[Any], Sequence[Any]]  # what the rows of a table within a table belong to
+Column = tuple[str, Field[Any], Any]  # name, field, and values (n, ...): a list where they are not equally long
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecordTable:
+    """A table of a record, or an object of it: one row, that has no number."""
+
+    name: str  # as in the record, with points between the names: `plate_statistics.frames`
+    columns: Sequence[Column]
+    is_object: bool
+
+
+def tables_of(statistics: Statistics) -> Iterator[RecordTable]:
+    """Yield the tables of the record of a solution at full precision, those without rows too."""
+    return _tables(record.document(as_read=True).whole, "", [statistics], None)
+
+
+def _tables(
+    nodes: Sequence[Node[Any]], path: str, items: Sequence[Any], owners: Owners | None
+) -> Iterator[RecordTable]:
+    """Yield what stands at a path: the fields of objects, or of the rows of a table, and the tables in them.
+
+    `items` are what they are made of, none where there is nothing; `owners` those of rows, None of an object. In
+    front of the columns of a table in a row stands what the row is called: its first field.
+    """
+    plain = [node for node in nodes if isinstance(node, Field) and node.kind]
+    if plain:
+        columns = chain.from_iterable(_columns(field, [field.of(item) for item in items]) for field in plain)
+        yield RecordTable(name=path or _JOB, columns=[*_owner(owners), *columns], is_object=owners is None)
+    for node in nodes:
+        name = f"{path}.{node.name}" if path else node.name
+        if isinstance(node, Group):
+            inside = [inner for item in items if (inner := node.of(item)) is not None]
+            yield from _tables(node.fields, name, inside, None)
+        elif isinstance(node, Each):
+            rows = [list(node.of(item)) for item in items]
+            inner = _within(plain, items, [len(of) for of in rows], owners)
+            yield from _tables(node.fields, name, list(chain.from_iterable(rows)), inner)
+        elif isinstance(node, Rows):
+            parts = [dict(node.columns(item)) for item in items]
+            counts = [len(next(iter(part.values()))) for part in parts]
+            columns = chain.from_iterable(
+                _columns(
+                    field,
+                    parts[0][field] if len(parts) == 1 else list(chain.from_iterable(p[field] for p in parts)),
+                )
+                for field in node.recorded
+            )
+            inner = _within(plain, items, counts, owners)
+            yield RecordTable(name=name, columns=[*_owner(inner), *columns], is_object=False)
+
+
+def _within(
+    plain: Sequence[Field[Any]], items: Sequence[Any], counts: Sequence[int], owners: Owners | None
+) -> Owners:
+    """Return the owners of `counts` of rows in each of some items, of objects none."""
+    if owners is None:
+        return Field(""), ()
+    return plain[0], [plain[0].of(item) for item, count in zip(items, counts, strict=True) for _ in range(count)]
+
+
+def _owner(owners: Owners | None) -> Iterator[Column]:
+    if owners is not None and owners[0].name:
+        yield from _columns(*owners)
+
+
+def _columns(field: Field[Any], values: Any) -> Iterator[Column]:
+    """Yield the column of a field; of numbers by names one for each name."""
+    if field.kind == "map":
+        for name in dict.fromkeys(chain.from_iterable(values)):
+            yield f"{field.name}[{name}]", field, np.array([row.get(name, 0) for row in values], dtype=np.int64)
+    else:
+        yield field.name, field, array_of(field.kind, values)
 
 
 def to_pandas(solution: Solution) -> dict[str, Any]:
@@ -27,27 +107,19 @@ def to_pandas(solution: Solution) -> dict[str, Any]:
     pandas = _package("pandas")
     frames = {}
     for table in tables_of(Statistics(solution)):
-        columns: dict[str, Any] = {}
-        units: dict[str, str] = {}
-        for column in table.columns:
-            parts = _components(column)
-            columns |= parts
-            units |= {name: column.unit for name in parts if column.unit}
-        frames[table.name] = pandas.DataFrame(columns)
-        frames[table.name].attrs["units"] = units
+        parts = [(field.unit, _components(name, values)) for name, field, values in table.columns]
+        frames[table.name] = pandas.DataFrame({name: part for _, named in parts for name, part in named.items()})
+        frames[table.name].attrs["units"] = {name: unit for unit, named in parts if unit for name in named}
     return frames
 
 
-def _components(column: TableColumn) -> dict[str, Any]:
+def _components(name: str, values: Any) -> dict[str, Any]:
     """Return a column by its name; of several components one for each: `position[0]`, `covariance[1][2]`."""
-    values = column.values
     if isinstance(values, list) or values.ndim == 1:
-        return {column.name: values}
+        return {name: values}
     flat = values.reshape(len(values), math.prod(values.shape[1:])).T
     places = product(*map(range, values.shape[1:]))
-    return {
-        f"{column.name}{''.join(f'[{n}]' for n in place)}": part for place, part in zip(places, flat, strict=True)
-    }
+    return {f"{name}{''.join(f'[{n}]' for n in place)}": part for place, part in zip(places, flat, strict=True)}
 
 
 def to_xarray(solution: Solution) -> Any:
@@ -62,32 +134,37 @@ def to_xarray(solution: Solution) -> Any:
     variables: dict[str, Any] = {}
     ids: dict[str, Any] = {}
     for table in tables_of(Statistics(solution)):
-        prefix = table.name.replace(".", "_")
-        if table.ids is not None:
-            ids[prefix] = table.ids
-        if table.count:
-            variables |= {f"{prefix}_{column.name}": _variable(table, prefix, column) for column in table.columns}
+        prefix, first = table.name.replace(".", "_"), table.columns[0][2]
+        if not table.is_object and isinstance(first, np.ndarray) and first.dtype.kind in "UO" and first.ndim == 1:
+            names = first.astype(np.str_)
+            if len(names) and len(np.unique(names)) == len(names):
+                ids[prefix] = names
+        if len(first):
+            variables |= {f"{prefix}_{column[0]}": _variable(table, prefix, column) for column in table.columns}
     return xarray.Dataset(variables, coords=ids)
 
 
-def _variable(table: RecordTable, prefix: str, column: TableColumn) -> tuple[Any, ...]:
+def _variable(table: RecordTable, prefix: str, column: Column) -> tuple[Any, ...]:
     """Return dimensions, values and attributes of a column."""
-    values = _rectangular(column.values) if isinstance(column.values, list) else column.values
+    name, field, given = column
+    ragged = isinstance(given, list)
+    values: NDArray[Any] = _rectangular(given) if ragged else given
     if values.dtype.kind in "UO":
         values = np.where(values == None, "", values).astype(np.str_)  # noqa: E711 - of each element
-    ragged = isinstance(column.values, list) and values.ndim > 1
-    names = [f"{prefix}_{column.name}_number"] if ragged else _AXES[3 - values.ndim :]
-    sizes = values.shape[1:]
-    dimensions = names if ragged else [f"{name}_{size}" for name, size in zip(names, sizes, strict=True)]
-    attributes = {"units": column.unit, "long_name": column.text}
+    if ragged and values.ndim > 1:
+        dimensions = [f"{prefix}_{name}_number"]
+    else:
+        axes = zip(_AXES[3 - values.ndim :], values.shape[1:], strict=True)
+        dimensions = [f"{axis}_{size}" for axis, size in axes]
+    attributes = {"units": field.unit, "long_name": field.text}
     if table.is_object:
         return dimensions, values[0], attributes
     return [prefix, *dimensions], values, attributes
 
 
-def _rectangular(rows: list[list[Any]]) -> Any:
+def _rectangular(rows: Sequence[Sequence[Any]]) -> Any:
     """Return lists of texts as one text each, lists of numbers as an array whose shorter rows end in NaN."""
-    if any(isinstance(value, str) for row in rows for value in row) or not any(rows):
+    if any(isinstance(value, str) for row in rows for value in row) or not any(map(len, rows)):
         return np.array([" ".join(row) for row in rows], dtype=object)
     out = np.full((len(rows), max(map(len, rows))), np.nan)
     for number, row in enumerate(rows):
