@@ -10,12 +10,10 @@ from scipy import stats
 
 from altered import altered, put, with_options
 from musatpy import adjust, model, pipeline, read_deck, verdict
-from musatpy.model.findings import named
 from musatpy.model.water import index_range
 from musatpy.probability import test_limit as limit_of
 from musatpy.statistics import Statistics
 from musatpy.statistics.gates import flying_height, metric_differences
-from musatpy.statistics.quality import HiddenErrors
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 
@@ -405,12 +403,6 @@ def test_blunders_left_in_the_solution() -> None:
         assert (verdict(found).grade is model.Grade.ACCEPTED) == (editing is model.Editing.EDIT)
 
 
-def test_names_of_many() -> None:
-    assert named("photo", ["7"]) == "photo 7"
-    assert named("photo", range(5)) == "photos 0, 1, 2, 3, 4"
-    assert named("point", range(8)) == "points 0, 1, 2, 3, 4 and 3 more"
-
-
 # --- hidden errors ---
 
 
@@ -443,12 +435,6 @@ def test_hidden_errors_against_the_definition() -> None:
     assert statistics.hidden.shift[point] == pytest.approx(largest, rel=1e-5)
     assert statistics.hidden.sigmas[point] == pytest.approx(sigmas, rel=1e-5)
     assert statistics.hidden.weak[point] == (sigmas > 5.0)
-
-
-def test_a_point_is_weakly_checked_beyond_five_sigmas() -> None:
-    """As listing and page 1 say it."""
-    hidden = HiddenErrors(shift=np.array([0.1, 0.1, np.nan]), sigmas=np.array([4.9, 5.1, np.nan]))
-    assert hidden.weak.tolist() == [False, True, False]
 
 
 def test_a_redundancy_number_of_a_hundredth_is_needed_to_test_an_image() -> None:

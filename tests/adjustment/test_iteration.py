@@ -12,7 +12,7 @@ import pytest
 from adjustment.water_jobs import deep, held_cameras, shallow
 from altered import altered, put, with_options
 from musatpy.adjustment import adjust
-from musatpy.adjustment.iteration import AT_REST, Linearisation, SingularNormalsError, Step, iterate, not_raised
+from musatpy.adjustment.iteration import AT_REST, Linearisation, Step, iterate, not_raised
 from musatpy.adjustment.normals import NormalMatrix
 from musatpy.adjustment.sparse import Pattern
 from musatpy.arrays import FloatArray
@@ -60,22 +60,6 @@ class Curve:
         return abs(float(step[0])) < self.limit
 
 
-def test_a_linear_problem_takes_one_step_and_one_that_changes_nothing() -> None:
-    """From a tenth of what may still change the first step ends it."""
-    for place, count in ((30.0, 2), (1.0 + 0.1 * AT_REST, 1)):
-        steps: list[Step] = []
-        outcome = iterate(Curve(), place, 20, steps.append)
-        assert not outcome.failure and outcome.state == pytest.approx(1.0, abs=1e-12)
-        assert [step.number for step in steps] == list(range(1, count + 1))
-        assert outcome.change < AT_REST and outcome.factor is not None
-
-
-def test_the_limits_of_the_problem_count_beside_the_sigmas() -> None:
-    steps: list[Step] = []
-    assert not iterate(Curve(limit=1e-6), 1.0 + 0.1 * AT_REST, 20, steps.append).failure
-    assert len(steps) == 2
-
-
 def test_a_step_ends_within_what_it_leaves() -> None:
     """Of a curve, a step that changes AT_REST leaves half its square times b."""
     outcome = iterate(Curve(b=0.8), 30.0, 20)
@@ -109,12 +93,6 @@ def test_where_no_step_lowers_the_objective_the_state_stays() -> None:
     assert outcome.state == 3.0 and not outcome.lost and outcome.factor is None
 
 
-def test_too_few_iterations_are_told_with_what_still_changes() -> None:
-    outcome = iterate(Curve(b=0.8), 30.0, 2)
-    assert outcome.failure == "limits not reached in 2 iterations"
-    assert outcome.change > AT_REST and outcome.last_step.size == 1
-
-
 class Blind(Curve):
     """A point behind its camera on the far side of zero, from where steps lead nowhere."""
 
@@ -130,19 +108,6 @@ def test_points_that_stay_behind_their_cameras_are_lost() -> None:
     outcome = iterate(Blind(), -5.0, 20, steps.append)
     assert outcome.lost and outcome.failure == "points stay behind their cameras"
     assert len(steps) == 3 and outcome.state == -5.0
-
-
-def test_normals_that_leave_something_free_raise() -> None:
-    """Two unknowns of which only the sum is observed."""
-
-    class Sum(Curve):
-        def linearise(self, state: float) -> Linearisation:
-            blocks, none = np.ones((1, 2, 2)), np.zeros((2, 0))
-            matrix = NormalMatrix(pattern=Pattern.of(1, 2, []), blocks=blocks, border=none, corner=np.zeros((0, 0)))
-            return Linearisation(matrix=matrix, rhs=np.ones(2), objective=1.0, context=None, redundancy=1)
-
-    with pytest.raises(SingularNormalsError):
-        iterate(Sum(), 2.0, 5)
 
 
 def in_sigmas(one: Solution, other: Solution) -> float:
