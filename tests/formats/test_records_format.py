@@ -9,11 +9,10 @@ import pytest
 
 from musatpy.errors import CardFormatError, DeckError
 from musatpy.formats.cards import card_formats_folder
-from musatpy.formats.families import agencies, families
+from musatpy.formats.families import RecordSet, agencies, families
 from musatpy.formats.records.fields import RecordField
 from musatpy.formats.records.files import read_records, write_records
 from musatpy.formats.records.layout import load_files, record_line, record_values
-from musatpy.formats.recordset import RecordSet
 from musatpy.fortran import FieldError, parse_edit
 from musatpy.units import ARC_SECOND, DEGREE
 

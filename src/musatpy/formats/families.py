@@ -1,18 +1,50 @@
-"""The families of formats between which jobs are converted: native decks, those of other agencies, a user's own."""
+"""The families of formats between which jobs are converted: native decks, those of other agencies, a user's own.
+
+A family of decks is cards, any other one files of records that belong together; both <-> parts of a block.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from musatpy.errors import DeckError, Problem
-from musatpy.formats import musat, parts
+import numpy as np
+
+from musatpy import model
+from musatpy.errors import DeckError, Problem, ProblemsError
+from musatpy.files import write_files
+from musatpy.formats import musat, parts, system_rows
 from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder
-from musatpy.formats.job_tables import Tables
-from musatpy.formats.records.layout import is_record_folder
-from musatpy.formats.recordset import RecordSet, Rendered
+from musatpy.formats.job_tables import KEYS, Table, Tables, is_said, noun_of, noun_of_role, size
+from musatpy.formats.records.files import read_records, write_records
+from musatpy.formats.records.frames import JobFrame
+from musatpy.formats.records.layout import FileSpec, is_record_folder, load_files
+from musatpy.formats.records.rows import (
+    can_hold_control,
+    check_targets,
+    held,
+    joined,
+    parts_of_file,
+    resolved,
+    rows_of_parts,
+    said_by,
+    with_origin,
+)
+
+if TYPE_CHECKING:
+    from musatpy.systems import Statement
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rendered:
+    """Files to be written, and what they do not hold, one line each."""
+
+    contents: dict[Path, bytes]
+    left_out: tuple[str, ...]
+    warnings: tuple[Problem, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -51,6 +83,243 @@ class DeckFamily:
             problems = (Problem(message=message), *problems)
         warnings = tuple(replace(one, file=str(place), severity="warning") for one in problems)
         return Rendered(contents={place: data}, left_out=(), warnings=warnings)
+
+
+@dataclass(frozen=True)
+class RecordSet:
+    """The family whose formats stand in a folder. Raises `CardFormatError` when a wrong one is first used."""
+
+    folder: Path
+
+    @classmethod
+    def of(cls, name: str) -> RecordSet:
+        """Return the family of a name among those of the program."""
+        return cls(card_formats_folder() / name)
+
+    @property
+    def name(self) -> str:
+        """The name of the family."""
+        return self.folder.resolve().name
+
+    @cached_property
+    def files(self) -> tuple[FileSpec, ...]:
+        """The kinds of files, in their order."""
+        files = load_files(self.folder)
+        for file in files:
+            check_targets(file)
+        return files
+
+    @property
+    def patterns(self) -> tuple[str, ...]:
+        """The names, or patterns of names, of the files."""
+        return tuple(file.file for file in self.files)
+
+    # --- which files ---
+
+    def found(self, path: Path) -> dict[FileSpec, Path]:
+        """Return the files that are there: in the folder `path`, or of the same stem as the file `path`.
+
+        Raises `DeckError` for a folder with files of several stems.
+        """
+        folder, stem = (path, None) if path.is_dir() else (path.parent, path.stem)
+        if path.is_file() and len(self.files) == 1:
+            return {self.files[0]: path}
+        files: dict[FileSpec, Path] = {}
+        stems: set[str] = set()
+        for candidate in sorted(folder.iterdir()) if folder.is_dir() else ():
+            file = self._kind(candidate)
+            fixed = file is not None and "*" not in file.file
+            if file is None or not (fixed or stem is None or candidate.stem == stem):
+                continue
+            files.setdefault(file, candidate)
+            stems |= set() if fixed else {candidate.stem}
+        if len(stems) > 1:
+            names = ", ".join(sorted(stems))
+            raise DeckError(
+                [Problem(file=str(path), message=f"files of several sets ({names}); name a file of one")]
+            )
+        return {file: files[file] for file in self.files if file in files}
+
+    def _kind(self, path: Path) -> FileSpec | None:
+        name = path.name.lower()
+        for file in self.files:
+            pattern = file.file.lower()
+            if name == pattern or (pattern.startswith("*") and name.endswith(pattern[1:])):
+                return file
+        return None
+
+    def matches(self, path: Path) -> bool:
+        """Return whether a file is named as one of the family, or a folder has such files."""
+        if path.is_dir():
+            return any(self._kind(one) is not None for one in path.iterdir())
+        return self._kind(path) is not None
+
+    def targets(self, path: Path, stem: str) -> dict[FileSpec, Path]:
+        """Return the files that a set is written to: into the folder `path`, or beside the file `path`."""
+        kind = self._kind(path)
+        fixed = all("*" not in pattern for pattern in self.patterns)
+        into_folder = path.is_dir() or (kind is None and not path.suffix and fixed)
+        folder = path if into_folder else path.parent
+        if not into_folder:
+            stem = path.stem if kind is not None or path.suffix else path.name
+        return {file: folder / file.file.replace("*", stem) for file in self.files}
+
+    # --- parts ---
+
+    def read(self, path: Path, given: Tables) -> tuple[Tables, tuple[Problem, ...]]:
+        """Return what the files say, completed by `given`, and warnings.
+
+        Raises `DeckError` with every problem of every file, and `OSError`.
+        """
+        try:
+            return self._read(path, given)
+        except ProblemsError as error:  # some are of no file: what they lack
+            raise DeckError(replace(one, file=one.file or str(path)) for one in error.problems) from error
+
+    def _read(self, path: Path, given: Tables) -> tuple[Tables, tuple[Problem, ...]]:
+        files = self.found(path)
+        if not files:
+            expected = ", ".join(self.patterns)
+            raise DeckError([Problem(file=str(path), message=f"no file of the family {self.name} ({expected})")])
+        frame = JobFrame(parts.system_of(given), parts.ellipsoid_of(given), parts.statement_of(given))
+        problems: list[Problem] = []
+        tables_of: dict[str, list[Table]] = {}
+        for file, place in files.items():
+            read = read_records(place.read_bytes(), resolved(file, frame), str(place))
+            problems += read.problems
+            if musat.has_errors(read.problems):
+                continue  # rows are missing: what is wrong between them says nothing
+            read_parts, faults = parts_of_file(read, frame)
+            problems += faults
+            for role, table in read_parts.items():
+                tables_of.setdefault(role, []).append(table)
+        if musat.has_errors(problems):
+            raise DeckError(problems)
+        read_parts = {role: joined(role, tables) for role, tables in tables_of.items()}
+        stated = parts.statement_of(given)
+        if stated is not None and {"stations", "control"} & set(read_parts):  # the files do not say it themselves
+            problems.append(Problem(file=str(path), message=f"read as {self._words(stated)}", severity="warning"))
+        result = parts.merged(given, read_parts)
+        if "plates" in read_parts and any(file.origin_at_principal_point for file in files):
+            result = with_origin(result, at_principal_point=False)
+        return result, tuple(problems)
+
+    def render(self, given: Tables, path: Path, stem: str = "block") -> Rendered:
+        """Return the files that have something to say, and what they leave out.
+
+        Raises `DeckError` with every value that a file cannot hold.
+        """
+        frame = JobFrame(parts.system_of(given), parts.ellipsoid_of(given), parts.statement_of(given))
+        contents: dict[Path, bytes] = {}
+        problems: list[Problem] = []
+        for file, place in self.targets(path, stem).items():
+            spec = resolved(file, frame)
+            try:
+                rows = rows_of_parts(spec, given, frame)
+                if rows:
+                    contents[place] = write_records(spec, rows, str(place))
+            except DeckError as error:
+                problems += error.problems
+        if parts.is_raw(given) and "plates" in held(self.files) and "fiducial_measurements" not in held(self.files):
+            message = f"the plate coordinates are comparator readings (RED), and {self.name} holds refined ones"
+            problems.append(Problem(message=message))
+        if not problems and not contents:
+            problems.append(Problem(message=f"the family {self.name} can hold nothing of this"))
+        if problems:
+            raise DeckError(problems)
+        return Rendered(contents=contents, left_out=self.left_out(given))
+
+    # --- blocks ---
+
+    def load_one(self, path: Path | str, deck: Path | str | None = None) -> model.Block:
+        """Return the block in the files of a set, completed by a deck (camera, options, water, ...).
+
+        Raises `DeckError` with every problem, or with what is missing, and `OSError`.
+        """
+        given = {} if deck is None else parts.deck_parts(deck)
+        return parts.block_of(self.read(Path(path), given)[0])
+
+    def dump_one(self, block: model.Block, path: Path | str) -> tuple[str, ...]:
+        """Write a block to the files of a set, and return what they cannot hold, one line each."""
+        rendered = self.render(parts.parts_of(block), Path(path))
+        write_files(rendered.contents)
+        return rendered.left_out
+
+    def left_out(self, given: Tables) -> tuple[str, ...]:
+        """Return what of the parts the family cannot hold, one line each."""
+        holds = held(self.files)
+        lines: list[str] = []
+        geographic = parts.system_of(given) is model.CoordinateSystem.GEOGRAPHIC
+        stated = parts.statement_of(given)
+        if stated is not None and {"stations", "control"} & set(given) & set(holds):
+            lines.append(f"{self.name}: {self._words(stated)}")
+        elif geographic and any(file.rectangular for file in self.files) and {"stations", "control"} & set(given):
+            lines.append(f"{self.name} holds rectangular coordinates: geocentric ones are written")
+        for role, table in given.items():
+            if not size(table) or role in system_rows.TABLES:
+                continue
+            if role not in holds:
+                lines.append(_line(self.name, f"{noun_of_role(role)}s", size(table)))
+                continue
+            lines += self._rows_left_out(role, table, given, holds)
+            lines += _attributes_left_out(self.name, role, table, holds[role])
+        return tuple(lines)
+
+    def _words(self, stated: Statement) -> str:
+        """Return in which system the files have coordinates and attitudes."""
+        vertical = any(file.vertical_attitude and "attitudes" in held([file]) for file in self.files)
+        if vertical and not stated.along_system:
+            return f"coordinates of {stated.system.text}, attitudes {stated.axes_text}"
+        return f"coordinates and attitudes of {stated.system.text}"
+
+    def _rows_left_out(self, role: str, table: Table, given: Tables, holds: dict[str, set[str]]) -> list[str]:
+        lines = []
+        if role == "plates" and "plates.triangulated" not in holds[role]:
+            out = int((~table["plates.triangulated"].astype(bool)).sum())
+            if out:
+                lines.append(f"{self.name} holds no measurements kept out of the solution: {out} left out")
+        if role in ("stations", "attitudes") and {"stations", "attitudes"} <= set(holds):
+            other = given.get("attitudes" if role == "stations" else "stations", {})
+            alone = int((~np.isin(table["photos.ids"], other.get("photos.ids", np.zeros(0, dtype=str)))).sum())
+            if alone and self._one_row("stations", "attitudes"):
+                without = "attitudes" if role == "stations" else "stations"
+                lines.append(f"{self.name} holds no {role} without {without}: {alone} left out")
+        if role == "control":
+            lines += self._control_left_out(table, given)
+        return lines
+
+    def _one_row(self, *roles: str) -> bool:
+        """Return whether one kind of row says all roles."""
+        return any(set(roles) <= said_by(file, leaf).keys() for file in self.files for leaf in file.leaves())
+
+    def _control_left_out(self, table: Table, given: Tables) -> list[str]:
+        frame = JobFrame(parts.system_of(given), parts.ellipsoid_of(given), parts.statement_of(given))
+        fits = np.zeros(size(table), dtype=bool)
+        for file in self.files:
+            for leaf in file.leaves():
+                if "control" in said_by(file, leaf):
+                    fits |= can_hold_control(file, leaf, table, frame)
+        lines = []
+        for kind in model.ControlKind:
+            count = int((~fits & (table["control.kind"] == kind)).sum())
+            if count:
+                lines.append(f"{self.name} holds no such {kind.name.lower()} control: {count} left out")
+        return lines
+
+
+def _line(family: str, what: str, count: int) -> str:
+    return f"{family} holds no {what}: {count} left out"
+
+
+def _attributes_left_out(family: str, role: str, table: Table, holds: set[str]) -> list[str]:
+    lines = []
+    for path, column in table.items():
+        if path in holds or path in (*KEYS.get(role, ()), "plates.triangulated", "control.kind"):
+            continue
+        count = int(is_said(path, column).sum())
+        if count:
+            lines.append(_line(family, f"{noun_of(path)} of {noun_of_role(role)}s", count))
+    return lines
 
 
 FormatFamily = DeckFamily | RecordSet  # what both can do: name, patterns, matches, targets, read, render

@@ -12,8 +12,7 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import DeckError, Problem
 from musatpy.jobs import agreement
 from musatpy.jobs.agreement import Part
-from musatpy.jobs.doubles import Once, once
-from musatpy.jobs.linking import Linking
+from musatpy.jobs.linking import Linking, Once, once
 from musatpy.jobs.naming import Kind
 from musatpy.model import Block, EqualElevations, Photos, PlateMeasurements, Points, WaterLevel
 from musatpy.model.block import in_order, linking

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.jobs.ties import Overlaps, overlaps, parts
 from musatpy.model import Block, ControlKind
 from musatpy.model.tables import Table, per_row, taken
 
@@ -38,6 +37,15 @@ class PointCounts(Table):
     kind: IntArray = per_row()  # (p,) ControlKind, -1 without control
     grouped: BoolArray = per_row()  # (p,) member of an equal elevation group
     only_photo: IntArray = per_row()  # (p,) link to the photo of a point with one ray, else -1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Overlaps(Table):
+    """The c pairs of photos with points in common, by measurements not flagged N, in the order of the photos."""
+
+    first: IntArray = per_row(link="photos")  # (c,)
+    second: IntArray = per_row(link="photos")  # (c,), after the first one
+    points: IntArray = per_row()  # (c,) number of points in common
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,6 +129,36 @@ def _photos(block: Block, points: PointCounts, pairs: Overlaps) -> PhotoCounts:
         with_next=with_next,
         neighbours=np.bincount(np.concatenate([pairs.first, pairs.second]), minlength=n),
     )
+
+
+def overlaps(block: Block) -> Overlaps:
+    """Return the pairs of photos of a block that have points in common, and how many."""
+    plates, n = block.plates, len(block.photos.ids)
+    used = np.flatnonzero(plates.triangulated)
+    used = used[np.lexsort((plates.photo[used], plates.point[used]))]
+    photo, point = plates.photo[used], plates.point[used]
+    pairs: list[IntArray] = []
+    for apart in range(1, len(used)):
+        same = point[apart:] == point[:-apart]
+        if not same.any():
+            break
+        pairs.append(photo[:-apart][same] * n + photo[apart:][same])
+    codes, count = np.unique(np.concatenate([np.zeros(0, dtype=int), *pairs]), return_counts=True)
+    different = codes // max(n, 1) != codes % max(n, 1)  # a point that is measured twice on a photo ties nothing
+    return Overlaps(first=codes[different] // n, second=codes[different] % n, points=count[different])
+
+
+def parts(photos: int, pairs: Overlaps, at_least: int = 1) -> IntArray:
+    """Return which part (n,) each photo belongs to: photos hang together by pairs with so many points in common.
+
+    Parts are numbered from 0 in the order of their first photos.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    strong = pairs.points >= at_least
+    ties = (pairs.points[strong], (pairs.first[strong], pairs.second[strong]))
+    return np.asarray(connected_components(coo_array(ties, shape=(photos, photos)), directed=False)[1])
 
 
 def rays_histogram(job: Summary) -> dict[str, IntArray]:
