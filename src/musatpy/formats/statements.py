@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SystemsError
 from musatpy.formats import mapping, system_rows
+from musatpy.formats.job_tables import Table, Tables
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, SystemSpec
 from musatpy.units import ARC_SECOND
 
@@ -26,7 +26,7 @@ OF_SYSTEM = "SYST"  # sigmas are those of the coordinates and attitudes as state
 _ROUNDING = 1e-14  # rad: an angle of zero comes back from a rotation with a sign, which cards would show
 
 
-def in_words(block: Block) -> tuple[Block, dict[str, dict[str, NDArray[Any]]]]:
+def in_words(block: Block) -> tuple[Block, Tables]:
     """Return a job as its deck states it, and what the cards of the statement and of matrices say, by table.
 
     Raises `SystemsError` where the job cannot be stated so.
@@ -51,7 +51,7 @@ def in_words(block: Block) -> tuple[Block, dict[str, dict[str, NDArray[Any]]]]:
     return job, cards
 
 
-def _matrix_values(block: Block, matrices: FloatArray) -> dict[str, NDArray[Any]]:
+def _matrix_values(block: Block, matrices: FloatArray) -> Table:
     """Return what the cards of matrices say, three for each photo that has one."""
     photos = block.photos
     known = np.flatnonzero(np.isfinite(matrices).all(axis=(1, 2)))
@@ -84,19 +84,19 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Probl
         return draft, block, places or tuple(_placed(draft, problem) for problem in error.problems)
     problems = tuple(_placed(draft, problem) for problem in warnings)
     photos, control = job.photos, job.control
-    rows = dict(draft.rows)
-    for role, by_link in (
-        ("stations", {"photos.position": photos.position, "photos.position_sigma": photos.position_sigma}),
-        ("attitudes", {"photos.attitude": photos.attitude, "photos.attitude_sigma": photos.attitude_sigma}),
-        ("tides", {"photos.tide": photos.tide}),
-    ):
-        new = {path: values[draft.photo[role]] for path, values in by_link.items()}
-        rows[role] = replace(rows[role], values={**rows[role].values, **new})
+    by_photo = {
+        "stations": {"photos.position": photos.position, "photos.position_sigma": photos.position_sigma},
+        "attitudes": {"photos.attitude": photos.attitude, "photos.attitude_sigma": photos.attitude_sigma},
+        "tides": {"photos.tide": photos.tide},
+    }
+    new: Tables = {
+        role: {path: column[draft.photo[role]] for path, column in table.items()}
+        for role, table in by_photo.items()
+    }
+    new["control"] = {"control.position": control.position, "control.sigma": control.sigma}
     if job.wave_origin is not None:
-        origin = np.array([job.wave_origin.position])
-        rows["wave_origin"] = replace(rows["wave_origin"], values={"wave_origin.position": origin})
-    values = {"control.position": control.position, "control.sigma": control.sigma}
-    rows["control"] = replace(rows["control"], values={**rows["control"].values, **values})
+        new["wave_origin"] = {"wave_origin.position": np.array([job.wave_origin.position])}
+    rows = draft.rows | {role: draft.rows[role].with_values(table) for role, table in new.items()}
     job = replace(job, given_in=draft.given_in, stated_in=draft.stated_in)
     return replace(draft, rows=rows, options=job.options), job, problems
 
@@ -182,21 +182,19 @@ def _unreached(draft: Draft, block: Block, reach: Callable[[FloatArray], object]
 
 def _placed(draft: Draft, problem: Problem) -> Problem:
     """Return a problem of the statement at the card of the photo or point that it is of, else at the SYS card."""
-    message, severity = problem.message, problem.severity
-    for kind, role, path, links, ids in (
-        ("photo", "attitudes", "photos.attitude", draft.photo, draft.photo_ids),
-        ("photo", "stations", "photos.position", draft.photo, draft.photo_ids),
-        ("photo", "tides", "photos.tide", draft.photo, draft.photo_ids),
-        ("control point", "control", "control.position", draft.point, draft.point_ids),
+    of_photo, message = draft.photo_ids == problem.found, problem.message
+    for kind, role, path, rows, words in (
+        ("photo", "attitudes", "photos.attitude", draft.photo, ("attitude", "matrix", "turn about")),
+        ("photo", "stations", "photos.position", draft.photo, ("",)),
+        ("photo", "tides", "photos.tide", draft.photo, ("tide",)),
+        ("control point", "control", "control.position", draft.point, ("",)),
     ):
-        about = {"attitudes": ("attitude", "matrix", "turn about"), "tides": ("tide",)}.get(role, ("",))
         if problem.found is None or not message.startswith(f"{kind} {problem.found}:"):
             continue
-        if not any(word in message for word in about):
-            continue
-        rows = np.flatnonzero(links[role] == np.flatnonzero(ids == problem.found)[0])
-        if rows.size:
-            return draft.problem(role, int(rows[0]), message, path=path, severity=severity)
+        named = of_photo if kind == "photo" else draft.point_ids == problem.found
+        cards = np.flatnonzero(np.append(named, False)[rows[role]])
+        if cards.size and any(word in message for word in words):
+            return draft.problem(role, int(cards[0]), message, path=path, severity=problem.severity)
     return _of_statement(draft, system_rows.IN, problem)
 
 

@@ -125,7 +125,8 @@ def read_cards(source: Path | str | bytes, family: Family, name: str | None = No
     data = (source if isinstance(source, bytes) else Path(source).read_bytes()).removesuffix(_END_OF_FILE)
     reader = _Reader(file, family, card_images(b"" if data.isspace() else data))
     tables = {spec.mnemonic: table for spec in family.cards.values() if (table := reader.table(spec)) is not None}
-    return CardDeck(file=file, tables=tables, problems=reader.all_problems(), images=reader.images)
+    problems = tuple(sorted(reader.problems, key=lambda problem: (problem.line or 0, problem.columns or (0, 0))))
+    return CardDeck(file=file, tables=tables, problems=problems, images=reader.images)
 
 
 class _Reader:
@@ -142,10 +143,6 @@ class _Reader:
         self._check_characters()
         self._check_mnemonics()
         self._check_counts()
-
-    def all_problems(self) -> tuple[Problem, ...]:
-        """Return the problems by line and column, those of the whole deck first."""
-        return tuple(sorted(self.problems, key=lambda problem: (problem.line or 0, problem.columns or (0, 0))))
 
     def table(self, spec: CardSpec) -> CardTable | None:
         """Return the table of the cards of `spec`, decoded in chunks; None where there are none."""

@@ -82,17 +82,17 @@ def setting_of(spec: CardSpec, name: str, text: str) -> Setting:
 
 def _columns(spec: CardSpec, field: FieldSpec, text: str) -> str:
     """Return the columns of a field that say a text, which a person does not punch: 5 is 5 in a field F8.3."""
-    where = f"{spec.mnemonic}.{field.name}"
+    where, capitals = f"{spec.mnemonic}.{field.name}", text.upper()
     try:
         if not text:
             columns = " " * field.edit.width
             field.decode(columns)
             return columns
-        value = _number(field, text) if field.edit.is_number else _word(field, text)
+        value = _number(field, text) if field.edit.is_number else (capitals if capitals in field.allowed else text)
         columns = field.encode(value)
         read = field.decode(columns)
     except FieldError as error:
-        likely = nearest(text.upper(), field.allowed)
+        likely = nearest(capitals, field.allowed)
         meant = f"; did you mean {likely}?" if likely else ""
         raise SettingError(f"{where}: '{text}' is not {error.expected}{meant}") from error
     if read != value and abs(float(read) - float(value)) > 1e-12 * abs(float(value)):
@@ -108,10 +108,6 @@ def _number(field: FieldSpec, text: str) -> float:
     if field.edit.letter == "I" and number != round(number):
         raise FieldError(text, f"a whole number ({field.edit})")
     return -0.0 if number == 0.0 and text.startswith("-") else number
-
-
-def _word(field: FieldSpec, text: str) -> str:
-    return text.upper() if text.upper() in field.allowed else text
 
 
 def blank_card(spec: CardSpec) -> str:
@@ -136,20 +132,15 @@ def deck_with(data: bytes, settings: Iterable[Setting]) -> bytes:
     by_card: dict[str, list[Setting]] = {}
     for setting in settings:
         by_card.setdefault(setting.card, []).append(setting)
-    lines = re.findall(rb"[^\n]*\n|[^\n]+", data)
+    lines = re.findall(r"[^\n]*\n|[^\n]+", data.decode("latin-1"))
     for mnemonic, of_card in by_card.items():
-        row, end = _first(lines, mnemonic), _first(lines, END_MNEMONIC)
+        row, end = (
+            next((row for row, line in enumerate(lines) if line.startswith(name)), None)
+            for name in (mnemonic, END_MNEMONIC)
+        )
         if row is not None:
-            card = lines[row].rstrip(b"\r\n")
-            lines[row] = _with(card, of_card) + lines[row][len(card) :]
+            card = lines[row].rstrip("\r\n")
+            lines[row] = card_with(card, of_card) + lines[row][len(card) :]
         elif end is not None:
-            lines.insert(end, _with(mnemonic.encode(), of_card) + b"\n")
-    return b"".join(lines)
-
-
-def _with(card: bytes, settings: Iterable[Setting]) -> bytes:
-    return card_with(card.decode("latin-1"), settings).encode("latin-1")
-
-
-def _first(lines: Iterable[bytes], mnemonic: str) -> int | None:
-    return next((row for row, line in enumerate(lines) if line.startswith(mnemonic.encode())), None)
+            lines.insert(end, card_with(mnemonic, of_card) + "\n")
+    return "".join(lines).encode("latin-1")
