@@ -14,7 +14,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from musatpy.formats.cards import card_formats_folder, load_family, read_cards, write_cards
+from musatpy.formats.cards.deck import read_cards, write_cards
+from musatpy.formats.cards.spec import card_formats_folder, load_family
 
 pandas = pytest.importorskip("pandas")
 fortranformat = pytest.importorskip("fortranformat")
@@ -126,7 +127,8 @@ def test_plate_cards_written_per_second(path, family, columns):
 
 MEASURE_RESIDENT = """
 import sys
-from musatpy.formats.cards import card_formats_folder, load_family, read_cards
+from musatpy.formats.cards.deck import read_cards
+from musatpy.formats.cards.spec import card_formats_folder, load_family
 def high_water():
     return next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmHWM"))
 family = load_family(card_formats_folder() / "musat")

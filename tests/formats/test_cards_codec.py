@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from musatpy.formats.cards import CardSpec, FieldSpec
 from musatpy.formats.cards.codec import FEW, decode_column, empty_column, encode_cards, gaps, stray_rows
+from musatpy.formats.cards.spec import CardSpec, FieldSpec
 from musatpy.fortran import FieldError, fit_number, parse_edit, write_number
 
 NUMBERS = (

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from musatpy.errors import DeckError
-from musatpy.formats.cards import card_formats_folder, load_family, read_cards, write_cards
+from musatpy.formats.cards.deck import read_cards, write_cards
+from musatpy.formats.cards.spec import card_formats_folder, load_family
 
 TITLE = "TTL A SMALL DECK"
 CAMERA = "CAM RC8       152.12300    0.00400   -0.01100   230.00   230.00"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from musatpy.errors import CardFormatError, DeckError
-from musatpy.formats.cards import card_formats_folder
+from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.formats.families import RecordSet, agencies, families
 from musatpy.formats.records.fields import RecordField
 from musatpy.formats.records.files import read_records, write_records

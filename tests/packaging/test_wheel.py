@@ -15,7 +15,8 @@ EXAMPLES = "musatpy/examples/examples.toml"
 
 READ_SAMPLES = """
 import musatpy
-from musatpy.formats.cards import card_formats_folder, load_family, read_cards
+from musatpy.formats.cards.deck import read_cards
+from musatpy.formats.cards.spec import card_formats_folder, load_family
 family = load_family(card_formats_folder() / "musat")
 deck = read_cards("".join(f"{card.sample}\\n" for card in family.cards.values()).encode(), family)
 assert not deck.problems, deck.problems

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import musatpy
-from musatpy.formats.cards import card_formats_folder
+from musatpy.formats.cards.spec import card_formats_folder
 
 _SOURCES = (".py", ".toml")
 

@@ -252,8 +252,6 @@ def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float =
     parts = [mapping.gather(table.spec, table.columns, angle) for table in tables]
     kind = np.repeat([specs.index(spec) for spec in present], [len(table) for table in tables])
     lines = np.concatenate([table.lines for table in tables])
-    if len(present) == 1:
-        return Rows(role=role, specs=specs, kind=kind, lines=lines, values=parts[0])
     order = np.argsort(lines, kind="stable")
     values = {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}
     return Rows(role=role, specs=specs, kind=kind[order], lines=lines[order], values=values)

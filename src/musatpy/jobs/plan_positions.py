@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any, Self
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import DeckError, MusatError, Problem
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame, LocalFrame
@@ -213,19 +214,18 @@ def near_control(blocks: list[Block], limit: float) -> list[tuple[int, str, int,
     Rows are block, point, block, point, distance in plan; those without horizontal positions are not compared. It
     is a hint only: what is near is not therefore the same.
     """
+    from scipy.spatial.distance import cdist
+
     places = [_working_plan(block) for block in blocks]
+    names = [block.points.ids[block.control.point].tolist() for block in blocks]
     pairs = []
-    for first in range(len(blocks)):
-        for second in range(first + 1, len(blocks)):
-            for a, b, distance in _near(places[first], places[second], limit):
-                one, other = _control_name(blocks[first], a), _control_name(blocks[second], b)
-                if one != other:
-                    pairs.append((first, one, second, other, distance))
+    for first, second in combinations(range(len(blocks)), 2):
+        distance = cdist(places[first], places[second])
+        for a, b in np.argwhere(distance < limit).tolist():
+            one, other = names[first][a], names[second][b]
+            if one != other:
+                pairs.append((first, one, second, other, float(distance[a, b])))
     return pairs
-
-
-def _control_name(block: Block, row: int) -> str:
-    return str(block.points.ids[block.control.point[row]])
 
 
 def _working_plan(block: Block) -> FloatArray:
@@ -236,12 +236,3 @@ def _working_plan(block: Block) -> FloatArray:
     working = np.full(position.shape, np.nan)
     working[known] = frame.from_level(position[known])
     return working
-
-
-def _near(first: FloatArray, second: FloatArray, limit: float) -> list[tuple[int, int, float]]:
-    known: IntArray = np.flatnonzero(np.isfinite(second).all(axis=1))
-    pairs = []
-    for row in np.flatnonzero(np.isfinite(first).all(axis=1)).tolist():
-        distance = np.linalg.norm(second[known] - first[row], axis=1)
-        pairs += [(row, int(known[k]), float(distance[k])) for k in np.flatnonzero(distance < limit)]
-    return pairs

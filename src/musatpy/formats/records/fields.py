@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -12,7 +11,6 @@ from musatpy.formats.cards.spec import UNITS, FieldSpec, columns_of, one_of
 from musatpy.fortran import Edit, FieldError, fit_number, read_number, write_number
 from musatpy.specs import key, require
 
-_PLAIN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)", re.ASCII)
 PACKED = "dms"  # unit of angles DDDMMSS.sss in one number
 JOB_UNIT = "job"  # packed angles in a geographic job, metres in a rectangular one
 RECORD_UNITS = (*UNITS, "rad", "gon", PACKED, JOB_UNIT)
@@ -88,8 +86,6 @@ class RecordField(FieldSpec):
     def _decode_number(self, text: str) -> float:
         if not self.free or not text.strip():
             return float(super().decode(text))
-        if self.edit.letter != "I" and len(text) < 300 and _PLAIN.fullmatch(text):
-            return float(text)  # what most words are
         letter: Literal["I", "F"] = "I" if self.edit.letter == "I" else "F"
         try:
             return read_number(text, Edit(letter=letter, width=len(text)))

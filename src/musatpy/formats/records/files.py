@@ -68,7 +68,7 @@ class _Reader:
         self.joined = {record.joins for record in spec.records if record.joins}
         self.rows: dict[str, list[tuple[int, dict[str, Value]]]] = {leaf.name: [] for leaf in spec.leaves()}
         self.before = START  # name of the record before
-        self.open: dict[str, tuple[int, dict[str, Value]]] = {}  # the last of each record that others join
+        self.open: dict[str, dict[str, Value]] = {}  # the last of each record that others join
         self.waiting: dict[str, int] = {}  # those that no other has joined yet, and their lines
         self.end = 1  # the last line that is not blank
         self.problems: list[Problem] = []
@@ -109,12 +109,11 @@ class _Reader:
         complete = bool(values) or not record.fields
         if record.joins:
             self.waiting.pop(record.joins, None)
-            head = self.open.get(record.joins, (0, {}))[1]
-            complete = complete and bool(head)
+            head = self.open.get(record.joins, {})
             values = {**head, **values}
-            complete = complete and self._agrees(record, number, values)
+            complete = complete and bool(head) and self._agrees(record, number, values)
         if record.name in self.joined:
-            self.open[record.name] = (number, values if complete else {})
+            self.open[record.name] = values if complete else {}
             self.waiting[record.name] = number
         if record.name in self.leaves and complete:
             self.rows[record.name].append((number, values))
