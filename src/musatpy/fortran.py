@@ -192,7 +192,10 @@ def fit_number(value: float, edit: Edit, *, all_digits: bool = False) -> str:
     one. Raises `FieldError` where the value does not fit even so (its point is always written).
     """
     if all_digits and edit.letter == "F" and math.isfinite(value) and value:
-        return _full_number(value, edit)
+        for decimals in range(min(decimals_of(value, edit.decimals), edit.width - 1), edit.decimals, -1):
+            text = write_number(value, Edit(letter="F", width=edit.width, decimals=decimals))
+            if text[-1] not in "*0":
+                return text
     text = write_number(value, edit)
     if edit.letter == "F" and value and not text.strip(" -.0"):
         return _small_number(value, edit)
@@ -203,18 +206,6 @@ def fit_number(value: float, edit: Edit, *, all_digits: bool = False) -> str:
     if "*" in text:
         raise FieldError(repr(value), f"a number that fits {edit}")
     return text
-
-
-def _full_number(value: float, edit: Edit) -> str:
-    """Return a number with all digits that the width of `edit` can hold, and no zeros beyond its decimals."""
-    decimals = min(decimals_of(value, edit.decimals), edit.width - 1)
-    while decimals > edit.decimals:
-        text = write_number(value, Edit(letter="F", width=edit.width, decimals=decimals))
-        needed = len(text.rstrip("0").partition(".")[2])
-        if needed == decimals and "*" not in text:
-            break
-        decimals = max(edit.decimals, decimals - 1 if "*" in text else needed)
-    return fit_number(value, Edit(letter="F", width=edit.width, decimals=decimals))
 
 
 def _small_number(value: float, edit: Edit) -> str:

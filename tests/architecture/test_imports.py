@@ -15,7 +15,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGE = "musatpy"
 
-EVERYONE = {"errors", "units", "fortran", "files", "specs", "spec_keys", "draws", "json_files", "arrays", "figures"}
+EVERYONE = {"errors", "units", "fortran", "files", "specs", "draws", "json_files", "arrays", "figures"}
 EVERYONE |= {"image_observations", "probability"}
 # Room -> the rooms whose modules it may import, besides EVERYONE and itself.
 MAY_IMPORT: dict[str, set[str]] = {
@@ -25,7 +25,6 @@ MAY_IMPORT: dict[str, set[str]] = {
     "fortran": set(),
     "files": set(),
     "specs": set(),
-    "spec_keys": {"specs"},
     "draws": set(),
     "probability": set(),
     "figures": set(),

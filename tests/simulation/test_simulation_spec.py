@@ -10,7 +10,7 @@ from cli.commands import musat
 from musatpy.errors import SpecError
 from musatpy.simulation import load_spec, simulate, spec_from_table, truth_record
 from musatpy.simulation.simulation_spec import SimulationSpec
-from musatpy.spec_keys import key_tables
+from musatpy.specs import key_tables
 
 COLD = {"conditions": {"temperature": 12.0, "salinity": 35.0}}
 DOCS = Path(__file__).parents[2] / "docs"

@@ -46,7 +46,7 @@ def keys_option(spec: Callable[[], type[object]]) -> Callable[[Callable[..., Any
 
     def show(context: click.Context, _: click.Parameter, shown: bool) -> None:
         if shown:
-            from musatpy.spec_keys import key_tables
+            from musatpy.specs import key_tables
 
             click.echo(key_tables(spec()), nl=False)
             context.exit()

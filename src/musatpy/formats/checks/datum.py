@@ -9,7 +9,6 @@ what is free with most of them is free.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -89,10 +88,9 @@ def parts(draft: Draft) -> Iterator[Problem]:
     """Yield each part of the block (photos that hang together by usable rays) whose datum is not fixed.
 
     Two horizontally and three vertically known points fix it, and so does whatever else is observed and holds all
-    seven motions : a single component of a station, an angle, an air base, differences of heights. A
-    part of which a motion is held by nothing is an error; else, where only the relief of horizontal points can
-    level it, a warning. Photos that are wholly observed need nothing more. A free network needs no datum, but it
-    must be one.
+    seven motions: a single component of a station, an angle, an air base, differences of heights. A part of which a
+    motion is held by nothing is an error; else, where only the relief of horizontal points can level it, a warning.
+    Photos that are wholly observed need nothing more. A free network needs no datum, but it must be one.
     """
     if not len(draft.rows["stations"]) and not draft.may_lack_station:
         return
@@ -102,87 +100,49 @@ def parts(draft: Draft) -> Iterator[Problem]:
     free = draft.options.datum is Datum.FREE
     observed = _observed(draft)
     for number in numbers:
-        if observed[part == number].all() or (free and len(numbers) == 1):
-            continue
         inside = part == number
-        measured = _measured(draft, rays, inside)
-        known = _known(draft, rays, inside, measured)
-        photos = draft.photo_ids[part == number].tolist()
+        if observed[inside].all() or (free and len(numbers) == 1):
+            continue
+        measured = np.zeros(len(draft.point_ids), dtype=bool)
+        measured[draft.point["plates"][rays.usable & np.append(inside, False)[draft.photo["plates"]]]] = True
+        known, is_level = _known(draft, rays, inside, measured)
+        photos = draft.photo_ids[inside].tolist()
         name = "the block" if len(numbers) == 1 else f"the part of the block with {_list_photos(photos)}"
-        have = f"has {known.describe()}"
+        have = f"has {known}"
         if _motions_held(draft, rays, inside, measured, observed) < _MOTIONS:
             need = f"its datum needs {_HORIZONTAL} horizontal and {_VERTICAL} vertical ones, or observed stations"
             alone = "" if len(numbers) == 1 else " and hangs together with the rest by nothing"
             yield Problem(file=draft.deck.file, message=f"{name} {have}{alone}: {need}")
-        elif not known.is_level:
+        elif not is_level:
             message = f"{name} {have}: only the relief of the horizontal ones levels it"
             yield Problem(file=draft.deck.file, message=message, severity="warning")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Known:
-    """How much is known of a part of the block."""
-
-    horizontal: int  # known points and observed stations
-    vertical: int
-    tilts: int  # observed X-tilt, observed Y-tilt (each counts once), equal elevations
-    headings: int  # photos with an observed heading
-    bases: int  # air bases and measured distances
-
-    @property
-    def is_level(self) -> bool:
-        """True where height differences or observed tilts level the part."""
-        return self.vertical + self.tilts >= _VERTICAL
-
-    def describe(self) -> str:
-        """Return what is known, in words."""
-        counts = f"{self.horizontal or 'no'} horizontally and {self.vertical or 'no'} vertically"
-        points = f"{counts} known points or stations"
-        others = [
-            text
-            for number, text in (
-                (self.headings, _count(self.headings, "observed heading")),
-                (self.tilts, _count(self.tilts, "levelling condition")),
-                (self.bases, _count(self.bases, "air base or distance")),
-            )
-            if number
-        ]
-        return ", ".join([points, *others])
-
-
-def _measured(draft: Draft, rays: Rays, inside: BoolArray) -> BoolArray:
-    """Return (points,) True for those with usable rays of the photos `inside` (photos,)."""
-    measured = np.zeros(len(draft.point_ids), dtype=bool)
-    rows = rays.usable & np.append(inside, False)[draft.photo["plates"]]
-    measured[draft.point["plates"][rows]] = True
-    return measured
-
-
-def _known(draft: Draft, rays: Rays, inside: BoolArray, measured: BoolArray) -> _Known:
+def _known(draft: Draft, rays: Rays, inside: BoolArray, measured: BoolArray) -> tuple[str, bool]:
+    """Return in words how much is known of a part of the block, and whether its heights or tilts level it."""
     observed = _observed(draft)[inside]
-    stations = observed[:, :2].all(axis=1).sum()
-    groups = _members(draft, measured)
-    return _Known(
-        horizontal=int(stations + np.count_nonzero(measured & rays.horizontal)),
-        # A point of which only the height is known helps with two rays or more.
-        vertical=int(
-            observed[:, 2].sum()
-            + np.count_nonzero(measured & rays.vertical & ((rays.triangulated > 1) | rays.horizontal))
-        ),
-        tilts=int(observed[:, 3].any()) + int(observed[:, 4].any()) + groups,
-        headings=int(observed[:, 5].sum()),
-        bases=_bases(draft, inside, measured),
+    horizontal = observed[:, :2].all(axis=1).sum() + np.count_nonzero(measured & rays.horizontal)
+    # A point of which only the height is known helps with two rays or more.
+    helpful = rays.vertical & ((rays.triangulated > 1) | rays.horizontal)
+    vertical = observed[:, 2].sum() + np.count_nonzero(measured & helpful)
+    group, point = _equal_elevations(draft)
+    differences = np.maximum(np.bincount(group[measured[point]]) - 1, 0).sum()
+    tilts = observed[:, 3:5].any(axis=0).sum() + differences
+    others = (
+        (observed[:, 5].sum(), "observed heading"),
+        (tilts, "levelling condition"),
+        (_bases(draft, inside, measured), "air base or distance"),
     )
+    known = f"{horizontal or 'no'} horizontally and {vertical or 'no'} vertically known points or stations"
+    words = [known, *(_count(number, noun) for number, noun in others if number)]
+    return ", ".join(words), bool(vertical + tilts >= _VERTICAL)
 
 
-def _members(draft: Draft, measured: BoolArray) -> int:
-    """Return how many height differences the equal elevation groups give between `measured` points."""
-    points = draft.point["equal_elevations"]
-    _, group = draft.equal_elevation_groups
-    measured_points = (group >= 0)[:, np.newaxis] & (points >= 0) & np.append(measured, False)[points]
-    row, _ = np.nonzero(measured_points)
-    sizes = np.bincount(group[row])
-    return int(np.maximum(sizes - 1, 0).sum())
+def _equal_elevations(draft: Draft) -> tuple[IntArray, IntArray]:
+    """Return (k,) the group and (k,) the point of each name on an equal elevation card."""
+    points, (_, group) = draft.point["equal_elevations"], draft.equal_elevation_groups
+    row, column = np.nonzero((group >= 0)[:, np.newaxis] & (points >= 0))
+    return group[row], points[row, column]
 
 
 def _parts(draft: Draft, rays: Rays) -> IntArray:
@@ -204,10 +164,8 @@ def _level_links(draft: Draft, rays: Rays) -> IntArray:
     """Return (k, 2) pairs of photos that measure points of one equal elevation group."""
     photo_of_point = np.full(len(draft.point_ids) + 1, -1)
     photo_of_point[draft.point["plates"][rays.usable]] = draft.photo["plates"][rays.usable]
-    _, group = draft.equal_elevation_groups
-    photos = photo_of_point[draft.point["equal_elevations"]]
-    row, column = np.nonzero((group >= 0)[:, np.newaxis] & (photos >= 0))
-    member_group, member = group[row], photos[row, column]
+    member_group, point = _equal_elevations(draft)
+    member_group, member = (column[photo_of_point[point] >= 0] for column in (member_group, photo_of_point[point]))
     order = np.argsort(member_group, kind="stable")
     same = member_group[order][1:] == member_group[order][:-1]
     return np.stack([member[order][:-1][same], member[order][1:][same]], axis=1)
@@ -344,11 +302,9 @@ def _levels(draft: Draft, ground: FloatArray, points: BoolArray) -> Iterator[Flo
         ends = draft.point["height_differences"]
         ends = ends[inside[ends].all(axis=1)]
         yield up[ends[:, 1]] - up[ends[:, 0]]
-    _, group = draft.equal_elevation_groups
-    members = draft.point["equal_elevations"]
-    for number in np.unique(group[group >= 0]).tolist():
-        points_of_group = members[group == number].ravel()
-        points_of_group = np.unique(points_of_group[inside[points_of_group] & (points_of_group >= 0)])
+    group, point = _equal_elevations(draft)
+    for number in np.unique(group).tolist():
+        points_of_group = np.unique(point[(group == number) & points[point]])
         level = np.array(up[points_of_group])
         level[:, 6] = 0.0  # heights that are the same stay so
         yield level[1:] - level[:1]
