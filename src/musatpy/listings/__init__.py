@@ -12,8 +12,8 @@ from pathlib import Path
 from musatpy.listings.findings import Difference, Finding, Place, RuleUse, SectionSummary
 from musatpy.listings.judge import EXACTLY
 from musatpy.listings.lines import CannotCompareError, text_of
-from musatpy.listings.listing import compare_listings
 from musatpy.listings.rules import Rules, RulesError, load_rules, parse_rules
+from musatpy.listings.weighing import compare_listings
 
 __all__ = [
     "CannotCompareError",

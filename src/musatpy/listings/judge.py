@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from decimal import Context, Decimal
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 from musatpy.listings.findings import RuleUse
@@ -133,7 +132,7 @@ def _selects_row(rule: Rule, spot: Spot) -> bool:
 def _selects_field(rule: Rule, spot: Spot, field: Field) -> bool:
     if isinstance(rule.column, int) and rule.column != field.number:
         return False
-    if isinstance(rule.column, re.Pattern) and not (field.heading and _is_in(rule.column, field.heading)):
+    if isinstance(rule.column, re.Pattern) and not (field.heading and rule.column.search(field.heading)):
         return False
     if rule.at is not None and not (field.start < rule.at[1] and field.end >= rule.at[0]):
         return False
@@ -148,17 +147,7 @@ def _is_about(rule: Rule, spot: Spot, column: int) -> bool:
 
 
 def _names(pattern: re.Pattern[str] | None, names: Sequence[str]) -> bool:
-    return pattern is None or any(_is_whole(pattern, name) for name in names)
-
-
-@lru_cache(maxsize=1 << 16)
-def _is_whole(pattern: re.Pattern[str], name: str) -> bool:
-    return pattern.fullmatch(name) is not None
-
-
-@lru_cache(maxsize=1 << 12)
-def _is_in(pattern: re.Pattern[str], heading: str) -> bool:
-    return pattern.search(heading) is not None
+    return pattern is None or any(map(pattern.fullmatch, names))
 
 
 def _fits(rule: Rule, a: Token | None, b: Token | None) -> bool:

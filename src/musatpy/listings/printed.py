@@ -22,11 +22,11 @@ from musatpy.errors import Problem
 from musatpy.image_observations import are_apart, with_images
 from musatpy.listings.findings import Difference, RuleUse
 from musatpy.listings.lines import CUT, CannotCompareError, Line, paper_of
-from musatpy.listings.listing import compare_rows, overflows
 from musatpy.listings.records import major, read_json
 from musatpy.listings.rules import Rules
 from musatpy.listings.sections import Row, Section, numbered, sections_of, squeezed
 from musatpy.listings.tokens import Placed, tokens_of
+from musatpy.listings.weighing import compare_rows, overflows
 from musatpy.reports.editing import edited
 from musatpy.reports.fields import Field
 from musatpy.reports.table import Labels, Report, Table, Texts

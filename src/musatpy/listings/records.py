@@ -11,12 +11,12 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from musatpy.errors import Problem
-from musatpy.listings.compare import Cell, Comparison
 from musatpy.listings.findings import Difference, Place, RuleUse
 from musatpy.listings.judge import Field, RuleSet, Spot, still_open
 from musatpy.listings.lines import CannotCompareError
 from musatpy.listings.rules import Rules
 from musatpy.listings.tokens import Placed, Token
+from musatpy.listings.weighing import Cell, Comparison
 from musatpy.reports.values import at
 
 TOP = "(top)"

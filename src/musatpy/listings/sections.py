@@ -182,33 +182,26 @@ class Section:
         placed = tokens_of(text)
         if not self.columns or (self.grouped and self.is_note(text)):
             return [(-1, with_angles(placed) if angles else placed)]
-        if not self.grouped:
-            return self._cells_by_right_edge(with_angles(placed) if angles else placed, text)
+        label = _CELL.match(text)
         cells: dict[int, list[Placed]] = {}
-        for piece in placed:
-            cells.setdefault(max(bisect_right(self.starts, piece.end - 1) - 1, 0), []).append(piece)
-        if not angles:
-            return sorted(cells.items())
-        return [(column, self._as_angle(column, inside)) for column, inside in sorted(cells.items())]
-
-    def _as_angle(self, column: int, inside: list[Placed]) -> list[Placed]:
-        if len(inside) != 3 or (self.angles and not self.columns[column].angle):
-            return inside
-        angle = angle_of([placed.token for placed in inside])
-        return inside if angle is None else [Placed(angle, inside[0].start, inside[-1].end)]
-
-    def _cells_by_right_edge(self, placed: list[Placed], text: str) -> list[tuple[int, list[Placed]]]:
-        """Return the tokens under the headings that end nearest to them; the label of the row is column -1."""
-        first = _CELL.match(text)
-        label = first.end() if first else 0
-        cells: dict[int, list[Placed]] = {}
-        for piece in placed:
-            column = -1
-            before = piece.end <= self.columns[0].start and piece.token.kind != "number"
-            if piece.start >= label and not before:
-                column = min(range(len(self.columns)), key=lambda n: abs(self.columns[n].end - piece.end))
-            cells.setdefault(column, []).append(piece)
+        for piece in with_angles(placed) if angles and not self.grouped else placed:
+            cells.setdefault(self._column_of(piece, label.end() if label else 0), []).append(piece)
+        for n, inside in cells.items() if angles and self.grouped else ():
+            if len(inside) == 3 and (self.columns[n].angle or not self.angles):
+                angle = angle_of([piece.token for piece in inside])
+                cells[n] = [Placed(angle, inside[0].start, inside[-1].end)] if angle else inside
         return sorted(cells.items())
+
+    def _column_of(self, piece: Placed, label: int) -> int:
+        """Return the column of a token: the last whose dashes begin before its end, or whose heading ends nearest.
+
+        Without dashes for each column, what stands before the end of the `label` of a row is in column -1.
+        """
+        if self.grouped:
+            return max(bisect_right(self.starts, piece.end - 1) - 1, 0)
+        if piece.start < label or (piece.end <= self.columns[0].start and piece.token.kind != "number"):
+            return -1
+        return min(range(len(self.columns)), key=lambda n: abs(self.columns[n].end - piece.end))
 
 
 def squeezed(text: str) -> str:
