@@ -70,7 +70,7 @@ def compilation_page(tables: Tables) -> Page:
         use=USE[Grade(grade)],
         reasons=reasons_of(tables, places_of(chapters)),
         notes=[*tables["verdict"]["notes"], *tables["warnings"]],
-        figures=Facts(facts=list(_figures(tables, depths)), large=True),
+        figures=Facts(list(_figures(tables, depths)), large=True),
         chapters=chapters,
     )
 
@@ -91,20 +91,20 @@ def _depths(tables: Tables) -> Depths:
 def _figures(tables: Tables, depths: Depths) -> Iterator[Fact]:
     points, parallaxes = tables["points"], [model["y_parallax"] for model in tables["models"]]
     count, missing = len(points["point"]), sum(reason is not None for reason in points["reason"])
-    yield Fact(label="Points with coordinates", value=f"{count - missing:,} of {count:,}")
+    yield Fact("Points with coordinates", f"{count - missing:,} of {count:,}")
     if any(value is not None for value in parallaxes):
         values = ", ".join("" if value is None else number_text(1000.0 * value, 1) for value in parallaxes)
-        yield Fact(label="RMS of y-parallaxes, by model", value=f"{values} µm")
+        yield Fact("RMS of y-parallaxes, by model", f"{values} µm")
     for row in tables["analysis"]:
         value = f"{number_text(row['rms'], 3)} m"
-        yield Fact(label=f"RMS against the run, {row['component']}", value=value, link=anchor_of(_AGAINST))
+        yield Fact(f"RMS against the run, {row['component']}", value, link=anchor_of(_AGAINST))
     sigma = depths.sigma[np.isfinite(depths.sigma)]
     if len(sigma):
         span = f"{depths.depth.min():.2f} to {depths.depth.max():.2f} m below the datum"
-        yield Fact(label="Sigma of depths, median", value=f"{np.median(sigma):.3f} m", detail=span)
+        yield Fact("Sigma of depths, median", f"{np.median(sigma):.3f} m", detail=span)
     for orders in orders_table(depths):
         order, met, share = orders.rows[0]
-        yield Fact(label=f"Meet S-44 {order}", value=f"{share} %", detail=f"{met} points", link=anchor_of(ORDERS))
+        yield Fact(f"Meet S-44 {order}", f"{share} %", detail=f"{met} points", link=anchor_of(ORDERS))
 
 
 def _data(tables: Tables) -> Iterator[Part]:
@@ -113,16 +113,12 @@ def _data(tables: Tables) -> Iterator[Part]:
     sigma = number_text(job["datum_sigma"], 3)
     wet = int(flags(points, "submerged", 1).sum())
     yield Facts(
-        facts=[
-            Fact(label="Stereomodels", value=f"{len(tables['models']):,}"),
-            Fact(label="Readings", value=f"{len(points['point']):,}", detail=f"{wet:,} flagged as submerged"),
-            Fact(label="Coordinate system", value=str(job["system"])),
-            Fact(label="Refractive index", value=number_text(job["index"], 6) or "none: straight rays"),
-            Fact(
-                label="Sounding datum",
-                value=f"{datum}{number_text(job['datum_height'], 3)} m",
-                detail=f"sigma {sigma} m",
-            ),
+        [
+            Fact("Stereomodels", f"{len(tables['models']):,}"),
+            Fact("Readings", f"{len(points['point']):,}", detail=f"{wet:,} flagged as submerged"),
+            Fact("Coordinate system", str(job["system"])),
+            Fact("Refractive index", number_text(job["index"], 6) or "none: straight rays"),
+            Fact("Sounding datum", f"{datum}{number_text(job['datum_height'], 3)} m", detail=f"sigma {sigma} m"),
         ]
     )
 

@@ -100,13 +100,13 @@ def _provenance(tables: Tables, files: Mapping[str, str]) -> Chapter:
     program = part(tables, "program")
     schema = next(str(tables[name]) for name in (_OF_RUN, _OF_COMPILATION, _OF_SOUNDINGS) if name in tables)
     facts = [
-        Fact(label="Program of the record", value=f"musatpy {program['version']}" if program else ""),
-        Fact(label="Kernels", value=str(program.get("kernels") or "")),
-        Fact(label="Schema of the record", value=schema),
-        Fact(label="Program of the page", value=f"musatpy {musatpy.__version__}"),
-        *(Fact(label=f"SHA-256 of {name}", value=digest) for name, digest in files.items()),
+        Fact("Program of the record", f"musatpy {program['version']}" if program else ""),
+        Fact("Kernels", str(program.get("kernels") or "")),
+        Fact("Schema of the record", schema),
+        Fact("Program of the page", f"musatpy {musatpy.__version__}"),
+        *(Fact(f"SHA-256 of {name}", digest) for name, digest in files.items()),
     ]
-    return Chapter(title="Files And Program", parts=[Facts(facts=[fact for fact in facts if fact.value])])
+    return Chapter(title="Files And Program", parts=[Facts([fact for fact in facts if fact.value])])
 
 
 def pictures(gallery: Iterable[Picture[Any]], tables: Tables) -> Iterator[PagePicture]:

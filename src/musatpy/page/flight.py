@@ -32,15 +32,15 @@ def flight_facts(tables: Tables) -> Iterator[Fact]:
         return
     level, height = float(np.median(ground[:, 2])), float(np.median(flown[:, 2]))
     yield Fact(
-        label="Flying height over the ground",
-        value=f"{number_text(height - level, 0)} m",
+        "Flying height over the ground",
+        f"{number_text(height - level, 0)} m",
         detail=f"stations {flown[:, 2].min():.0f} to {flown[:, 2].max():.0f} m, points typically at {level:.1f} m",
     )
     yield from _scale(tables, height - level)
     area = _hull_area(ground[:, :2])
     if area:
         size = f"{size_text(area / _KILOMETRE2)} km²" if area > 0.1 * _KILOMETRE2 else f"{area:.0f} m²"
-        yield Fact(label="Area", value=size, detail="hull of the ground points")
+        yield Fact("Area", size, detail="hull of the ground points")
 
 
 def _scale(tables: Tables, height: float) -> Iterator[Fact]:
@@ -53,7 +53,7 @@ def _scale(tables: Tables, height: float) -> Iterator[Fact]:
     sigma = float(part(tables, "options")["plate_sigma"])
     rounded = round(scale, 1 - len(f"{scale:.0f}") + 2)
     detail = f"{sigma / MICROMETRE:g} µm, the sigma of plate coordinates, are {sigma * scale / 1000.0:.3f} m there"
-    yield Fact(label="Scale of the photos", value=f"1 : {rounded:,.0f}", detail=detail)
+    yield Fact("Scale of the photos", f"1 : {rounded:,.0f}", detail=detail)
 
 
 def _hull_area(places: FloatArray) -> float:
@@ -74,15 +74,15 @@ def times_fact(tables: Tables) -> Iterator[Fact]:
     if len(known):
         span = f"{known.min():.1f} to {known.max():.1f} s"
         detail = f"on the clock of the deck, {(known.max() - known.min()) / 60.0:.1f} minutes"
-        yield Fact(label="Exposures", value=span, detail=detail)
+        yield Fact("Exposures", span, detail=detail)
     if days:
         shown = ", ".join(days[:4]) + (f" and {len(days) - 4} more" if len(days) > 4 else "")
-        yield Fact(label="Days of exposure", value=shown)
+        yield Fact("Days of exposure", shown)
     tide = numbers(part(tables, "adjusted_water"), "tide")
     tide = tide[np.isfinite(tide)]
     if len(tide):
         span = f"{tide.min():.3f} to {tide.max():.3f} m"
-        yield Fact(label="Water levels at the exposures", value=span if np.ptp(tide) else f"{tide[0]:.3f} m")
+        yield Fact("Water levels at the exposures", span if np.ptp(tide) else f"{tide[0]:.3f} m")
 
 
 def rays_table(tables: Tables) -> Iterator[PageTable]:

@@ -56,7 +56,7 @@ class PageTable(Titled):
     folded: bool = False
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Fact:
     """A number or a few words with what they are."""
 
@@ -66,7 +66,7 @@ class Fact:
     link: str = ""  # anchor of where it is told in full
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Facts:
     """Facts side by side, `large` those that count most."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -9,8 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.model import Cause, CauseKind, Grade, Refraction
 from musatpy.page import flight
 from musatpy.page.accuracy import (
+    ORDERS,
+    Depths,
     analysis_table,
     depths_of,
     orders_table,
@@ -18,10 +22,17 @@ from musatpy.page.accuracy import (
     sample_table,
     samples,
 )
-from musatpy.page.cells import significant
-from musatpy.page.page_tables import PageReport, chapters_of, page_table, tables_of
-from musatpy.page.rendering import Fact, Facts, Page, PageTable, Part, Sentences
-from musatpy.page.summary import top_of
+from musatpy.page.cells import cell_text, count_of, significant
+from musatpy.page.page_tables import (
+    PageReport,
+    chapters_of,
+    page_table,
+    place_of,
+    places_of,
+    reasons_of,
+    tables_of,
+)
+from musatpy.page.rendering import Chapter, Fact, Facts, Page, PageTable, Part, Sentences
 from musatpy.plots.tables import Tables, part, texts
 from musatpy.reports import (
     adjusted_water,
@@ -41,9 +52,11 @@ from musatpy.reports import (
     titles,
 )
 from musatpy.reports.fields import Field, same
+from musatpy.reports.headline import headline
 from musatpy.reports.stated import answered
 from musatpy.reports.table import Report
 from musatpy.reports.values import at
+from musatpy.soundings.s44 import NO_ORDER
 from musatpy.statistics.quality import TEST_LIMIT
 
 _PHOTOS = 250  # rows of tables of photos
@@ -51,6 +64,8 @@ _CONTROL = 500
 _POINTS = 100
 _FEW = 20
 _WARNINGS = 50
+_CAUSES = 5
+_ENOUGH = 0.95  # share of the points that meet an order, from which on it is that of the run
 _BY_KIND = ("Observations, ", "Unknowns, ", "Sigma0, ")  # labels of numbers that are told beside others
 _HELD = (
     "Cameras are taken as calibrated: focal length, principal point and distortion are no unknowns of the "
@@ -149,21 +164,105 @@ def run_page(tables: Tables) -> Page:
         "Stations And Points": [*_stated(tables), *tables_of(_RESULTS, tables)],
         "How It Was Computed": _computed(tables),
     }
-    return top_of(tables, chapters_of(contents))
+    return _page(tables, chapters_of(contents))
+
+
+def _page(tables: Tables, chapters: Sequence[Chapter]) -> Page:
+    """Return the page of a run with these chapters, in which its reasons find what they are about."""
+    verdict, places = tables["verdict"], places_of(chapters)
+    heads = [" ".join(title.split()) for title in tables["titles"]]
+    return Page(
+        title=heads[0] if heads else "Aerotriangulation",
+        lines=[*heads[1:], f"MUSAT-{tables['options']['program']} aerotriangulation. {_what(tables)}"],
+        grade=verdict["grade"],
+        use=answer.USE[Grade(verdict["grade"])],
+        reasons=reasons_of(tables, places),
+        causes=_causes(tables["causes"][:_CAUSES]) if verdict["reasons"] else (),
+        notes=verdict["notes"],
+        figures=Facts(list(_figures(tables, places)), large=True),
+        chapters=chapters,
+    )
+
+
+def _what(tables: Tables) -> str:
+    points, wet, photos = (
+        tables["points"]["point"],
+        sum(tables["points"]["bathymetric"]),
+        tables["stations"]["photo"],
+    )
+    images = part(tables, "plates").get("photo")  # a record may be without them
+    count = tables["plate_statistics"]["total_count"][-1] if images is None else len(images)
+    refraction = titles.REFRACTION[Refraction(tables["options"]["refraction"])]
+    return (
+        f"{count_of(len(photos), 'photo')}, {count_of(len(points), 'ground point')} ({wet:,} submerged), "
+        f"{count_of(count, 'image')}. Refraction: {refraction}."
+    )
+
+
+def _causes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return likely causes in words; of one group those after the first begin with `or`."""
+    sentences, groups = [], set()
+    for row in rows:
+        lead = "or: " if row["group"] in groups else ""
+        groups.add(row["group"])
+        cause = Cause(
+            kind=CauseKind(row["cause"]),
+            cards=tuple(row["cards"]),
+            photos=tuple(row["photos"]),
+            points=tuple(row["points"]),
+            component=row["component"],
+            size=tuple(math.nan if value is None else value for value in row["size"]),
+            unit=row["unit"],
+            advice=row["advice"],
+        )
+        sentences.append(f"{lead}{cause}")
+    return sentences
+
+
+def _figures(tables: Tables, places: Mapping[str, str]) -> Iterator[Fact]:
+    """Yield the figures of page 1 of the listing, and those of the depths."""
+    for figure in headline(tables, cell_text):
+        value, detail = figure.value.replace(" um", " µm"), figure.detail.lstrip(",: ")
+        yield Fact(figure.label, value, detail=detail, link=place_of(places, figure.section))
+    depths = depths_of(tables)
+    yield from _depths(depths, places)
+    yield from _s44(depths, places)
+
+
+def _depths(depths: Depths, places: Mapping[str, str]) -> Iterator[Fact]:
+    sigma, depth = depths.sigma[np.isfinite(depths.sigma)], depths.depth[np.isfinite(depths.depth)]
+    if len(sigma) and len(depth):
+        yield Fact(
+            "Sigma of depths, median",
+            f"{np.median(sigma):.3f} m",
+            detail=f"{count_of(len(depth), 'point')}, {depth.min():.2f} to {depth.max():.2f} m deep",
+            link=place_of(places, "Depths Of Bathymetric Points"),
+        )
+
+
+def _s44(depths: Depths, places: Mapping[str, str]) -> Iterator[Fact]:
+    count, shares = int(depths.ranked.sum()), depths.shares()
+    if count:
+        yield Fact(
+            "Order of S-44 that 95 % of the depths meet",
+            next((order for order, met in shares if met >= _ENOUGH * count), NO_ORDER),
+            detail=f"{shares[0][0]}: {shares[0][1]:,} of {count:,} points",
+            link=place_of(places, ORDERS),
+        )
 
 
 def _data(tables: Tables) -> Iterator[Part]:
     sizes = _known(titles.SIZE.numbers(tables))
-    counts = [Fact(label=label, value=f"{values[0]:,}") for label, values in sizes.items() if values[0]]
-    yield Facts(facts=[*counts, *flight.flight_facts(tables), *flight.times_fact(tables)])
+    counts = [Fact(label, f"{values[0]:,}") for label, values in sizes.items() if values[0]]
+    yield Facts([*counts, *flight.flight_facts(tables), *flight.times_fact(tables)])
     details = {
         f"{noun}, all": ", ".join(f"{kind} {count:,}" for kind, count in counts.items() if count)
         for noun in ("Observations", "Unknowns")
         for counts in [tables["solution"][noun.lower()]]
     }
     yield Facts(
-        facts=[
-            Fact(label=label, value=_plain(values[0]), detail=details.get(label, ""))
+        [
+            Fact(label, _plain(values[0]), detail=details.get(label, ""))
             for label, values in _known(solution_summary.SUMMARY.numbers(tables)).items()
             if not label.startswith(_BY_KIND) or label in details
         ]
@@ -189,8 +288,8 @@ def _left_out(tables: Tables) -> Iterator[Part]:
         ("Points without a position", int((status == "not_determined").sum()), len(status)),
         ("Images kept out of the solution", len(triangulated) - sum(triangulated), len(triangulated)),
     )
-    facts = [Fact(label=label, value=f"{n:,}", detail=f"of {total:,}") for label, n, total in counts if n]
-    shown: list[Part] = [Facts(facts=facts)] if facts else []
+    facts = [Fact(label, f"{n:,}", detail=f"of {total:,}") for label, n, total in counts if n]
+    shown: list[Part] = [Facts(facts)] if facts else []
     shown += tables_of(_LEFT_OUT, tables)
     if unedited := tables["unedited"]:
         shown.append(Sentences(texts=[f"EDIT has edited nothing: {unedited}."]))
@@ -219,7 +318,7 @@ def _camera(tables: Tables) -> Iterator[Part]:
     yield Sentences(texts=[_HELD])
     water = part(tables, "adjusted_water")
     if water:
-        yield Facts(facts=list(_water(tables)))
+        yield Facts(list(_water(tables)))
         if exact := water["without_error"]:
             yield Sentences(texts=[f"Taken to be without error, as the cards give no sigma: {'; '.join(exact)}."])
     yield from tables_of(_WATER, tables)
@@ -231,10 +330,10 @@ def _water(tables: Tables) -> Iterator[Fact]:
     for label, values in _known(adjusted_water.SURFACE.numbers(tables)).items():
         unit = "" if label == "Refractive index" else " ″"
         if label.split()[0].lower() in undetermined:  # tilt, refractive
-            yield Fact(label=label, value="not determined")
+            yield Fact(label, "not determined")
         else:
             sigma = f"sigma {significant(values[1])}{unit}" if len(values) > 1 else "known"
-            yield Fact(label=label, value=f"{significant(values[0])}{unit}", detail=sigma)
+            yield Fact(label, f"{significant(values[0])}{unit}", detail=sigma)
 
 
 def _worst(tables: Tables) -> Sequence[Part]:

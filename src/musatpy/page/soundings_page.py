@@ -75,7 +75,7 @@ def soundings_page(tables: Tables) -> Page:
         grade=Grade.DOUBTFUL if warning else COMPARED,
         use=USE[Grade.DOUBTFUL] if warning else _order_met(differences),
         reasons=[PageReason(grade=Grade.DOUBTFUL, text=warning)] if warning else (),
-        figures=Facts(facts=list(_figures(tables)), large=True),
+        figures=Facts(list(_figures(tables)), large=True),
         chapters=chapters_of(contents),
     )
 
@@ -88,54 +88,41 @@ def _order_met(differences: Differences) -> str:
 
 def _figures(tables: Tables) -> Iterator[Fact]:
     met, missed = (len(tables[name]["sounding"]) for name in ("differences", "left_out"))
-    yield Fact(label="Soundings that meet the bottom", value=f"{met:,} of {met + missed:,}")
+    yield Fact("Soundings that meet the bottom", f"{met:,} of {met + missed:,}")
     blunders = int(np.sum(tables["differences"]["blunder"]))
-    yield Fact(label="Blunders among them", value=f"{blunders:,}", detail="beyond 3.29 robust deviations")
+    yield Fact("Blunders among them", f"{blunders:,}", detail="beyond 3.29 robust deviations")
     sample = next(row for row in tables["samples"] if row["sample"] == _WITHOUT)
     link = anchor_of(soundings.SAMPLE_TABLE.title)
     for label, name in (("Median difference", "median"), ("RMS of differences", "rms"), ("NMAD", "spread")):
-        yield Fact(label=label, value=f"{number_text(sample[name], 3)} m", detail=_WITHOUT, link=link)
+        yield Fact(label, f"{number_text(sample[name], 3)} m", detail=_WITHOUT, link=link)
 
 
 def _regression(line: Mapping[str, float] | None) -> Iterator[Part]:
-    if line is None:
-        return
-    yield Facts(
-        facts=[
-            Fact(
-                label="a: tide, datum",
-                value=f"{number_text(line['a'], 4)} m",
-                detail=f"sigma {number_text(line['a_sigma'], 4)} m",
-            ),
-            Fact(
-                label="b: refraction",
-                value=number_text(line["b"], 5),
-                detail=f"of the depth, sigma {number_text(line['b_sigma'], 5)}",
-            ),
-            Fact(label="Correlation of a and b", value=number_text(line["correlation"], 3)),
-            Fact(label="Sigma0", value=number_text(line["sigma0"], 3)),
-        ]
-    )
+    if line is not None:
+        a, a_sigma = (number_text(line[name], 4) for name in ("a", "a_sigma"))
+        b, b_sigma = (number_text(line[name], 5) for name in ("b", "b_sigma"))
+        yield Facts(
+            [
+                Fact("a: tide, datum", f"{a} m", f"sigma {a_sigma} m"),
+                Fact("b: refraction", b, f"of the depth, sigma {b_sigma}"),
+                Fact("Correlation of a and b", number_text(line["correlation"], 3)),
+                Fact("Sigma0", number_text(line["sigma0"], 3)),
+            ]
+        )
 
 
 def _matching(how: Mapping[str, Any], orders: Mapping[str, int]) -> Iterator[Part]:
     radius, steepest = how["radius"], how["steepest"]
-    if not orders:
-        bottom = "posts of a raster"
-    else:
-        bottom = "triangles" if radius is None else f"planes of points within {radius:g} m"
-    facts = [
-        Fact(label="Bottom", value=bottom),
-        Fact(
-            label="Datum of the soundings below the bottom's",
-            value=f"{number_text(how['datum'], 3)} m",
-            detail=f"sigma {number_text(how['datum_sigma'], 3)} m",
-        ),
-        Fact(label="Sigma of depths without one", value=f"{number_text(how['sigma'], 3)} m"),
-        Fact(label="Sigma of places", value=f"{number_text(how['plan_sigma'], 2)} m"),
-        Fact(label="Steepest slope", value=_NO_LIMIT if steepest is None else f"{steepest:g}"),
-        Fact(label="First day", value=str(how["not_before"] or _NO_LIMIT)),
-    ]
-    for name, count in orders.items():
-        facts.append(Fact(label=f"Points whose sigmas meet {name}", value=count_of(count, "point")))
-    yield Facts(facts=facts)
+    of_points = "triangles" if radius is None else f"planes of points within {radius:g} m"
+    datum, datum_sigma, sigma = (number_text(how[name], 3) for name in ("datum", "datum_sigma", "sigma"))
+    yield Facts(
+        [
+            Fact("Bottom", of_points if orders else "posts of a raster"),
+            Fact("Datum of the soundings below the bottom's", f"{datum} m", f"sigma {datum_sigma} m"),
+            Fact("Sigma of depths without one", f"{sigma} m"),
+            Fact("Sigma of places", f"{number_text(how['plan_sigma'], 2)} m"),
+            Fact("Steepest slope", _NO_LIMIT if steepest is None else f"{steepest:g}"),
+            Fact("First day", str(how["not_before"] or _NO_LIMIT)),
+            *(Fact(f"Points whose sigmas meet {name}", count_of(count, "point")) for name, count in orders.items()),
+        ]
+    )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -191,36 +191,25 @@ def _common_errors(content: Content, edited: Edited) -> Iterator[Figure]:
         """Return how far (h, 3) errors move the stations, points and depths that they move most."""
         return np.stack([array_of("number?", table[f"{noun}_{what}"]) for noun in common_errors.MOVED], axis=1)
 
-    reference, smallest, believed = (
-        array_of("number?", table[name]) for name in ("reference", "smallest", "believed")
-    )
+    reference, believed = (array_of("number?", table[name]) for name in ("reference", "believed"))
+    without_test = untested(array_of("boolean", table["tested"]), moved("sigmas"), reference, believed)
     for label, rows, error, shift, sigmas in (
-        (
-            "Common errors without test",
-            untested(array_of("boolean", table["tested"]), moved("sigmas"), reference, believed),
-            reference, moved("shift"), moved("sigmas"),
-        ),
+        ("Common errors without test", without_test, "reference", "shift", "sigmas"),
         (
             "Common errors weakly tested",
             weakly_tested(moved("hidden_sigmas")),
-            smallest, moved("hidden"), moved("hidden_sigmas"),
+            "smallest",
+            "hidden",
+            "hidden_sigmas",
         ),
-    ):  # fmt: skip
+    ):
         if len(rows):
             row, *others = rows.tolist()
-            yield _worst(table, row, others, (error[row], shift[row], sigmas[row]), label, edited)
-
-
-def _worst(
-    table: Mapping[str, Any], row: int, others: Sequence[int], moved: Any, label: str, edited: Edited
-) -> Figure:
-    """Return what an error of a parameter moves most, and the names of the others."""
-    error, shift, sigmas = moved
-    kind = int(np.nanargmax(sigmas))
-    noun = common_errors.MOVED[kind]
-    size = f"{edited('F12.4', error)} {table['unit'][row]}".rstrip()
-    text = f"{size} moves {noun} {table[noun][row]} by {edited('F12.3', shift[kind])} m, "
-    text += f"{edited('F12.1', sigmas[kind])} sigmas"
-    if others:
-        text += f"; also {'; '.join(table['parameter'][other] for other in others)}"
-    return Figure(label=label, value=table["parameter"][row], detail=f": {text}", section=COMMON_ERRORS)
+            kind = int(np.nanargmax(moved(sigmas)[row]))
+            noun = common_errors.MOVED[kind]
+            size = f"{edited('F12.4', table[error][row])} {table['unit'][row]}".rstrip()
+            text = f": {size} moves {noun} {table[noun][row]} by {edited('F12.3', moved(shift)[row, kind])} m, "
+            text += f"{edited('F12.1', moved(sigmas)[row, kind])} sigmas"
+            if others:
+                text += f"; also {'; '.join(table['parameter'][other] for other in others)}"
+            yield Figure(label=label, value=table["parameter"][row], detail=text, section=COMMON_ERRORS)
