@@ -67,7 +67,9 @@ SEA = {
     ),
     "low over the water": Plan(submerged=True, height=900.0, base=390.0, photos_per_strip=4, seed=6),
 }
-LAND_CASES = pytest.mark.parametrize("name", list(LAND))
+EVERY = {f"land, {name}": plan for name, plan in LAND.items()} | {
+    f"sea, {name}": plan for name, plan in SEA.items()
+}
 SEA_CASES = pytest.mark.parametrize("name", list(SEA))
 
 
@@ -118,27 +120,11 @@ def assert_covariances_equal(solution: Solution, result: dense_bundle.Result) ->
     assert np.abs(points).max() < 1e-4
 
 
-@pytest.mark.slow
-@LAND_CASES
-def test_land_equals_the_bundle(name: str) -> None:
-    plan = LAND[name]
-    assert_equals_bundle(solved(plan, Refraction.NONE), reference(plan))
-
-
-@SEA_CASES
-def test_rigorous_equals_the_bundle(name: str) -> None:
-    plan = SEA[name]
-    assert_equals_bundle(solved(plan, Refraction.RIGOROUS), reference(plan))
-
-
-@LAND_CASES
-def test_land_covariances(name: str) -> None:
-    assert_covariances_equal(solved(LAND[name], Refraction.NONE), reference(LAND[name]))
-
-
-@SEA_CASES
-def test_sea_covariances(name: str) -> None:
-    assert_covariances_equal(solved(SEA[name], Refraction.RIGOROUS), reference(SEA[name]))
+@pytest.mark.parametrize("plan", EVERY.values(), ids=EVERY)
+def test_equals_the_bundle(plan: Plan) -> None:
+    solution = solved(plan, Refraction.RIGOROUS if plan.submerged else Refraction.NONE)
+    assert_equals_bundle(solution, reference(plan))
+    assert_covariances_equal(solution, reference(plan))
 
 
 @pytest.mark.slow

@@ -10,12 +10,10 @@ import pytest
 
 from adjustment import case_decks
 from adjustment.test_equivalence import (
-    LAND,
-    SEA,
+    EVERY,
     assert_covariances_equal,
     assert_equals_bundle,
     beside,
-    reference,
     simulated,
 )
 from altered import altered, with_options
@@ -49,18 +47,11 @@ def solved(plan: Plan) -> model.Solution:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plan", list(LAND.values()), ids=list(LAND))
+@pytest.mark.parametrize("plan", EVERY.values(), ids=EVERY)
 def test_equals_the_independent_bundle(plan: Plan) -> None:
-    assert_equals_bundle(solved(plan), reference(plan))
-    assert_covariances_equal(solved(plan), reference(plan))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("plan", list(SEA.values()), ids=list(SEA))
-def test_equals_the_independent_bundle_through_water(plan: Plan) -> None:
     """On the solution's side of every tide: a point at the water line may have a minimum on either side of it."""
     solution = solved(plan)
-    result = dense_bundle.solve(simulated(plan).block, refraction=True, start=beside(solution))
+    result = dense_bundle.solve(simulated(plan).block, refraction=plan.submerged, start=beside(solution))
     assert_equals_bundle(solution, result)
     assert_covariances_equal(solution, result)
 
