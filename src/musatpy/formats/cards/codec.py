@@ -104,12 +104,13 @@ def gaps(spec: CardSpec) -> list[tuple[int, int]]:
     return [(first, last) for first, last in [*runs, (first, end)] if first <= last]
 
 
-def stray_rows(spec: CardSpec, cards: ByteArray) -> BoolArray:
-    """Return the rows (k,) of `cards` that have something in columns of no field, 4 to 72."""
-    stray = np.zeros(len(cards), dtype=bool)
+def strays(spec: CardSpec, cards: ByteArray) -> Iterator[tuple[int, int, str]]:
+    """Yield row, first column and text of what stands on `cards` (k, 80) in columns of no field, 4 to 72."""
     for first, last in gaps(spec):
-        stray |= (cards[:, first - 1 : last] != ord(" ")).any(axis=1)
-    return stray
+        letters = cards[:, first - 1 : last]
+        for row in np.flatnonzero((letters != _BLANK).any(axis=1)).tolist():
+            text = letters[row].tobytes().decode("ascii")
+            yield row, last + 1 - len(text.lstrip()), text.strip()
 
 
 # --- writing ---

@@ -17,8 +17,7 @@ from musatpy.formats.cards.codec import (
     decode_column,
     empty_column,
     encode_cards,
-    gaps,
-    stray_rows,
+    strays,
 )
 from musatpy.formats.cards.spec import CARD_WIDTH, END_MNEMONIC, CardSpec, Family
 
@@ -122,11 +121,16 @@ def read_cards(source: Path | str | bytes, family: Family, name: str | None = No
     is raised for a file that cannot be read.
     """
     file = name or ("deck" if isinstance(source, bytes) else str(source))
-    data = (source if isinstance(source, bytes) else Path(source).read_bytes()).removesuffix(_END_OF_FILE)
-    reader = _Reader(file, family, card_images(b"" if data.isspace() else data))
+    reader = _Reader(file, family, _images(source))
     tables = {spec.mnemonic: table for spec in family.cards.values() if (table := reader.table(spec)) is not None}
     problems = tuple(sorted(reader.problems, key=lambda problem: (problem.line or 0, problem.columns or (0, 0))))
     return CardDeck(file=file, tables=tables, problems=problems, images=reader.images)
+
+
+def _images(source: Path | str | bytes) -> CardImages:
+    """Return the card images of a file, which is not kept beside them."""
+    data = (source if isinstance(source, bytes) else Path(source).read_bytes()).removesuffix(_END_OF_FILE)
+    return card_images(b"" if data.isspace() else data)
 
 
 class _Reader:
@@ -157,11 +161,13 @@ class _Reader:
                 for row, error in decode_column(field, cards, columns[field.name][start : start + _CHUNK]):
                     line = int(lines[row]) + 1
                     if line not in self.unreadable:
-                        text = self.images.text(line)
-                        place = {"file": self.file, "card": spec.mnemonic, "text": text}
-                        self.problems.append(field.problem(error, line=line, **place))
-            for row in np.flatnonzero(stray_rows(spec, cards)).tolist():
-                self._add_stray(spec, int(lines[row]) + 1)
+                        card = {"file": self.file, "card": spec.mnemonic, "text": self.images.text(line)}
+                        self.problems.append(field.problem(error, line=line, **card))
+            for row, column, found in strays(spec, cards):
+                line = int(lines[row]) + 1
+                if line not in self.unreadable:
+                    place: dict[str, Any] = {"columns": (column, column + len(found) - 1), "card": spec.mnemonic}
+                    self._add(line, message=f"'{found}' stands in columns of no field", found=found, **place)
         return CardTable(spec=spec, columns=columns, lines=rows + 1)
 
     # --- problems ---
@@ -169,23 +175,6 @@ class _Reader:
     def _add(self, line: int, **details: Any) -> None:
         text = self.images.text(line)
         self.problems.append(Problem(file=self.file, line=line, text=text, **details))
-
-    def _add_stray(self, spec: CardSpec, line: int) -> None:
-        if line in self.unreadable:
-            return
-        text = self.images.text(line)
-        for gap_first, gap_last in gaps(spec):
-            found = text[gap_first - 1 : gap_last]
-            if found.strip():
-                last = gap_first + len(found.rstrip()) - 1
-                found = found.strip()
-                columns = (last - len(found) + 1, last)
-                name, why = next(
-                    ((name, why) for name, first, last, why in spec.given_up if first <= columns[0] <= last),
-                    (None, "stands in columns of no field"),
-                )
-                message = f"'{found}' {why}" if name is None else f"'{found}': {why}"
-                self._add(line, columns=columns, message=message, card=spec.mnemonic, field=name, found=found)
 
     def _check_characters(self) -> None:
         for line, column, what in self.images.bad_characters:

@@ -72,6 +72,11 @@ class RecordSpec:
         (), "the fields, one `[[record.field]]` table each; in a free layout in their order", name="field"
     )
 
+    @property
+    def mnemonic(self) -> str:
+        """What messages of targets call it, as a card."""
+        return self.name
+
     def laid_out(self, free: bool) -> RecordSpec:
         """Return the record with its fields in order. Raises `ValueError` for fields that do not fit together."""
         require(free or not self.mark, "mark: only in a free layout")

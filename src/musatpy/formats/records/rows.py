@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,14 +22,6 @@ _KIND = "control.kind"
 _HYPHEN = "-"
 _OFF_ROTATION = 1e-5  # of a product of rows: elements of six decimals are off by a tenth of it
 _SIGMAS = {"photos.position_sigma": "photos.position", "control.sigma": "control.position"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Row:
-    """A kind of row as `formats.mapping` takes it: a card without mnemonic."""
-
-    mnemonic: str
-    fields: tuple[RecordField, ...]
 
 
 def resolved(file: FileSpec, frame: JobFrame) -> FileSpec:
@@ -79,10 +71,9 @@ def _wrong_units(file: FileSpec, geographic: bool) -> Iterator[str]:
                 yield f"{leaf.name}: {slot.name}: unit: '{unit}', expected {expected}"
 
 
-def row_of(file: FileSpec, leaf: RecordSpec) -> Row:
-    """Return a kind of row; the parts of a text are one field, named by the first."""
-    fields = [one for one in file.row_fields(leaf) if one.target and one.part <= 1]
-    return Row(mnemonic=leaf.name, fields=tuple(fields))
+def row_of(file: FileSpec, leaf: RecordSpec) -> RecordSpec:
+    """Return a kind of row as one record; the parts of a text are one field, named by the first."""
+    return replace(leaf, fields=tuple(one for one in file.row_fields(leaf) if one.target and one.part <= 1))
 
 
 def check_targets(file: FileSpec) -> None:
@@ -185,7 +176,7 @@ def _several(spec: FileSpec, leaf: RecordSpec) -> dict[str, list[str]]:
     return {several[0].name: [field.name for field in several] for several in ordered}
 
 
-def _to_model(spec: FileSpec, row: Row, values: Table, frame: JobFrame) -> None:
+def _to_model(spec: FileSpec, row: RecordSpec, values: Table, frame: JobFrame) -> None:
     """Turn positions, sigmas and attitudes of the file into those of the model."""
     packed = {one.target.partition("[")[0] for one in row.fields if one.unit == PACKED}
     for path in ("photos.position", "control.position"):
@@ -215,7 +206,7 @@ def _place_control(file: RecordFile, table: Table, frame: JobFrame) -> list[Prob
     ]
 
 
-def _placed(row: Row, path: str, values: Array) -> Array:
+def _placed(row: RecordSpec, path: str, values: Array) -> Array:
     """Return (k, 3) with the components that a row has in their places, NaN in the others."""
     placed = np.full((len(values), 3), np.nan)
     placed[:, [slot.component or 0 for slot in mapping.slots(row) if slot.path == path]] = values
@@ -383,7 +374,7 @@ def _given(spec: FileSpec, leaf: RecordSpec, control: Table, frame: JobFrame) ->
     return np.asarray(~np.isnan(position[:, needed]).any(axis=1))
 
 
-def _from_model(spec: FileSpec, row: Row, table: Table, frame: JobFrame) -> None:
+def _from_model(spec: FileSpec, row: RecordSpec, table: Table, frame: JobFrame) -> None:
     """Turn positions, sigmas and attitudes of the model into those of the file."""
     packed = {one.target.partition("[")[0] for one in row.fields if one.unit == PACKED}
     for path, of in _SIGMAS.items():
