@@ -1,13 +1,11 @@
-"""Real data with independent printed answers, through `adjust`, a deck and the command line, and the reference.
+"""Real data with independent printed answers, through `adjust` and the reference.
 
 Every tolerance is half a unit of the last printed digit.
 """
 
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,19 +13,16 @@ import pytest
 
 from adjustment import case_decks
 from musatpy.adjustment import adjust
-from musatpy.formats.musat import read_deck, write_deck
 from musatpy.model import Block, PointStatus
-from record_rows import read_rows
 from reference import dense_bundle
 
 STRASBOURG = {"S1": "S1_fixed", "S2": "S2_weighted", "S4": "S4_smart"}
 DECIMALS = {"S1": (4, 5), "S2": (6, 5), "S4": (5, 4)}  # of sigma0, and of the root of the sum of squares
-MUSAT = [sys.executable, "-m", "musatpy"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """What the tests look at, from a `Solution`, the JSON record of a run, or the reference."""
+    """What the tests look at, from a `Solution` or the reference."""
 
     sigma0: float
     sum_of_squares: float
@@ -59,29 +54,6 @@ def from_python(block: Block) -> Answer:
     )
 
 
-def from_command_line(block: Block, folder: Path) -> Answer:
-    deck = folder / "case.crd"
-    write_deck(block, deck)
-    np.testing.assert_allclose(read_deck(deck).plates.xy, block.plates.xy, rtol=0, atol=1e-12)
-    out = folder / "out"
-    done = subprocess.run([*MUSAT, "run", str(deck), "-o", str(out)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    record: dict[str, Any] = read_rows(out / "case.json")
-    solution, stations = record["solution"], record["stations"]
-    assert (out / "case.lst").stat().st_size > 0
-    return Answer(
-        sigma0=solution["sigma0"],
-        sum_of_squares=solution["sum_of_squares"],
-        degrees_of_freedom=solution["degrees_of_freedom"],
-        observations=sum(solution["observations"].values()),
-        unknowns=sum(solution["unknowns"].values()),
-        position=np.array([station["position"] for station in stations]),
-        attitude=np.array([station["attitude"] for station in stations]),
-        covariance=np.array([station["covariance"] for station in stations]),
-        residual=np.array([plate["residual"] for plate in record["plates"]]),
-    )
-
-
 def from_reference(block: Block) -> Answer:
     result = dense_bundle.solve(block, refraction=False)
     return Answer(
@@ -97,11 +69,14 @@ def from_reference(block: Block) -> Answer:
     )
 
 
-@pytest.fixture(params=["adjust", "reference", pytest.param("command line", marks=pytest.mark.slow)])
-def run(request: pytest.FixtureRequest, tmp_path: Path) -> Run:
-    """All ways to an answer."""
-    ways = {"adjust": from_python, "reference": from_reference}
-    return ways.get(request.param) or (lambda block: from_command_line(block, tmp_path))
+WAYS = (from_python, from_reference)
+
+
+@pytest.fixture(params=WAYS)
+def run(request: pytest.FixtureRequest) -> Run:
+    """Both ways to an answer."""
+    way: Run = request.param
+    return way
 
 
 def close(value: Any, printed: Any, decimals: int) -> bool:
@@ -112,10 +87,9 @@ def close(value: Any, printed: Any, decimals: int) -> bool:
 @pytest.mark.parametrize(
     ("variant", "run"),
     [
-        *((variant, way) for variant in ("S1", "S2") for way in ("adjust", "reference")),
-        ("S4", "adjust"),
-        pytest.param("S4", "reference", marks=pytest.mark.slow),
-        *(pytest.param(variant, "command line", marks=pytest.mark.slow) for variant in STRASBOURG),
+        *product(("S1", "S2"), WAYS),
+        ("S4", from_python),
+        pytest.param("S4", from_reference, marks=pytest.mark.slow),
     ],
     indirect=["run"],
 )
