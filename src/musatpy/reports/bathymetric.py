@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, IntArray
+from musatpy.arrays import IntArray
 from musatpy.model import ControlKind, CoordinateSystem, PointStatus, Refraction
 from musatpy.reports.editing import edited, number_text
 from musatpy.reports.fields import Field, Rows, identity
@@ -206,19 +206,11 @@ def _unrefracted(statistics: Statistics) -> bool:
 
 def _names(statistics: Statistics) -> list[tuple[str, str]]:
     """Return the id of each submerged point and its mark of Table 6-9."""
-    rows = statistics.solution.bathymetric.point
-    vertical = _vertical_control(statistics)[rows]
+    rows, control = statistics.solution.bathymetric.point, statistics.block.control
+    vertical = np.isin(rows, control.point[control.kind == ControlKind.VERTICAL])
     kept_out = statistics.solution.points.status[rows] != PointStatus.TRIANGULATED
     marks = np.where(vertical, "**", np.where(kept_out, "*", ""))
     return list(zip(statistics.block.points.ids[rows].tolist(), marks.tolist(), strict=True))
-
-
-def _vertical_control(statistics: Statistics) -> BoolArray:
-    """Return (p,) True where a point is a vertical control point."""
-    control = statistics.block.control
-    vertical = np.zeros(len(statistics.block.points.ids), dtype=bool)
-    vertical[control.point[control.kind == ControlKind.VERTICAL]] = True
-    return vertical
 
 
 def _flags(statistics: Statistics) -> list[Section]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,22 +35,47 @@ class SetUps:
     against: list[AgainstRun]
 
 
+def _all(path: str) -> Callable[[SetUps], Any]:
+    """Return what takes the values of all models, one after the other."""
+    return lambda setups: np.concatenate([attrgetter(path)(model) for model in setups.models])
+
+
+def _models(path: str) -> Callable[[SetUps], Any]:
+    """Return what takes the name of its model for each value."""
+    return lambda setups: np.concatenate([[m.model.name] * len(attrgetter(path)(m)) for m in setups.models])
+
+
+def _of_run(setups: SetUps, name: str) -> Any:
+    """Return an attribute of the points of the run."""
+    return getattr(setups.compiled.run.block.points, name)[_all("again.points")(setups)]
+
+
+def _difference(setups: SetUps) -> Any:
+    return _all("again.read")(setups) - _all("again.predicted")(setups)
+
+
+def _in_model(setups: SetUps) -> Any:
+    run = setups.compiled.run
+    places = (m.model.stereo.model(run.frame.working(run.position[m.again.points])) for m in setups.models)
+    return np.concatenate(list(places))
+
+
 RUN_POINTS: Rows[SetUps, SetUps] = Rows(
     "points",
     "one row per point of the run that both photos of a model show",
     (
-        identity("model", lambda s: _model_ids(s)),
-        identity("point", lambda s: _point_ids(s)),
-        Field("submerged", "boolean", "flagged so", lambda s: _submerged(s), heading="Bath", edit="A4",
+        identity("model", _models("again.points")),
+        identity("point", lambda s: _of_run(s, "ids")),
+        Field("submerged", "boolean", "flagged so", lambda s: _of_run(s, "bathymetric"), heading="Bath", edit="A4",
               words={True: "B", False: ""}),
-        Field("position", "3 number", "in the model", lambda s: _in_model(s), "m", exact=True),
-        Field("predicted", "2x2 number", "stages, left and right, x and y", lambda s: _of(s, "predicted"), "mm",
+        Field("position", "3 number", "in the model", _in_model, "m", exact=True),
+        Field("predicted", "2x2 number", "stages, left and right, x and y", _all("again.predicted"), "mm",
               exact=True, heading=[f"{side} {axis}\nmm" for side in "LR" for axis in "xy"], edit="F10.4"),
-        Field("difference", "2x2 number?", "read less predicted", lambda s: _difference(s), "mm",
+        Field("difference", "2x2 number?", "read less predicted", _difference, "mm",
               heading=[f"Read {side}{axis}\nless\num" for side in "LR" for axis in "xy"], edit="F8.2"),
         Field("y_parallax", "number?", "of refracted rays, by readings where there are any",
-              lambda s: _of(s, "parallax"), "mm", heading="py\num", edit="F7.2"),
-        Field("straight_y_parallax", "number?", "of straight rays", lambda s: _of(s, "straight"), "mm",
+              _all("again.parallax"), "mm", heading="py\num", edit="F7.2"),
+        Field("straight_y_parallax", "number?", "of straight rays", _all("again.straight"), "mm",
               heading="straight\num", edit="F8.2"),
     ),
 )  # fmt: skip
@@ -57,19 +83,19 @@ EXPECTED: Rows[SetUps, SetUps] = Rows(
     "expected",
     "standard errors to expect of points at places of a model",
     (
-        identity("model", lambda s: _expected_ids(s)),
-        Field("place", "3 number", "in the model", lambda s: _expected(s, "place"), "m", exact=True,
+        identity("model", _models("expected.depth")),
+        Field("place", "3 number", "in the model", _all("expected.place"), "m", exact=True,
               heading=("X\nm", "Y\nm", "Z\nm"), edit="F10.2"),
-        Field("depth", "number", "below the water; 0: dry, at its height", lambda s: _expected(s, "depth"), "m",
+        Field("depth", "number", "below the water; 0: dry, at its height", _all("expected.depth"), "m",
               heading="Depth\nm", edit="F7.2"),
-        Field("sigma", "3 number?", "east, north, up", lambda s: _expected(s, "sigma"), "m",
+        Field("sigma", "3 number?", "east, north, up", _all("expected.sigma"), "m",
               heading=[f"Sigma {axis}\nm" for axis in ("E", "N", "U")], edit="F8.3"),
         Field("depth_sigma", "number?", "of the depth",
-              lambda s: np.concatenate([m.expected.points.depth_sigma for m in s.models]), "m", heading="Depth\nm",
+              _all("expected.points.depth_sigma"), "m", heading="Depth\nm",
               edit="F8.3"),
-        Field("pointing_sigma", "number?", "of the height, by pointing", lambda s: _expected(s, "pointing"), "m",
+        Field("pointing_sigma", "number?", "of the height, by pointing", _all("expected.pointing"), "m",
               heading="Pointing\nm", edit="F8.3"),
-        Field("run_sigma", "number?", "of the height, by the run", lambda s: _expected(s, "of_run"), "m",
+        Field("run_sigma", "number?", "of the height, by the run", _all("expected.of_run"), "m",
               heading="Run\nm", edit="F8.3"),
     ),
 )  # fmt: skip
@@ -83,41 +109,6 @@ DOCUMENT: Document[Compiled] = Document(
         Field("warnings", "* string", "what is odd about the models", same),
     ),
 )
-
-
-def _of(setups: SetUps, name: str) -> Any:
-    return np.concatenate([getattr(model.again, name) for model in setups.models])
-
-
-def _difference(setups: SetUps) -> Any:
-    return _of(setups, "read") - _of(setups, "predicted")
-
-
-def _model_ids(setups: SetUps) -> Any:
-    return np.repeat([m.model.name for m in setups.models], [len(m.again.points) for m in setups.models])
-
-
-def _point_ids(setups: SetUps) -> Any:
-    return setups.compiled.run.block.points.ids[_of(setups, "points")]
-
-
-def _submerged(setups: SetUps) -> Any:
-    return setups.compiled.run.block.points.bathymetric[_of(setups, "points")]
-
-
-def _in_model(setups: SetUps) -> Any:
-    run = setups.compiled.run
-    return np.concatenate(
-        [m.model.stereo.model(run.frame.working(run.position[m.again.points])) for m in setups.models]
-    )
-
-
-def _expected_ids(setups: SetUps) -> Any:
-    return np.repeat([m.model.name for m in setups.models], [len(m.expected.depth) for m in setups.models])
-
-
-def _expected(setups: SetUps, name: str) -> Any:
-    return np.concatenate([getattr(model.expected, name) for model in setups.models])
 
 
 # --- the listing ---

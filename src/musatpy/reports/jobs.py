@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from operator import attrgetter
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import IntArray
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import Extract
 from musatpy.jobs.merge import Merged
 from musatpy.jobs.naming import Kind, Names
 from musatpy.jobs.summary import NO_CONTROL, Summary, rays_histogram
 from musatpy.model import Block, ControlKind, Plates
-from musatpy.reports.fields import Field, unrecorded
 from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, paginate, print_pages, text_of, wrapped
-from musatpy.reports.table import Table
+from musatpy.reports.table import Table, sheet
 from musatpy.reports.values import Json, plain, rows
 from musatpy.units import ARC_SECOND, MICROMETRE
 
@@ -40,25 +38,25 @@ def list_text(job: Summary, deck: str) -> str:
 def sections(job: Summary) -> list[Section]:
     """Return the tables of a job: what it is, photos, rays, ties, control, points on one photo, flags."""
     optional = {
-        "Control": _CONTROL,
-        "Equal Elevation Groups": _GROUPS,
-        "Stations And Tides That Are Observed": _OBSERVED,
+        "Control": _control(job),
+        "Equal Elevation Groups": _groups(job),
+        "Stations And Tides That Are Observed": _observed(job),
     }
     return [
         Section(title="Job", lines=_job(job), together=True),
-        _table("Photos: Rays On Each, And Points In Common With The Next", _PHOTOS, job),
-        _table("Rays Per Point", _RAYS, job, together=True),
+        _section("Photos: Rays On Each, And Points In Common With The Next", _photos(job)),
+        _section("Rays Per Point", _rays(job), together=True),
         Section(title="Points In Common, By Measurements Not Flagged N", lines=_ties(job)),
         Section(title="Parts Of The Job", lines=_parts(job)),
-        *(section for title, table in optional.items() if (section := _table(title, table, job)).lines),
+        *(section for title, table in optional.items() if (section := _section(title, table)).lines),
         *_names("Points On One Photo Only, With Nothing Known Of Them", _alone(job)),
         *_names("Measurements Flagged N: Point On Photo", _flagged(job)),
         *_names("Control Measured On No Photo", _unmeasured(job)),
     ]
 
 
-def _table(title: str, table: Table[Summary], job: Summary, together: bool = False) -> Section:
-    return Section(title=title, head=table.head(), lines=table.lines(job), together=together)
+def _section(title: str, table: Table[Any], together: bool = False) -> Section:
+    return Section(title=title, head=table.head(), lines=table.lines(None), together=together)
 
 
 def _names(title: str, names: list[str]) -> list[Section]:
@@ -115,52 +113,33 @@ def _stated(block: Block) -> dict[str, str]:
     return job
 
 
-# --- photos ---
+# --- photos and rays ---
 
 
-def _component(
-    heading: str, edit: str, path: str, component: int, rows: Callable[[Summary], Any] = lambda _: slice(None)
-) -> Field[Summary]:
-    """Return the column of a component of some rows of an attribute of a job."""
-    return unrecorded(heading, edit, lambda job: attrgetter(path)(job)[rows(job), component])
-
-
-def _with_next(job: Summary) -> FloatArray:
-    """Return the points in common with the next photo, which the last one has not."""
-    count = np.array(job.photos.with_next, dtype=float)
-    count[-1:] = np.nan
-    return count
-
-
-_PHOTOS: Table[Summary] = Table(
-    (
-        unrecorded("Photo", "A8", lambda job: job.block.photos.ids),
-        unrecorded("Camera", "A6", lambda job: job.block.cameras.ids[job.block.photos.camera]),
-        unrecorded("Rays", "I6", lambda job: job.photos.rays),
-        unrecorded("Land", "I6", lambda job: job.photos.land),
-        unrecorded("Subm", "I6", lambda job: job.photos.submerged),
-        unrecorded("Flag N", "I6", lambda job: job.photos.kept_out),
-        *(_component(f"Control\n{name}", "I7", "photos.control", kind) for kind, name in _KINDS.items()),
-        unrecorded("Here\nonly", "I6", lambda job: job.photos.single),
-        unrecorded("With\nnext", "I6", _with_next),
-        unrecorded("Ties to\nphotos", "I6", lambda job: job.photos.neighbours),
-        unrecorded("Tide\nm", "F10.4", lambda job: job.block.photos.tide),
+def _photos(job: Summary) -> Table[Any]:
+    photos, with_next = job.photos, np.array(job.photos.with_next, dtype=float)
+    with_next[-1:] = np.nan  # the last photo has no next one
+    return sheet(
+        ("Photo", "A8", job.block.photos.ids),
+        ("Camera", "A6", job.block.cameras.ids[job.block.photos.camera]),
+        ("Rays", "I6", photos.rays),
+        ("Land", "I6", photos.land),
+        ("Subm", "I6", photos.submerged),
+        ("Flag N", "I6", photos.kept_out),
+        ([f"Control\n{name}" for name in _KINDS.values()], "I7", photos.control),
+        ("Here\nonly", "I6", photos.single),
+        ("With\nnext", "I6", with_next),
+        ("Ties to\nphotos", "I6", photos.neighbours),
+        ("Tide\nm", "F10.4", job.block.photos.tide),
     )
-)
 
 
-# --- rays ---
-
-
-_RAYS: Table[Summary] = Table(
-    (
-        unrecorded("Rays", "I4", lambda job: range(len(rays_histogram(job)["points"]))),
-        unrecorded("Points", "I9", lambda job: rays_histogram(job)["points"]),
-        unrecorded("Land", "I9", lambda job: rays_histogram(job)["land"]),
-        unrecorded("Submerged", "I9", lambda job: rays_histogram(job)["submerged"]),
-        unrecorded("Control", "I9", lambda job: rays_histogram(job)["control"]),
+def _rays(job: Summary) -> Table[Any]:
+    counts = rays_histogram(job)
+    names = ("points", "land", "submerged", "control")
+    return sheet(
+        ("Rays", "I4", range(len(counts["points"]))), *((name.capitalize(), "I9", counts[name]) for name in names)
     )
-)
 
 
 # --- ties ---
@@ -227,28 +206,17 @@ def _parts(job: Summary) -> list[str]:
 # --- control ---
 
 
-def _links(job: Summary) -> IntArray:
-    return job.block.control.point
-
-
-def _yes(values: Callable[[Summary], BoolArray]) -> Callable[[Summary], list[str]]:
-    return lambda job: ["yes" if value else "" for value in values(job).tolist()]
-
-
-_CONTROL: Table[Summary] = Table(
-    (
-        unrecorded("Point", "A8", lambda job: job.block.points.ids[_links(job)]),
-        unrecorded("Kind", "A10", lambda job: [_KINDS[ControlKind(kind)] for kind in job.block.control.kind]),
-        unrecorded("Fixed", "A5", _yes(lambda job: job.block.control.fixed)),
-        unrecorded("Submerged", "A9", _yes(lambda job: job.block.points.bathymetric[_links(job)])),
-        unrecorded("Rays", "I4", lambda job: job.points.rays[_links(job)]),
-        unrecorded("Not\nflagged N", "I9", lambda job: job.points.used[_links(job)]),
-        *(
-            _component(f"Sigma {name}\nm", "F11.3", "block.control.sigma", i)
-            for i, name in enumerate(("east", "north", "up"))
-        ),
+def _control(job: Summary) -> Table[Any]:
+    control, points = job.block.control, job.block.control.point
+    return sheet(
+        ("Point", "A8", job.block.points.ids[points]),
+        ("Kind", "A10", [_KINDS[ControlKind(kind)] for kind in control.kind]),
+        ("Fixed", "A5", np.where(control.fixed, "yes", "")),
+        ("Submerged", "A9", np.where(job.block.points.bathymetric[points], "yes", "")),
+        ("Rays", "I4", job.points.rays[points]),
+        ("Not\nflagged N", "I9", job.points.used[points]),
+        ([f"Sigma {name}\nm" for name in ("east", "north", "up")], "F11.3", control.sigma),
     )
-)
 
 
 def _group_sizes(job: Summary, measured: bool) -> IntArray:
@@ -257,39 +225,29 @@ def _group_sizes(job: Summary, measured: bool) -> IntArray:
     return np.bincount(counted, minlength=len(groups.ids))
 
 
-_GROUPS: Table[Summary] = Table(
-    (
-        unrecorded("Group", "A8", lambda job: job.block.equal_elevations.ids),
-        unrecorded("Sigma\nm", "F9.4", lambda job: job.block.equal_elevations.sigma),
-        unrecorded("Points", "I6", lambda job: _group_sizes(job, False)),
-        unrecorded("Measured", "I8", lambda job: _group_sizes(job, True)),
+def _groups(job: Summary) -> Table[Any]:
+    groups = job.block.equal_elevations
+    return sheet(
+        ("Group", "A8", groups.ids),
+        ("Sigma\nm", "F9.4", groups.sigma),
+        ("Points", "I6", _group_sizes(job, False)),
+        ("Measured", "I8", _group_sizes(job, True)),
     )
-)
 
 
-def _observed(job: Summary) -> IntArray:
+def _observed(job: Summary) -> Table[Any]:
     """Return the photos with a sigma on station, attitude or tide."""
     photos = job.block.photos
     sigmas = np.column_stack([photos.position_sigma, photos.attitude_sigma, photos.tide_sigma])
-    return np.flatnonzero(np.isfinite(sigmas).any(axis=1))
-
-
-_OBSERVED: Table[Summary] = Table(
-    (
-        unrecorded("Photo", "A8", lambda job: job.block.photos.ids[_observed(job)]),
-        *(
-            _component(f"{name}\nm", "F9.3", "block.photos.position_sigma", i, _observed)
-            for i, name in enumerate(("East", "North", "Up"))
-        ),
-        *(
-            _component(f"{name}\narc sec", "F9.1", "block.photos.attitude_sigma", i, _observed)
-            for i, name in enumerate(("X-Tilt", "Y-Tilt", "Heading"))
-        ),
-        unrecorded("Tide\nm", "F9.4", lambda job: job.block.photos.tide_sigma[_observed(job)]),
-        unrecorded("Group", "A8", lambda job: job.block.photos.tide_group[_observed(job)]),
-        unrecorded("Day", "A8", lambda job: job.block.photos.tide_day[_observed(job)]),
+    rows = np.flatnonzero(np.isfinite(sigmas).any(axis=1))
+    return sheet(
+        ("Photo", "A8", photos.ids[rows]),
+        ([f"{name}\nm" for name in ("East", "North", "Up")], "F9.3", photos.position_sigma[rows]),
+        ([f"{name}\narc sec" for name in ("X-Tilt", "Y-Tilt", "Heading")], "F9.1", photos.attitude_sigma[rows]),
+        ("Tide\nm", "F9.4", photos.tide_sigma[rows]),
+        ("Group", "A8", photos.tide_group[rows]),
+        ("Day", "A8", photos.tide_day[rows]),
     )
-)
 
 
 # --- names ---
@@ -310,7 +268,7 @@ def _flagged(job: Summary) -> list[str]:
 
 
 def _unmeasured(job: Summary) -> list[str]:
-    links = _links(job)
+    links = job.block.control.point
     return [str(name) for name in job.block.points.ids[links[job.points.rays[links] == 0]]]
 
 
