@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from musatpy.fortran import FieldError, parse_edit, write_number
 from musatpy.model import CoordinateSystem, Refraction
 from musatpy.reports import table
-from musatpy.reports.editing import MANY, characters, edited, field_width, strings
+from musatpy.reports.editing import MANY, edited, field_width
 from musatpy.reports.fields import unrecorded
 from musatpy.reports.listing import sections_of
 from musatpy.reports.pages import PAGE_LINES, Section, csv_files, paginate, print_pages
@@ -147,7 +147,6 @@ def test_columns_are_edited_as_their_values_are(values, edit):
         column = column * ARC_SECOND
     alone = [edited(edit, [value])[0] for value in column[: len(values)].tolist()]
     assert edited(edit, column) == alone * MANY
-    assert strings(characters(edit, column[: len(values)])) == alone
 
 
 @given(st.lists(st.integers(-(10**7), 10**7), min_size=1, max_size=30), st.integers(1, 9))

@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.fortran import Edit, parse_edit, write_number
 from musatpy.model import CoordinateSystem
 from musatpy.units import ARC_SECOND, DEGREE, GON, HECTOPASCAL, MICROMETRE, dms_from_radians
@@ -113,35 +112,24 @@ def edited(descriptor: str, values: Iterable[Any]) -> list[str]:
     Raises `FieldError` where `descriptor` is none.
     """
     column = values if isinstance(values, np.ndarray) else list(values)
-    if len(column) >= MANY:
-        return strings(characters(descriptor, column))
-    one = _editing_of(descriptor)
+    one, numbers = _editing_of(descriptor), np.asarray(column) if len(column) >= MANY else np.zeros(0)
+    if descriptor[0] == "F" and numbers.dtype.kind in "fiu" and len(numbers):
+        return _at_once(parse_edit(descriptor), numbers, one)
     return [one(value) for value in (column.tolist() if isinstance(column, np.ndarray) else column)]
 
 
-def characters(descriptor: str, values: Sequence[Any] | NDArray[Any]) -> Characters:
-    """Return the texts of `edited` as an array of characters (n, width), a whole column at once."""
-    width, one = field_width(descriptor), _editing_of(descriptor)
-    if descriptor.startswith("A"):
-        is_text = isinstance(values, np.ndarray) and values.dtype.kind == "U"
-        return of_texts(values if is_text else [one(value) for value in values], width)
-    table, done = _at_once(descriptor, np.asarray(values), width)
-    rows = np.flatnonzero(~done)
-    table[rows] = of_texts([one(value) for value in np.asarray(values)[rows].tolist()], width)
-    return table
-
-
-def _at_once(descriptor: str, values: NDArray[Any], width: int) -> tuple[Characters, BoolArray]:
-    """Return the characters of numbers (n,), and which of them (n,) are those that are wanted."""
-    sexagesimal = _SEXAGESIMAL.fullmatch(descriptor)
-    if sexagesimal:
-        return _angles(values.astype(float), width, int(sexagesimal[2]))
-    edit = parse_edit(descriptor)
-    if edit.letter == "F":
-        return fixed(values.astype(float), width, edit.decimals)
-    if edit.letter == "I" and values.dtype.kind in "iu":
-        return whole_numbers(values, values < 0, width)
-    return blank(len(values), width), np.zeros(len(values), dtype=bool)
+def _at_once(edit: Edit, values: NDArray[Any], one: Callable[[Any], str]) -> list[str]:
+    """Return the texts of numbers (n,) under F by one formatting; `one` edits what is not finite or too wide."""
+    if not edit.decimals:
+        return [one(value) for value in values.tolist()]
+    zeros = "0" * edit.decimals
+    text = f"\n%{edit.width}.{edit.decimals}f" * len(values) % tuple(values.tolist()) + "\n"
+    text = text.replace(f"-0.{zeros}\n", f" 0.{zeros}\n")
+    text = text.replace(" 0.", "  .").replace("\n0.", "\n .").replace("-0.", " -.")
+    texts, blank = text[1:-1].split("\n"), " " * edit.width
+    for row in np.flatnonzero(~np.isfinite(values) | (np.fromiter(map(len, texts), int) != edit.width)).tolist():
+        texts[row] = blank if values[row] != values[row] else one(values[row].item())
+    return texts
 
 
 @lru_cache
@@ -208,103 +196,3 @@ def _angle(angle: float, width: int, decimals: int) -> str:
     sign = "-" if math.copysign(1.0, d) < 0.0 and (d or m or s) else ""
     text = f"{sign}{abs(d):.0f}{m:3.0f}{_number(s, Edit(letter='F', width=decimals + 4, decimals=decimals))}"
     return text.rjust(width) if len(text) <= width else "*" * width
-
-
-def _angles(angles: FloatArray, width: int, decimals: int) -> tuple[Characters, BoolArray]:
-    """Return what `_angle` does of angles (n,) as characters, and which (n,) are done."""
-    finite = np.isfinite(angles)
-    degrees, minutes, seconds = dms_from_radians(np.where(finite, angles, 0.0), decimals)
-    negative = np.signbit(degrees) & ((degrees != 0.0) | (minutes != 0.0) | (seconds != 0.0))
-    last, done = fixed(seconds, decimals + 4, decimals)
-    if width < decimals + 8:  # no column for the degrees
-        return blank(len(angles), width), np.zeros(len(angles), dtype=bool)
-    first, fits = whole_numbers(degrees, negative, width - decimals - 7)
-    middle, _ = whole_numbers(minutes, np.zeros(len(angles), dtype=bool), 3)
-    return np.concatenate([first, middle, last], axis=1), finite & done & fits
-
-
-Characters = NDArray[np.uint32]  # (n, width)
-# Columns of print as characters, whole columns at once. `fortran.write_number` edits what does not fit, and what is
-# so near a tie that the product with a power of ten does not tell which way it is rounded.
-_BLANK, _MINUS, _POINT, _ZERO = map(ord, " -.0")
-_EXACT = 1e15  # whole numbers below it are exact, and so are their halves
-_SPACING = 2.0**-52
-
-
-def blank(rows: int, width: int) -> Characters:
-    """Return a column of blanks."""
-    return np.full((width, rows), _BLANK, dtype=np.uint32).T  # filled character by character
-
-
-def of_texts(texts: Sequence[str] | TextArray, width: int) -> Characters:
-    """Return texts (n,), each cut or filled with blanks behind it."""
-    table: Any = np.array(texts, dtype=f"U{width}").reshape(-1, 1).view(np.uint32)
-    return np.where(table == 0, np.uint32(_BLANK), table)
-
-
-def strings(table: Characters) -> list[str]:
-    """Return the rows of characters as texts."""
-    whole: Any = np.ascontiguousarray(table).view(f"U{table.shape[1]}")
-    return list(whole.ravel().tolist())
-
-
-def fixed(values: FloatArray, width: int, decimals: int) -> tuple[Characters, BoolArray]:
-    """Return numbers (n,) with decimals, none of them wider than leaves a blank, and which (n,) are done.
-
-    There is no zero before the point, no sign of what rounds to zero, and nothing but blanks of NaN.
-    """
-    room = width - decimals
-    limit = 10.0 ** (room - 2) - 1.0 if decimals and room > 3 else 0.0
-    with np.errstate(invalid="ignore", over="ignore"):
-        size = np.abs(values)
-        scaled = size * 10.0**decimals
-        nearest = np.rint(scaled)
-        done = (size < limit) & (scaled < _EXACT) & (np.abs(np.abs(scaled - nearest) - 0.5) > _SPACING * scaled)
-    table, number = blank(len(values), width), _whole(nearest, done)
-    left = _digits(table, number, width, decimals)
-    point = width - decimals - 1
-    table[:, point] = _POINT
-    _signed(table, left, (values < 0.0) & (number > 0), point, least=0)
-    nothing = np.isnan(values)
-    table[nothing] = _BLANK
-    return table, done | nothing
-
-
-def whole_numbers(values: NDArray[Any], negative: BoolArray, width: int) -> tuple[Characters, BoolArray]:
-    """Return whole numbers (n,), none wider than leaves a blank, with signs where told, and which (n,) are done."""
-    with np.errstate(invalid="ignore"):
-        size = np.abs(values)
-        done = size < min(10.0 ** (width - 1), _EXACT) if width > 1 else np.zeros(len(values), dtype=bool)
-    table = blank(len(values), width)
-    _signed(table, _whole(size, done), negative & done, width, least=1)
-    return table, done
-
-
-def _whole(size: NDArray[Any], done: BoolArray) -> NDArray[Any]:
-    """Return whole numbers, zero where they are not done; short ones are divided in half the time."""
-    number = np.where(done, size, 0).astype(np.int64)
-    return number.astype(np.uint32) if number.max(initial=0) < 2**32 else number
-
-
-def _digits(table: Characters, number: NDArray[Any], end: int, count: int) -> NDArray[Any]:
-    """Write the last `count` digits of numbers before the column `end`; return what is left of the numbers."""
-    for column in range(end - 1, end - 1 - count, -1):
-        left = number // 10
-        table[:, column] = number - 10 * left + _ZERO
-        number = left
-    return number
-
-
-def _signed(table: Characters, number: NDArray[Any], negative: BoolArray, end: int, *, least: int) -> None:
-    """Write whole numbers before the column `end`, of `least` digits, and the signs before them."""
-    first = np.full(len(number), end)
-    for column in range(end - 1, -1, -1):
-        shown = number > 0 if column < end - least else np.ones(len(number), dtype=bool)
-        if not shown.any():
-            break
-        left = number // 10
-        table[:, column] = np.where(shown, number - 10 * left + _ZERO, _BLANK)
-        first -= shown
-        number = left
-    rows = np.flatnonzero(negative)
-    table[rows, first[rows] - 1] = _MINUS

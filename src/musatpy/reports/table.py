@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import accumulate, chain
 from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model.tables import falling
-from musatpy.reports.editing import MANY, blank, characters, edited, field_width, prints_as_zero, strings, with_unit
+from musatpy.reports.editing import edited, field_width, prints_as_zero, with_unit
 from musatpy.reports.fields import Each, Field, Group, Rows, unrecorded
 from musatpy.reports.pages import PAGE_WIDTH, Cells, Section
 from musatpy.reports.values import Values, array_of, at, in_rows, nothing, unnested
@@ -45,28 +44,16 @@ class Table(Generic[Source]):
     def lines(self, source: Source) -> list[str]:
         """Return one printed line per row of `source`."""
         columns = [column.printed(source) for column in self.columns]
-        count = len(columns[0])
-        if count < MANY:
-            texts = [_texts(*pair) for pair in zip(self.columns, columns, strict=True)]
-            return [_join(row) for row in zip(*texts, strict=True)]
-        chunks = (slice(start, start + _ROWS) for start in range(0, count, _ROWS))
-        return list(chain.from_iterable(self._lines([values[rows] for values in columns]) for rows in chunks))
+        lines: list[str] = []
+        for start in range(0, len(columns[0]), _ROWS):
+            chunk = [values[start : start + _ROWS] for values in columns]
+            texts = [_texts(*pair) for pair in zip(self.columns, chunk, strict=True)]
+            lines += [_join(row) for row in zip(*texts, strict=True)]
+        return lines
 
     def text(self, source: Any = None) -> list[str]:
         """Return the heading lines, and below them those of the rows."""
         return [*self.head(), *self.lines(source)]
-
-    def _lines(self, columns: Sequence[Any]) -> list[str]:
-        """Return one printed line per row of columns of values."""
-        ends = list(accumulate(column.width + len(_GAP) for column in self.columns))
-        table = blank(len(columns[0]), ends[-1])
-        for column, values, end in zip(self.columns, columns, ends, strict=True):
-            if len(values) != len(table):
-                raise ValueError(f"the column {column.heading} has {len(values)} values, the first {len(table)}")
-            printed = characters(column.edit, values)
-            start = end - len(_GAP) - (column.width if column.edit.startswith("A") else printed.shape[1])
-            table[:, start : start + printed.shape[1]] = printed
-        return [line.rstrip() for line in strings(table)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -187,11 +174,11 @@ def _system_of(source: Any) -> str:
 
 def _texts(column: Field[Any], values: Any) -> list[str]:
     """Return what a column prints, as wide as that."""
-    edit = str(column.edit)
+    edit, width = str(column.edit), column.width
     texts = edited(edit, values)
-    if field_width(edit) == column.width:
+    if field_width(edit) == width:
         return texts
-    return [text.ljust(column.width) if edit.startswith("A") else text.rjust(column.width) for text in texts]
+    return [text.ljust(width) if edit.startswith("A") else text.rjust(width) for text in texts]
 
 
 def _of_entries(kind: str) -> str:
