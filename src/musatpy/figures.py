@@ -111,5 +111,10 @@ def image_of(figure: Any, kind: str) -> bytes:
         "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
     }
     buffer = BytesIO()
+    if (engine := figure.get_layout_engine()) is not None:
+        for spine in (spine for axes in figure.axes for spine in axes.spines.values()):
+            spine.set_in_layout(False)  # a tenth of the time, and never farther out than ticks
+        engine.execute(figure)
+        figure.set_layout_engine(None)  # else it is laid out, and drawn, twice
     figure.savefig(buffer, format=kind, metadata=dates[kind])
     return buffer.getvalue()

@@ -45,7 +45,7 @@ def figure(data: BottomPoints) -> Any:
         label=counted(number, "submerged point"),
     )  # fmt: skip
     figure.colorbar(drawn, ax=axes, label="lowered by, m")
-    add_arrows(axes, places, shift[:, :2], "moved sideways", share=0.5)
+    add_arrows(axes, places, shift[:, :2], "moved sideways", share=0.35)
     order = np.argsort(-shift[:, 2], kind="stable")  # those that are written have all sizes
     name_places(axes, places[order], np.array([f"{-value:z.1f}" for value in shift[order, 2].tolist()]), _NAMED)
     add_legend(figure)

@@ -27,7 +27,7 @@ MAPS_NEED = {
     "points": ("position",),
 }
 _LONG, _SHORT = 8.0, 3.6  # inches, of the sides of a map
-_PANEL = 5.0  # inches, of the long side of one of several maps
+_PANEL = 4.6  # inches, of the long side of one of several maps
 _BORDER, _KEY = 0.05, 0.09  # of the extent, around the block and for the keys below it
 _BEYOND = 1.0  # extents of the block, within which points are in view
 _MOST_NAMES = 40
@@ -118,32 +118,24 @@ def view_of(core: FloatArray, others: FloatArray, keys: bool = False) -> tuple[F
 
 
 def new_maps(bounds: FloatArray, plane: Plane, title: str, panels: Sequence[str] = ("",)) -> tuple[Any, list[Any]]:
-    """Return a figure with maps of bounds (2, 2) m, each with a title of its own, side by side or in two rows.
+    """Return a figure with maps of bounds (2, 2) m side by side, each with a title of its own.
 
     Raises `MusatError` where matplotlib is missing.
     """
-    width, height = ((_LONG if len(panels) == 1 else _PANEL) * _sides(bounds)).tolist()
-    across = 1 if len(panels) == 1 else 2 if width >= height or len(panels) == 2 else len(panels)
-    down = -(-len(panels) // across)
-    figure = new_figure(across * (width + 1.0), down * (height + 0.7) + 1.0, title)
-    maps = figure.subplots(down, across, squeeze=False).ravel().tolist()
-    for axes in maps[len(panels) :]:
-        axes.remove()
-    for axes, name in zip(maps, panels, strict=False):
+    sides = bounds[1] - bounds[0]
+    width, height = ((_LONG if len(panels) == 1 else _PANEL) * sides / sides.max()).tolist()
+    figure = new_figure(len(panels) * (width + 0.9), height + 1.7, title)
+    maps = figure.subplots(1, len(panels), squeeze=False)[0].tolist()
+    for axes, name in zip(maps, panels, strict=True):
         dress(axes, bounds, plane)
         axes.set_title(name)
-    return figure, maps[: len(panels)]
-
-
-def _sides(bounds: FloatArray) -> FloatArray:
-    sides = bounds[1] - bounds[0]
-    return np.asarray(sides / sides.max())
+    return figure, maps
 
 
 def dress(axes: Any, bounds: FloatArray, plane: Plane) -> None:
     """Give axes the bounds (2, 2) m, labels with units, a scale bar at the lower right, and north."""
     axes.set(xlim=bounds[:, 0], ylim=bounds[:, 1], xlabel=plane.labels[0], ylabel=plane.labels[1], aspect="equal")
-    axes.locator_params(nbins=6)
+    axes.locator_params(nbins=5)
     arrow = {"arrowstyle": "-|>", "color": INK, "shrinkA": 0, "shrinkB": 0}
     axes.annotate(plane.north, (0.97, 0.98), (0.97, 0.86), xycoords="axes fraction", ha="center", arrowprops=arrow)
     width, height = (bounds[1] - bounds[0]).tolist()

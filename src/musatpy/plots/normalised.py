@@ -84,7 +84,7 @@ def figure(data: list[Residuals]) -> Any:
     figure = new_figure(
         2.0 * _WIDTH, _HEIGHT * len(data) + 1.0, "Normalised residuals beside the normal distribution"
     )
-    panels = figure.subplots(len(data), 2, squeeze=False)
+    panels = figure.subplots(len(data), 2, sharex="col", squeeze=False)
     for (bars, dots), of_kind in zip(panels, data, strict=True):
         _draw_bars(bars, of_kind)
         _draw_quantiles(dots, of_kind)
@@ -106,7 +106,7 @@ def _draw_bars(axes: Any, of_kind: Residuals) -> None:
         axes.axvline(limit, color=DRY, linestyle="--", label="99.9 %")
     axes.set_ylabel("residuals")
     axes.set_title(f"{of_kind.kind}: {len(of_kind.values):,}, RMS {of_kind.deviation:.2f}")
-    axes.yaxis.get_major_locator().set_params(integer=True)
+    axes.locator_params(axis="y", nbins=4, integer=True)
 
 
 def _draw_quantiles(axes: Any, of_kind: Residuals) -> None:
@@ -118,6 +118,7 @@ def _draw_quantiles(axes: Any, of_kind: Residuals) -> None:
     for limit in (-_FAR, _FAR):
         axes.axhline(limit, color=DRY, linestyle="--")
     axes.set_ylabel("residual over sigma")
+    axes.locator_params(nbins=6)
 
 
 NORMALISED = Picture(

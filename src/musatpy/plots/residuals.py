@@ -146,6 +146,7 @@ def _set_format(axes: Any, corners: FloatArray) -> None:
     x, y = _BORDER * (east - west), _BORDER * (north - south)
     axes.set(xlim=(west - x, east + x), ylim=(south - y - _KEY * (north - south), north + y), aspect="equal")
     axes.set(xlabel="x, mm", ylabel="y, mm")
+    axes.locator_params(nbins=4)
     axes.label_outer()
 
 
