@@ -19,6 +19,7 @@ from musatpy.compilation.joined_surfaces import Surface, surfaces_of
 from musatpy.compilation.raster_bottoms import RasterBottom, read_raster_bottom
 from musatpy.compilation.sounded import Matching, Sounded, nowhere, sounded
 from musatpy.errors import CompilationError, Problem, SoundingError
+from musatpy.figures import image_of
 from musatpy.files import write_files
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.reports import compilation_comparisons
@@ -26,7 +27,7 @@ from musatpy.reports import soundings as report
 from musatpy.reports.record import dumps
 from musatpy.soundings.contour_files import read_contours
 from musatpy.soundings.differences import likeness_warning
-from musatpy.soundings.pictures import difference_picture
+from musatpy.soundings.pictures import difference_figure
 from musatpy.soundings.sounding_files import Soundings, read_soundings
 
 _RASTERS = (".tif", ".tiff")
@@ -89,7 +90,7 @@ def compare_soundings(
     }
     if outputs.picture is not None:
         title = f"{source.name} and the bottom of {bottom.name}"
-        files[outputs.picture] = difference_picture(compared.differences, compared.xy, title)
+        files[outputs.picture] = image_of(difference_figure(compared.differences, compared.xy, title), "png")
     write_files(files)
     far = of.compiled.far_datum(how.datum) if of.compiled and (how.datum or of.compiled.deck.datum) else ()
     return compared, [*far, *_warnings(compared, read)]

@@ -45,7 +45,7 @@ def check_matplotlib() -> None:
     try:
         import matplotlib.figure  # noqa: F401
     except ImportError as error:
-        raise MusatError("pictures need matplotlib: pip install 'musatpy[plots]'") from error
+        raise MusatError("pictures need the package matplotlib: pip install 'musatpy[plots]'") from error
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
@@ -76,9 +76,9 @@ def new_figure(width: float, height: float, title: str = "") -> Any:
 
 
 def set_title(figure: Any, *paragraphs: str) -> None:
-    """Give a figure a title, a line or more to each paragraph."""
+    """Give a figure a title, a line or more to each line of its paragraphs."""
     letters = int(figure.get_figwidth() / _LETTER)
-    lines = [line for text in paragraphs for line in wrap(text, letters)]
+    lines = [line for text in "\n".join(paragraphs).splitlines() for line in wrap(text, letters)]
     if lines:
         figure.suptitle("\n".join(lines))
 

@@ -20,7 +20,7 @@ from musatpy.soundings.differences import (
     regression,
     samples,
 )
-from musatpy.soundings.pictures import difference_figure, difference_picture
+from musatpy.soundings.pictures import difference_figure
 from musatpy.soundings.s44 import orders_met, source, survey_orders
 from musatpy.soundings.sounding_files import read_soundings
 from musatpy.units import DEGREE
@@ -378,4 +378,4 @@ def test_axes_have_units() -> None:
 def test_few_soundings_are_drawn(number: int) -> None:
     differences, xy = sample()
     rows = np.arange(len(xy)) < number
-    assert difference_picture(differences.part(rows), xy[rows], "few").startswith(b"\x89PNG")
+    assert len(difference_figure(differences.part(rows), xy[rows], "few").axes) == 4

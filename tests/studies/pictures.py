@@ -7,7 +7,7 @@ import numpy as np
 
 from musatpy.figures import image_of, new_figure
 from musatpy.sea.experiment import Histogram
-from musatpy.sea.pictures.error_maps import bars
+from musatpy.sea.pictures import bars
 from studies import collocation, stereo
 from studies.crossing import Crossing
 from studies.unknown_waves import Cell, Summary

@@ -63,7 +63,7 @@ def command(
         title += f"\nX and Y on the map {surface_map.text}"
     files = {report: surface_text(result, title, read.left).encode(), surface: dumps(result, surface_map).encode()}
     if plots:
-        from musatpy.sea.pictures.stereo import surface_picture
+        from musatpy.sea.pictures import surface_picture
 
         files[folder / f"{points.stem}.surface.png"] = surface_picture(result, title.split("\n")[0])
     refuse_overwriting(files, [points])

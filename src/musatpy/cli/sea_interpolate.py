@@ -84,7 +84,7 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     result = interpolate(known.observed, _options(given))
     files = {report: collocation_text(result, known.ids, (points.name, control.name)).encode()}
     if given["plots"]:
-        from musatpy.sea.pictures.interpolation import interpolation_picture
+        from musatpy.sea.pictures import interpolation_picture
 
         files[picture] = interpolation_picture(result)
     if mapped is None:

@@ -33,7 +33,7 @@ def command(spec: Path, plots: bool, out_dir: Path | None) -> None:
     text, table = folder / f"{spec.stem}.waves.txt", folder / f"{spec.stem}.waves.csv"
     files = {text: waves_text(result).encode(), table: points_csv(result).encode()}
     if plots:
-        from musatpy.sea.pictures.error_maps import pictures
+        from musatpy.sea.pictures import pictures
 
         files |= {folder / f"{spec.stem}.{name}.png": picture for name, picture in pictures(result).items()}
     refuse_overwriting(files, [spec])

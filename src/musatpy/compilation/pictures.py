@@ -9,39 +9,35 @@ import numpy as np
 from musatpy.compilation.bottom import Bottom
 from musatpy.compilation.compiled import Compiled
 from musatpy.compilation.joined_surfaces import Of, Surface
-from musatpy.figures import image_of, new_figure, styled
+from musatpy.figures import DRY, GREY, INK, RED, add_legend, image_of, new_figure, set_title, styled
 from musatpy.surfaces.contours import Contour
 
-_PANEL = 6.0  # inches
-_BESIDE, _ABOVE = 1.8, 1.2  # inches: bar and numbers beside a map, title and numbers above and below it
+_PANEL = 6.0  # inches, of the width of a surface
+_ABOVE = 1.5  # inches, of title, numbers and legend
 
 
 @styled
 def contour_pictures(compiled: Compiled, bottom: Bottom) -> dict[str, bytes]:
     """Return the surfaces side by side, north up, as `png` and `pdf`. Raises `MusatError` without matplotlib."""
-    shown = [(surface, _lines_of(bottom, surface)) for surface in bottom.surfaces if surface.tin is not None]
-    figure = new_figure(_PANEL * max(len(shown), 1), _PANEL)
-    title = compiled.deck.titles[0] if compiled.deck.titles else "Bottom"
+    shown = [(surface, surface.tin) for surface in bottom.surfaces if surface.tin is not None]
     of_depth = bottom.of is Of.DEPTH
-    what = f"depths below {compiled.datum.title}" if of_depth else "heights"
-    figure.suptitle(f"{title}: {what}, m", wrap=True)
-    depths = np.concatenate([surface.tin.z for surface, _ in shown if surface.tin] or [np.array([0.0, 1.0])])
-    shade = None
-    for number, (surface, lines) in enumerate(shown, 1):
-        axes = figure.add_subplot(1, len(shown), number, aspect="equal")
-        limits = (float(depths.min()), float(depths.max()))
-        shade = _draw(axes, surface, lines, limits, "Blues" if of_depth else "terrain")
+    z = np.concatenate([tin.z for _, tin in shown] or [np.array([0.0, 1.0])])
+    style = {"cmap": "Blues" if of_depth else "terrain", "vmin": float(z.min()), "vmax": float(z.max())}
+    figure = new_figure(_PANEL * max(len(shown), 1) + 1.0, _PANEL)
+    for number, (surface, tin) in enumerate(shown, 1):
+        axes = figure.add_subplot(1, len(shown), number, aspect="equal", xlabel="east, m", ylabel="north, m")
+        shade = axes.tripcolor(*tin.xy.T, tin.z, triangles=tin.triangles[tin.kept], shading="gouraud", **style)
+        axes.plot(*tin.xy.T, ".", color=DRY, markersize=2, label="points")
+        _draw_lines(axes, _lines_of(bottom, surface))
         _draw_models(axes, compiled, surface)
-    if shade is not None:
-        figure.set_figheight(height_of(figure.axes))
-        figure.colorbar(shade, ax=axes, label=f"{bottom.of}, m")
-    return {"png": image_of(figure, "png"), "pdf": image_of(figure, "pdf")}
-
-
-def height_of(maps: list[Any]) -> float:
-    """Return the height (inches) of a figure whose maps are as high as it allows: the bar beside them is so too."""
-    slope = max(float(np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())) for axes in maps)
-    return min(_PANEL, (_PANEL - _BESIDE) * slope + _ABOVE)
+    if shown:
+        slope = max(float(np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())) for axes in figure.axes)
+        figure.set_figheight(min(_PANEL * slope, 1.5 * _PANEL) + _ABOVE)
+        figure.colorbar(shade, ax=figure.axes, label=f"{bottom.of}, m")
+    what = f"depths below {compiled.datum.title}, m" if of_depth else "heights, m"
+    set_title(figure, *compiled.deck.titles[:1], what)
+    add_legend(figure)
+    return {kind: image_of(figure, kind) for kind in ("png", "pdf")}
 
 
 def _lines_of(bottom: Bottom, surface: Surface) -> list[Contour]:
@@ -49,22 +45,12 @@ def _lines_of(bottom: Bottom, surface: Surface) -> list[Contour]:
     return [line for sheet in bottom.sheets if sheet.surface is surface for line in sheet.contours.lines]
 
 
-def _draw(axes: Any, surface: Surface, lines: list[Contour], limits: tuple[float, float], colours: str) -> Any:
-    """Draw a surface with its points and contours, and return what its colours mean."""
-    tin = surface.tin
-    assert tin is not None
-    shade = axes.tripcolor(
-        *tin.xy.T, tin.z, triangles=tin.triangles[tin.kept], shading="gouraud", cmap=colours, vmin=limits[0],
-        vmax=limits[1],
-    )  # fmt: skip
+def _draw_lines(axes: Any, lines: list[Contour]) -> None:
+    """Draw contours, those of the index thick and with their levels."""
     for line in lines:
-        axes.plot(*line.xy.T, color="0.15", linewidth=1.2 if line.index else 0.5)
+        axes.plot(*line.xy.T, color=INK, linewidth=1.2 if line.index else 0.5)
         if line.index:
             _label(axes, line)
-    axes.plot(*tin.xy.T, ".", color="tab:orange", markersize=2)
-    axes.set_xlabel("east, m")
-    axes.set_ylabel("north, m")
-    return shade
 
 
 def _label(axes: Any, line: Contour) -> None:
@@ -87,14 +73,12 @@ def _draw_models(axes: Any, compiled: Compiled, surface: Surface) -> None:
             continue
         stereo, photos = model.stereo, model.stereo.run.block.photos
         base = surface.places(photos.position[list(stereo.photos)][:, :2])
-        axes.plot(*base.T, "^-", color="tab:red", markersize=7, linewidth=0.8, zorder=5)
+        axes.plot(*base.T, "^-", color=RED, markersize=7, zorder=5, label="base of a model")
         for row, place in zip(stereo.photos, base, strict=True):
-            axes.annotate(
-                str(photos.ids[row]), place, textcoords="offset points", xytext=(4, 5), fontsize=8, zorder=5
-            )
+            axes.annotate(str(photos.ids[row]), place, (4, 5), textcoords="offset points", zorder=5)
         half = 0.5 * stereo.camera("format_size").min(axis=0) / stereo.camera("focal_length").mean() * stereo.height
         stations = stereo.stations[:, 0]
         west, east = stations.max() - half[0], stations.min() + half[0]
         corners = np.array([[west, -half[1]], [east, -half[1]], [east, half[1]], [west, half[1]], [west, -half[1]]])
         outline = stereo.working(np.column_stack([corners, np.zeros(5)]))
-        axes.plot(*surface.places(stereo.run.frame.system(outline)[:, :2]).T, "--", color="0.5", linewidth=0.8)
+        axes.plot(*surface.places(stereo.run.frame.system(outline)[:, :2]).T, "--", color=GREY, label="both photos")

@@ -8,11 +8,15 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import DepthError, Problem
-from musatpy.files import whole_file
+from musatpy.figures import INK, add_legend, image_of, new_figure, styled
+from musatpy.files import write_files
 
-_LONG_SIDE = 6.5  # inches
+_LONG, _LEAST = 6.5, 4.0  # inches, of the sides of the map
+_BORDER = 0.05  # of the extent, around it
+_FILES = ("png", "svg", "pdf")
 
 
+@styled
 def contour_picture(
     path: Path,
     x: FloatArray,
@@ -26,35 +30,26 @@ def contour_picture(
 ) -> None:
     """Write contours of factors (ny, nx) at x (nx,), y (ny,), and stations (k, 2), as Groeneveld Meijer's Figure 4.
 
-    The format is that of the suffix, PNG, SVG or PDF. Raises `DepthError` without matplotlib or for another suffix.
+    The format is that of the suffix, PNG, SVG or PDF; stations far from the contours are not drawn. Raises
+    `MusatError` without matplotlib, and `DepthError` for another suffix.
     """
     kind = path.suffix.lower().removeprefix(".")
-    if kind not in ("png", "svg", "pdf"):
+    if kind not in _FILES:
         raise DepthError([Problem(message=f"a picture is .png, .svg or .pdf, not '{path.suffix}'")])
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        message = "pictures need the package matplotlib: pip install 'musatpy[plots]'"
-        raise DepthError([Problem(message=message)]) from error
-    width, height = float(np.ptp(x)), float(np.ptp(y))
-    long = max(width, height) / _LONG_SIDE
-    figure = Figure(figsize=(max(width / long, 2.5) + 2.0, max(height / long, 2.5) + 1.5), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
+    sides = np.array([np.ptp(x), np.ptp(y)])
+    low, high = np.array([x.min(), y.min()]) - _BORDER * sides, np.array([x.max(), y.max()]) + _BORDER * sides
+    size = np.maximum(_LONG * sides / sides.max(), _LEAST)
+    figure = new_figure(size[0] + 2.0, size[1] + 1.5, title)
+    axes = figure.subplots()
     shown = np.ma.masked_invalid(factor)
-    low, high = np.floor(shown.min() / step), np.ceil(shown.max() / step)
-    levels = step * np.arange(low, high + 1)
+    levels = step * np.arange(np.floor(shown.min() / step), np.ceil(shown.max() / step) + 1)
     filled = axes.contourf(x, y, shown, levels=levels, cmap="viridis_r", alpha=0.35)
     lines = axes.contour(x, y, shown, levels=levels, colors="0.2", linewidths=0.8)
-    decimals = max(2, int(np.ceil(-np.log10(step))))
-    axes.clabel(lines, fmt=f"%.{decimals}f", fontsize=8)
-    axes.plot(stations[:, 0], stations[:, 1], "k^", markersize=7, clip_on=False, label="exposure stations")
-    axes.set_aspect("equal")
-    axes.set_title(title, fontsize=10)
-    axes.set_xlabel(f"x{unit}")
-    axes.set_ylabel(f"y{unit}")
-    figure.legend(loc="outside lower center", fontsize=8)
-    figure.colorbar(filled, ax=axes, label="depth factor F", shrink=0.8)
-    with whole_file(path) as file:
-        figure.savefig(file, format=kind, dpi=150, bbox_inches="tight")
+    axes.clabel(lines, fmt=f"%.{max(2, int(np.ceil(-np.log10(step))))}f")
+    near = stations[((stations >= low) & (stations <= high)).all(axis=1)]
+    if len(near):
+        axes.plot(*near.T, "^", color=INK, markersize=7, label="exposure stations")
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=f"x{unit}", ylabel=f"y{unit}")
+    add_legend(figure)
+    figure.colorbar(filled, ax=axes, label="depth factor F")
+    write_files({path: image_of(figure, kind)})

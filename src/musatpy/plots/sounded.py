@@ -1,4 +1,4 @@
-"""The picture of a comparison with soundings, from its record; those before 2.1 say no places, and have no map."""
+"""The picture of a comparison with soundings, from its record."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class SoundedPlan:
     """Differences of k soundings, and where these are."""
 
     differences: Differences
-    places: FloatArray | None  # (k, 2) m, None where the record does not say
+    places: FloatArray  # (k, 2) m
 
 
 def differences_of(tables: Tables) -> Differences:
@@ -38,8 +38,8 @@ def differences_of(tables: Tables) -> Differences:
 
 def sounded_plan(tables: Tables) -> SoundedPlan:
     """Return the differences with their places. Raises `NothingToShowError` where there are none."""
-    data, places = differences_of(tables), numbers(part(tables, "differences"), "place", 2)
-    return SoundedPlan(differences=data, places=places if len(places) == len(data.names) else None)
+    places = numbers(part(tables, "differences"), "place", 2)
+    return SoundedPlan(differences=differences_of(tables), places=places)
 
 
 def sentence(data: SoundedPlan) -> str:
@@ -63,7 +63,7 @@ def figure(data: SoundedPlan) -> Any:
 SOUNDINGS = Picture(
     name="soundings",
     title="Compiled and sounded depths",
-    needs={"differences": ("sounding", "compiled", "sounded", "sigma")},
+    needs={"differences": ("sounding", "compiled", "sounded", "sigma", "place")},
     numbers=sounded_plan,
     figure=figure,
     words=sentence,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.figures import image_of, new_figure, styled
+from musatpy.figures import BLUE, GREY, INK, RED, add_legend, new_figure, styled
 from musatpy.soundings.differences import Differences, regression
 
 _WIDTH, _HEIGHT = 16.0, 5.2  # inches
@@ -17,82 +17,60 @@ _SHADES = "PuOr"  # two sides of a pale zero, alike to every eye
 _MOST = 98.0  # percentile of the sizes of differences that have shades of their own
 
 
-def difference_picture(differences: Differences, xy: FloatArray, title: str) -> bytes:
-    """Return a PNG of differences at places xy (k, 2) m. Raises `MusatError` where matplotlib is missing."""
-    return image_of(difference_figure(differences, xy, title), "png")
-
-
 @styled
-def difference_figure(differences: Differences, xy: FloatArray | None, title: str) -> Any:
-    """Return the figure of differences at places xy (k, 2) m; blunders are crosses. Without places there is no map.
+def difference_figure(differences: Differences, xy: FloatArray, title: str) -> Any:
+    """Return the figure of differences at places xy (k, 2) m; blunders are crosses.
 
     Raises `MusatError` where matplotlib is missing.
     """
-    panels = 2 if xy is None else 3
-    figure = new_figure(_WIDTH * panels / 3.0, _HEIGHT, title)
-    against, by_size, *on_map = figure.subplots(1, panels)
+    figure = new_figure(_WIDTH, _HEIGHT, title)
+    against, by_size, on_map = figure.subplots(1, 3)
     blunders = differences.blunders
     _draw_depths(against, differences, blunders)
     _draw_histogram(by_size, differences, blunders)
-    if xy is not None:
-        _draw_map(figure, on_map[0], differences.difference, xy, blunders)
+    _draw_map(figure, on_map, differences.difference, xy, blunders)
+    add_legend(figure, 5)
     return figure
 
 
 def _draw_depths(axes: Any, differences: Differences, blunders: BoolArray) -> None:
     """Draw compiled over sounded depths, with the line on which both are equal, and the regression."""
     sounded, compiled = differences.sounded, differences.compiled
-    axes.plot(sounded[~blunders], compiled[~blunders], ".", color="0.35", markersize=4, label="soundings")
+    axes.plot(sounded[~blunders], compiled[~blunders], ".", color=GREY, label="soundings")
     if blunders.any():
-        axes.plot(sounded[blunders], compiled[blunders], "x", color="black", markersize=7, label="blunders")
+        axes.plot(sounded[blunders], compiled[blunders], "x", color=INK, markersize=7, label="blunders")
     ends = np.array([min(sounded.min(), compiled.min()), max(sounded.max(), compiled.max())])
-    axes.plot(ends, ends, "-", color="black", linewidth=0.8, label="1:1")
+    axes.plot(ends, ends, "-", color=INK, linewidth=0.8, label="1:1")
     if line := regression(differences):
         label = f"{line.a:+z.3f} m {line.b:+z.4f} x depth"
-        axes.plot(ends, ends + line.a + line.b * ends, "--", color="tab:blue", linewidth=1.6, label=label)
-    axes.set_aspect("equal")
-    axes.set_xlabel("sounded depth, m")
-    axes.set_ylabel("compiled depth, m")
-    axes.legend(fontsize=8)
+        axes.plot(ends, ends + line.a + line.b * ends, "--", color=BLUE, linewidth=1.6, label=label)
+    axes.set(aspect="equal", xlabel="sounded depth, m", ylabel="compiled depth, m")
 
 
 def _draw_histogram(axes: Any, differences: Differences, blunders: BoolArray) -> None:
     """Draw the frequency of differences without blunders, with their median."""
     good = differences.difference[~blunders]
     bins = int(np.clip(np.sqrt(len(good)), _LEAST_BINS, _MOST_BINS))
-    axes.hist(good, bins=bins, color="0.75", edgecolor="0.35", linewidth=0.5)
-    axes.axvline(0.0, color="black", linewidth=0.8, label="no difference")
+    axes.hist(good, bins=bins, color="0.75", edgecolor=INK, linewidth=0.5)
+    axes.axvline(0.0, color=INK, linewidth=0.8)
     middle = float(np.median(good))
-    axes.axvline(middle, color="tab:blue", linestyle="--", linewidth=1.6, label=f"median {middle:z.3f} m")
+    axes.axvline(middle, color=RED, linestyle="--", linewidth=1.6, label=f"median {middle:z.3f} m")
     axes.set_xlabel(f"compiled less sounded, m ({np.count_nonzero(blunders)} blunders left out)")
     axes.set_ylabel("soundings")
-    axes.legend(fontsize=8)
 
 
 def _draw_map(figure: Any, axes: Any, difference: FloatArray, xy: FloatArray, blunders: BoolArray) -> None:
     """Draw differences in their places; triangles point up where the compiled bottom is shoaler, else down."""
     most = max(float(np.percentile(np.abs(difference[~blunders]), _MOST)), 1e-9)
-    shade = None
-    for rows, marker, label in (
-        (~blunders & (difference <= 0.0), "^", "compiled shoaler"),
-        (~blunders & (difference > 0.0), "v", "compiled deeper"),
-    ):
+    for deeper, marker, label in ((False, "^", "compiled shoaler"), (True, "v", "compiled deeper")):
+        rows = ~blunders & ((difference > 0.0) == deeper)
         shade = axes.scatter(
-            *xy[rows].T,
-            c=difference[rows],
-            marker=marker,
-            s=_DOTS,
-            cmap=_SHADES,
-            vmin=-most,
-            vmax=most,
-            edgecolors="0.4",
-            linewidths=0.3,
-        )
-        axes.plot([], [], marker, color="0.5", markersize=5, label=label)  # the legend has no shade
+            *xy[rows].T, c=difference[rows], marker=marker, s=_DOTS, cmap=_SHADES, vmin=-most, vmax=most,
+            edgecolors=GREY, linewidths=0.5,
+        )  # fmt: skip
+        axes.plot([], [], marker, color=GREY, markersize=5, label=label)  # the legend has no shade
     if blunders.any():
-        axes.plot(*xy[blunders].T, "x", color="black", markersize=7, label="blunders")
+        axes.plot(*xy[blunders].T, "x", color=INK, markersize=7, label="blunders")
     figure.colorbar(shade, ax=axes, label="compiled less sounded, m", extend="both")
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("east, m")
-    axes.set_ylabel("north, m")
-    axes.legend(fontsize=8)
+    axes.set(xlabel="east, m", ylabel="north, m")

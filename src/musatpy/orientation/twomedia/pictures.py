@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import Any
 
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.figures import image_of, new_figure, styled
+from musatpy.figures import BAND, BLUE, GREY, INK, RED, add_legend, image_of, new_figure, styled
 from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS, paper_partials
 from musatpy.orientation.twomedia.oriented import LIMIT, Oriented
 from musatpy.orientation.twomedia.rays import WATER
 from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, Basins, Precision
 
-_BLUE, _RED, _GREY = "#1f5a8c", "#b5402a", "#999999"
-_OUTCOMES = (("this solution", _BLUE, "o"), ("another solution", _RED, "x"), ("no solution", _GREY, "."))
+_OUTCOMES = (("this solution", BLUE, "o"), ("another solution", RED, "x"), ("no solution", GREY, "."))
+_UPRIGHT = 12  # photos whose names have room side by side
 _STRONG = 0.95  # correlation from which its number is printed
 
 
@@ -30,16 +31,15 @@ def correlation_picture(oriented: Oriented) -> bytes:
     sigma = np.sqrt(np.diagonal(covariance)[unknown])
     matrix = covariance[np.ix_(unknown, unknown)] / np.outer(sigma, sigma)
     size = 1.8 + 0.42 * len(matrix)
-    figure = new_figure(size + 0.8, size)
+    figure = new_figure(size + 0.8, size, f"{oriented.method.name}: correlations (numbers from {_STRONG:g})")
     plot = figure.subplots()
     drawn = plot.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
     for row, column in np.argwhere((np.abs(matrix) >= _STRONG) & ~np.eye(len(matrix), dtype=bool)):
         label = f"{matrix[row, column]:.3f}".replace("0.", ".")
-        plot.text(column, row, label, ha="center", va="center", color="white", fontsize=6)
+        plot.text(column, row, label, ha="center", va="center", color="white", fontsize=7)
     plot.set_xticks(range(len(matrix)), symbols[unknown], rotation=90)
     plot.set_yticks(range(len(matrix)), symbols[unknown])
-    plot.set_title(f"{oriented.method.name}: correlations (numbers from {_STRONG:g})", fontsize="medium")
-    figure.colorbar(drawn, ax=plot, shrink=0.8)
+    figure.colorbar(drawn, ax=plot)
     return image_of(figure, "png")
 
 
@@ -51,14 +51,15 @@ def basins_picture(basins: Basins, title: str = "") -> bytes:
     places, shares = np.arange(len(basins.levels)), 100.0 * basins.shares
     below = np.cumsum(shares, axis=1) - shares
     for case, (label, colour, _) in enumerate(_OUTCOMES):
-        left.bar(places, shares[:, case], bottom=below[:, case], color=colour, label=label)
+        if shares[:, case].any():
+            left.bar(places, shares[:, case], bottom=below[:, case], color=colour, label=label)
     left.set_xticks(places, [f"{5.0 * level:g}°\n{0.1 * level:g} H\n{0.05 * level:g}" for level in basins.levels])
     left.set_xlabel(
         "errors of the start (one sigma): angles, lengths, slopes\nH: height of the cameras over the water"
     )
     left.set_ylabel("starts, %")
-    left.legend(fontsize="x-small", loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(_OUTCOMES))
     _starts(right, basins)
+    add_legend(figure)
     return image_of(figure, "png")
 
 
@@ -71,7 +72,7 @@ def _starts(plot: Any, basins: Basins) -> None:
     size = [np.sqrt(np.mean(np.square(basins.errors[..., part & unknown]), axis=-1)) for part in (angles, lengths)]
     cases = (basins.outcomes == SOLUTION, basins.outcomes > SOLUTION, basins.outcomes == NOWHERE)
     for case, (_, colour, marker) in zip(cases, _OUTCOMES, strict=True):
-        plot.plot(np.degrees(size[0][case]), size[1][case], marker, color=colour, markersize=4, alpha=0.7)
+        plot.plot(np.degrees(size[0][case]), size[1][case], marker, color=colour, markersize=4)
     plot.set_xlabel("RMS error of the angles of the start, degrees")
     plot.set_ylabel("RMS error of stations and level / H")
     plot.set_xlim(left=0.0)
@@ -84,20 +85,17 @@ def precision_picture(precision: Precision, title: str = "", limit: float = LIMI
 
     Under the dashed line it is less than `limit` of the mean depth: there the water is determined.
     """
-    figure = new_figure(6.4, 4.8)
+    figure = new_figure(6.4, 5.2, title)
     plot = figure.subplots()
-    shades = np.linspace(0.35, 1.0, len(precision.shares))
-    for share, shade, sigma in zip(precision.shares, shades, precision.sigma.T, strict=True):
-        label = f"{100 * share:.0f} % dry"
-        plot.loglog(precision.depths, sigma, "o-", markersize=4, color=_BLUE, alpha=shade, label=label)
+    for share, marker, sigma in zip(precision.shares, cycle("os^Dv"), precision.sigma.T, strict=False):
+        plot.loglog(precision.depths, sigma, f"{marker}-", color=BLUE, label=f"{100 * share:.0f} % dry")
     label = f"{100 * limit:g} % of the depth"
-    plot.loglog(precision.depths, limit * precision.depths, "--", color=_GREY, label=label)
-    plot.loglog(precision.depth, precision.at_hand, "*", markersize=12, color=_RED, label="as measured")
+    plot.loglog(precision.depths, limit * precision.depths, "--", color=GREY, label=label)
+    plot.loglog(precision.depth, precision.at_hand, "*", markersize=10, color=RED, label="as measured")
     plot.set_xlabel("mean depth / height of the cameras over the water")
     plot.set_ylabel("sigma of the level / height of the cameras over the water")
-    plot.set_title(title)
-    plot.grid(True, which="both", alpha=0.25)
-    plot.legend(fontsize="x-small")
+    plot.grid(which="both")
+    add_legend(figure)
     return image_of(figure, "png")
 
 
@@ -107,14 +105,13 @@ def strip_picture(photos: TextArray, sigma: FloatArray, differences: FloatArray 
     figure = new_figure(10.0, 5.4, title)
     place = np.arange(len(photos))
     for axis, (plot, name) in enumerate(zip(figure.subplots(3, 1, sharex=True), "XYZ", strict=True)):
-        plot.fill_between(
-            place, -sigma[:, axis], sigma[:, axis], color=_BLUE, alpha=0.2, linewidth=0.0, label="one sigma"
-        )
+        plot.fill_between(place, -sigma[:, axis], sigma[:, axis], label="one sigma", **BAND)
         if differences is not None:
-            plot.plot(place, differences[:, axis], color=_RED, marker=".", linewidth=1.0, label="strip less IIIA")
-        plot.axhline(0.0, color=_GREY, linewidth=0.5)
+            plot.plot(place, differences[:, axis], color=RED, marker=".", linewidth=1.0, label="strip less IIIA")
+        plot.axhline(0.0, color=INK, linewidth=0.5)
         plot.set_ylabel(f"{name}, m")
     step = max(1, len(photos) // 20)
-    plot.set_xticks(place[::step], photos[::step], rotation=90, fontsize="x-small")
-    figure.legend(*plot.get_legend_handles_labels(), fontsize="x-small", loc="upper right", ncols=2)
+    plot.set_xticks(place[::step], photos[::step], rotation=90 if len(photos) > _UPRIGHT else 0)
+    plot.set_xlabel("photo")
+    add_legend(figure)
     return image_of(figure, "png")

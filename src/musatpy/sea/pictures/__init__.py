@@ -1,1 +1,0 @@
-"""Pictures, by matplotlib: the extra `plots`, imported where a picture is made."""
