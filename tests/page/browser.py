@@ -10,7 +10,6 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 FLAGS = (
@@ -19,8 +18,7 @@ FLAGS = (
 )  # fmt: skip
 _PATIENCE = 60.0  # seconds
 _WATCHED = ("Network.requestWillBeSent", "Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded")
-_TAB = {"key": "Tab", "code": "Tab", "windowsVirtualKeyCode": 9}
-_ENTER = {"key": "Enter", "code": "Enter", "windowsVirtualKeyCode": 13, "text": "\r"}
+_KEYS = {"Tab": {"windowsVirtualKeyCode": 9}, "Enter": {"windowsVirtualKeyCode": 13, "text": "\r"}}
 
 
 def chromium() -> str | None:
@@ -100,25 +98,11 @@ class Tab:
         value = "dark" if dark else "light"
         self.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": value}])
 
-    def press(self, key: dict[str, Any]) -> None:
-        """Press a key and let it go."""
-        self.send("Input.dispatchKeyEvent", type="keyDown" if "text" in key else "rawKeyDown", **key)
-        self.send("Input.dispatchKeyEvent", type="keyUp", **key)
-
-    def tab(self) -> None:
-        """Go to what is next by keyboard."""
-        self.press(_TAB)
-
-    def enter(self) -> None:
-        """Do what the enter key does."""
-        self.press(_ENTER)
-
-    def screenshot(self, path: Path) -> None:
-        """Write a picture of the whole page, and no more than the browser can."""
-        size = self.send("Page.getLayoutMetrics")["cssContentSize"]
-        clip = {"x": 0, "y": 0, "width": size["width"], "height": min(size["height"], 16000), "scale": 1}
-        data = self.send("Page.captureScreenshot", captureBeyondViewport=True, clip=clip)["data"]
-        path.write_bytes(base64.b64decode(data))
+    def press(self, key: str) -> None:
+        """Press `Tab` or `Enter`, and let it go."""
+        code = {"key": key, "code": key, **_KEYS[key]}
+        self.send("Input.dispatchKeyEvent", type="keyDown" if "text" in code else "rawKeyDown", **code)
+        self.send("Input.dispatchKeyEvent", type="keyUp", **code)
 
     def pdf(self) -> bytes:
         """Return the page as it prints, on the paper that it asks for."""

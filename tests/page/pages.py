@@ -7,12 +7,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from musatpy.as11_comparisons import SoundingOutputs, compare_soundings
+from musatpy.as11_runs import compile_deck
+from musatpy.compilation.sounded import Matching
 from musatpy.image_observations import with_images
 from musatpy.page.composition import page_of_record
 from musatpy.runs import run_deck
 
 ROOT = Path(__file__).parents[2]
 ST_THOMAS = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
+COMPILATION = ROOT / "fixtures" / "st_thomas_as11" / "st_thomas_as11.crd"
+SOUNDINGS = COMPILATION.with_name("soundings.csv")
 
 
 @cache
@@ -26,6 +31,25 @@ def record_text(deck: Path = ST_THOMAS, old: str = "", new: str = "") -> str:
         result = run_deck(copy)
         assert result.record, result.problems
         return result.record.read_text()
+
+
+@cache
+def compiled_text() -> str:
+    """Return the record of the compilation of St. Thomas."""
+    with TemporaryDirectory() as folder:
+        result = compile_deck(written(Path(folder)), COMPILATION, folder)
+        (record,) = (path for path in result.files if path.suffix == ".json")
+        return record.read_text()
+
+
+@cache
+def sounded_text() -> str:
+    """Return the record of soundings beside that compilation."""
+    with TemporaryDirectory() as folder:
+        outputs = SoundingOutputs(listing=Path(folder) / "S.lst", record=Path(folder) / "S.json", picture=None)
+        how = Matching(datum=-0.15, sigma=0.2)
+        compare_soundings(written(Path(folder)), COMPILATION, SOUNDINGS, outputs, how)
+        return outputs.record.read_text()
 
 
 def written(folder: Path, text: str | None = None) -> Path:

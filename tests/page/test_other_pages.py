@@ -1,28 +1,15 @@
 """Pages of compilations and of comparisons with soundings."""
 
+import csv
 import json
 import re
 
 import numpy as np
 import pytest
 
-from musatpy.as11_comparisons import SoundingOutputs, compare_soundings
-from musatpy.as11_runs import compile_deck
-from musatpy.compilation.sounded import Matching
 from musatpy.errors import MusatError, RecordError
 from musatpy.page.composition import page_of_record
-from page.pages import ROOT, read, written
-
-DECK = ROOT / "fixtures" / "st_thomas_as11" / "st_thomas_as11.crd"
-
-
-@pytest.fixture(scope="module")
-def compiled(tmp_path_factory):
-    """The record of the compilation of St. Thomas."""
-    folder = tmp_path_factory.mktemp("compiled")
-    result = compile_deck(written(folder), DECK, folder)
-    (record,) = (path for path in result.files if path.suffix == ".json")
-    return record
+from page.pages import SOUNDINGS, compiled_text, read, sounded_text, written
 
 
 @pytest.fixture(autouse=True)
@@ -31,8 +18,8 @@ def _without_pictures(monkeypatch):
 
 
 @pytest.mark.slow
-def test_models_points_and_bottom(compiled):
-    page, record = read(compiled), json.loads(compiled.read_text())
+def test_models_points_and_bottom(tmp_path):
+    page, record = read(written(tmp_path, compiled_text())), json.loads(compiled_text())
     assert "ACCEPTED" in page.text and "Points with coordinates257 of 257" in page.text
     rows = page.rows("Model Set-Up")
     assert [row["Model"] for row in rows] == ["2122", "2223"]
@@ -48,8 +35,8 @@ def test_models_points_and_bottom(compiled):
 
 
 @pytest.mark.slow
-def test_what_is_odd_makes_it_doubtful(compiled, tmp_path):
-    record = json.loads(compiled.read_text())
+def test_what_is_odd_makes_it_doubtful(tmp_path):
+    record = json.loads(compiled_text())
     reason = {"concern": "control", "text": "model 2122 is not recovered", "section": "Points Read Again"}
     record["verdict"] |= {"grade": "DOUBTFUL", "reasons": [{"grade": "DOUBTFUL", **reason}]}
     record["points"]["position"][0], record["points"]["reason"][0] = [None] * 3, "its rays are parallel"
@@ -58,24 +45,17 @@ def test_what_is_odd_makes_it_doubtful(compiled, tmp_path):
     assert page.rows("Points Without Coordinates")[0]["Reason"] == "its rays are parallel"
 
 
-def test_a_wrong_value_is_named(compiled, tmp_path):
-    record = json.loads(compiled.read_text())
+def test_a_wrong_value_is_named(tmp_path):
+    record = json.loads(compiled_text())
     record["points"]["datum_depth"][2] = "deep"
     with pytest.raises(RecordError, match=r"points.datum_depth\[2\]: expected a number"):
         page_of_record(written(tmp_path, json.dumps(record)))
 
 
-FIXTURES = ROOT / "fixtures" / "st_thomas_as11"
-
-
-@pytest.fixture(scope="module")
-def record(tmp_path_factory):
+@pytest.fixture
+def record():
     """The record of soundings beside the compilation of St. Thomas."""
-    folder = tmp_path_factory.mktemp("sounded")
-    outputs = SoundingOutputs(listing=folder / "S.lst", record=folder / "S.json", picture=None)
-    how = Matching(datum=-0.15, sigma=0.2)
-    compare_soundings(written(folder), FIXTURES / "st_thomas_as11.crd", FIXTURES / "soundings.csv", outputs, how)
-    return json.loads(outputs.record.read_text())
+    return json.loads(sounded_text())
 
 
 def page_of(record, folder):
@@ -112,9 +92,8 @@ def test_feet_make_it_doubtful(record, tmp_path):
 
 def test_the_map_has_the_soundings_in_their_places(record):
     """Distances on the map are those of the file, by the radii of the ellipsoid, to a thousandth."""
-    lines = (FIXTURES / "soundings.csv").read_text().splitlines()
-    heads = lines[0].split(",")
-    rows = {row["name"]: row for row in (dict(zip(heads, line.split(","), strict=True)) for line in lines[1:])}
+    with SOUNDINGS.open() as file:
+        rows = {row["name"]: row for row in csv.DictReader(file)}
     table = record["differences"]
     first, last = table["sounding"][0], table["sounding"][-1]
     (lat1, lon1), (lat2, lon2) = ((float(rows[name]["lat"]), float(rows[name]["lon"])) for name in (first, last))
@@ -131,9 +110,6 @@ def test_nothing_to_show_and_wrong_values_are_told(record, tmp_path):
     nothing = {**record, "differences": {name: [] for name in record["differences"]}}
     with pytest.raises(MusatError, match="no sounding meets the bottom"):
         page_of_record(written(tmp_path, json.dumps(nothing)))
-    wrong = {
-        **record,
-        "differences": {**record["differences"], "sounded": ["x"] * len(record["differences"]["sounded"])},
-    }
+    record["differences"]["sounded"][0] = "x"
     with pytest.raises(RecordError, match=r"differences.sounded\[0\]: expected a number, found"):
-        page_of_record(written(tmp_path, json.dumps(wrong)))
+        page_of_record(written(tmp_path, json.dumps(record)))
