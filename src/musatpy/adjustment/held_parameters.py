@@ -23,7 +23,6 @@ from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, moved_to
 from musatpy.adjustment.ground import hold, prior_rows
 from musatpy.adjustment.iteration import State, tide_groups
-from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import direct_rows, state_after
 from musatpy.adjustment.kinds.kind import Rows
 from musatpy.adjustment.network import RAYS, Network, Participation, kept_axes, parts_of, together
@@ -78,7 +77,7 @@ class _AtRest:
     @cached_property
     def rows(self) -> list[PointRows]:
         """The observations of the points that took part."""
-        left, rows = loops_of(self.network, self.network.groups).observations(self.state)
+        left, rows = self.known.loops.observations(self.state)
         parts = parts_of(together(left), RAYS)
         return [*rows, *(point_rows(self.network, self.state, part) for part in parts)]
 

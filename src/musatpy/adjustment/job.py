@@ -207,20 +207,10 @@ class Job:
     def _submerged_left_out(self) -> list[PointGroup]:
         return [part for group in self.network.left_out for part in group.some(self.bathymetric[group.point])]
 
-    def with_left_out(self, network: Network, state: State) -> State:
-        """Return the state with the points that took no part intersected as well."""
-        return ground_points.intersect_freely(network, state, network.left_out) if network.left_out else state
-
-    def with_submerged_left_out(self, network: Network, state: State) -> State:
-        """Return the state with only those of them that are submerged, as near as sides of the water ask for."""
-        groups = self._submerged_left_out()
-        if not groups:
-            return state
-        _, every, met = ground_points.apart_at_their_best(network, state, groups)
-        ground = state.ground.copy()
-        for group, alone in zip(groups, every, strict=True):
-            ground[group.point] = met.ground[alone.point]
-        return replace(state, ground=ground)
+    def with_left_out(self, network: Network, state: State, submerged: bool = False) -> State:
+        """Return the state with the points that took no part intersected as well: all, or the `submerged` ones."""
+        groups = self._submerged_left_out() if submerged else network.left_out
+        return ground_points.intersect_freely(network, state, groups) if groups else state
 
     def reason(self, network: Network, outcome: Outcome, passes: tuple[WaterPass, ...]) -> str:
         """Return why the run has not converged and what is most at odds, empty if it has."""

@@ -138,12 +138,12 @@ class _Run:
         Points on a water line are held there while it lasts; in the network they are as free as all others.
         """
         measured = self.job.network
-        state = self.job.with_submerged_left_out(measured, outcome.state)
+        state = self.job.with_left_out(measured, outcome.state, submerged=True)
         line = water_line(measured, state, self.job.bathymetric)
 
         def adjusted(network: Network, state: State, number: int) -> Outcome:
             outcome = self.triangulate(network, state, number)
-            return replace(outcome, state=self.job.with_submerged_left_out(network, outcome.state))
+            return replace(outcome, state=self.job.with_left_out(network, outcome.state, submerged=True))
 
         network, _, outcome = at_rest_in_water(
             measured, line, state, self.job.bathymetric, adjusted, itertools.count(1)
@@ -155,7 +155,7 @@ class _Run:
     ) -> tuple[Network, Network, Outcome, tuple[WaterPass, ...]]:
         """Return WATPT iterated with the triangulation: network, network of the refracted rays, outcome, passes."""
         measured, passes, outcome = self.job.network, [], straight
-        state = self.job.with_submerged_left_out(measured, outcome.state)
+        state = self.job.with_left_out(measured, outcome.state, submerged=True)
         line = water_line(measured, state, self.job.bathymetric)
         network = straightened = measured
         groups = self.job.water_groups()
@@ -166,7 +166,7 @@ class _Run:
             network = measured.with_plates(xy, measured.refracted)
             straightened = measured.with_plates(measured.xy, line.wet)
             outcome = self.triangulate(network, state, number)
-            state = self.job.with_submerged_left_out(network, outcome.state)
+            state = self.job.with_left_out(network, outcome.state, submerged=True)
             if not outcome.lost:
                 line = best_line(measured, line, state, self.job.bathymetric, held=False)
                 xy = corrected_plates(measured, state, groups, line.wet, legacy)

@@ -227,7 +227,7 @@ class _Run:
             problem = self.problem(network, free) if free.count else problem
             outcome = job.iterate(problem, network, state, number)
         factor = None if free.count else outcome.factor
-        return replace(outcome, state=job.with_submerged_left_out(network, outcome.state), factor=factor)
+        return replace(outcome, state=job.with_left_out(network, outcome.state, submerged=True), factor=factor)
 
     def with_index_in_range(self, network: Network, outcome: Outcome) -> Outcome:
         """Return the outcome, saying so where it failed because the refractive index would leave its range."""

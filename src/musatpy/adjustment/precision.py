@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from musatpy.adjustment import propagation
 from musatpy.adjustment.collinear import eliminate
 from musatpy.adjustment.iteration import LEVEL, State, is_considered, stated
-from musatpy.adjustment.kernels import loops_of
+from musatpy.adjustment.kernels import Loops, loops_of
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, Participation, PointGroup
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
@@ -61,6 +62,7 @@ class Precision:
     depths: FloatArray  # (p,) m2, variance of the water over a submerged point minus its height, NaN likewise
     observed: Observations
     diagonal: Diagonal
+    loops: Loops  # over the points that take part
     full: Factor  # of the normal equations by full weights
     wide: Considered | None
     pairs: StationPairs
@@ -147,6 +149,7 @@ def precision(
         depths=depths,
         observed=observed,
         diagonal=spread.diagonal,
+        loops=estimates.loops,
         full=full,
         wide=considered,
         pairs=_pairs(unknowns),
@@ -213,6 +216,11 @@ class Errors:
     inner: InnerConstraints | None = None
     of_parameters: bool = False
 
+    @cached_property
+    def loops(self) -> Loops:
+        """Over the points that take part."""
+        return loops_of(self.network, self.network.groups)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spread:
@@ -231,7 +239,7 @@ def spread_to_observations(errors: Errors, block: Block, residual: FloatArray) -
     diagonal.add_direct(network, state)
     groups: tuple[PointGroup, ...] = network.groups
     if errors.inner is None and not errors.of_parameters:
-        groups, images = loops_of(network, groups).spread(state, cofactors, residual, points, diagonal)
+        groups, images = errors.loops.spread(state, cofactors, residual, points, diagonal)
         parts += images
     for group in groups:
         for rows, piece in _pieces(errors, group):

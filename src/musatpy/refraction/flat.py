@@ -203,7 +203,7 @@ def _entering(rays: Rays) -> tuple[FloatArray, ...]:
     e /= np.where(D > 0.0, D, 1.0)  # 0 at the nadir
     h = np.where(wet, depth, 0.0)
     H = fall - h
-    t = air_tangent(H, h, D, n)
+    t = _newton(H, h, D, n)
     return gap, up, e * (H * t) - up * H, e, H, h, t
 
 
