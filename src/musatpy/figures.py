@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import wraps
 from io import BytesIO
@@ -35,6 +36,8 @@ STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "musatpy",
 }
+_TAG = re.compile(rb"<[^>]*>")
+_DIGITS = re.compile(rb"(\d+\.\d{2})\d+")  # of a tag, beyond a hundredth of a point: rounding errors
 _LETTER = 0.092  # inches, of a letter of the title
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -117,4 +120,6 @@ def image_of(figure: Any, kind: str) -> bytes:
         engine.execute(figure)
         figure.set_layout_engine(None)  # else it is laid out, and drawn, twice
     figure.savefig(buffer, format=kind, metadata=dates[kind])
-    return buffer.getvalue()
+    if kind != "svg":
+        return buffer.getvalue()
+    return _TAG.sub(lambda tag: _DIGITS.sub(rb"\1", tag[0]), buffer.getvalue())
