@@ -10,9 +10,9 @@ from musatpy.plots.correlations import correlated, joined
 from musatpy.plots.maps import confidence_ellipses, largest_of_cells, magnification, spacing, view_of
 from musatpy.plots.normalised import thinned
 from musatpy.plots.plane import footprints, frames, plane_of, turned
+from musatpy.plots.point_quality import graded, steps
 from musatpy.plots.profile import along, half_corridor, strips
 from musatpy.plots.residuals import CELLS, cell_means, worst_photos
-from musatpy.plots.sigma_map import graded, steps
 from musatpy.plots.tables import rows_of
 from musatpy.soundings.s44 import orders_met, survey_orders
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.figures import GREY, add_legend, shades
-from musatpy.plots import corrections, normalised, profile, sigma_map
+from musatpy.plots import corrections, normalised, point_quality, profile
 from musatpy.plots.maps import PointMap, dot_size, name_places, new_maps, point_map
 from musatpy.plots.normalised import Residuals
 from musatpy.plots.picture import Picture, counted, measure
@@ -94,7 +94,7 @@ DEPTHS = Picture(
     figure=_depth_figure,
     words=_depth_sentence,
 )
-SIGMAS = replace(sigma_map.SIGMAS, needs=_POINTS_NEED)
+SIGMAS = replace(point_quality.SIGMAS, needs=_POINTS_NEED)
 PROFILE = replace(profile.PROFILE, needs=_POINTS_NEED)
 CORRECTIONS = replace(corrections.CORRECTIONS, needs=_POINTS_NEED)
 

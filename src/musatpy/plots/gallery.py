@@ -18,10 +18,9 @@ from musatpy.plots.gnss import GNSS
 from musatpy.plots.normalised import NORMALISED
 from musatpy.plots.picture import Picture
 from musatpy.plots.plan import PLAN
+from musatpy.plots.point_quality import REDUNDANCY, SIGMAS
 from musatpy.plots.profile import PROFILE
-from musatpy.plots.redundancy import REDUNDANCY
 from musatpy.plots.residuals import MEANS, PHOTOS
-from musatpy.plots.sigma_map import SIGMAS
 from musatpy.plots.sounded import SOUNDINGS
 from musatpy.plots.tables import Tables
 from musatpy.plots.tides import TIDES
