@@ -16,7 +16,6 @@ from musatpy.formats.draft import draft_of, draft_of_rows
 from musatpy.formats.job_tables import (
     KEYS,
     ROLES,
-    Array,
     Rows,
     Table,
     Tables,
@@ -190,32 +189,21 @@ def merged(given: Tables, read: Tables) -> Tables:
     for role, table in read.items():
         parts[role] = _completed(role, table, given.get(role))
     _add_cameras(parts)
-    _add_flags(parts, given)
-    return parts
+    flags = flags_of([*given.items(), *parts.items()])
+    return {role: with_flags(role, table, flags) for role, table in parts.items()}
 
 
 def _completed(role: str, table: Table, given: Table | None) -> Table:
-    """Return a table with all attributes of its role."""
-    count = size(table)
-    rows, known = _same_rows(role, table, given)
-    full = {}
-    for path in held_attributes(role):
-        column = table[path] if path in table else blank(role, path, count)
-        if path not in table and given is not None and rows.size:
-            source = given[path]
-            column = column.astype(np.result_type(column, source)) if source.dtype.kind == "U" else column.copy()
-            column[known] = source[rows[known]]
-        full[path] = column
-    return full
-
-
-def _same_rows(role: str, table: Table, given: Table | None) -> tuple[Array, Array]:
-    """Return (k,) rows of the given table with the same identification, and (k,) where there is one."""
-    if given is None or role not in KEYS:
-        return np.zeros(0, dtype=int), np.zeros(size(table), dtype=bool)
-    places = {key: row for row, key in reversed(list(enumerate(keys_of(role, given))))}
-    rows = np.array([places.get(key, -1) for key in keys_of(role, table)], dtype=int)
-    return rows, rows >= 0
+    """Return a table with all attributes of its role: those that it lacks from the given row of the same name."""
+    rows = np.full(size(table), -1)  # the last one of the given is blank
+    if given is not None and role in KEYS:
+        places = {key: row for row, key in reversed(list(enumerate(keys_of(role, given))))}
+        rows = np.array([places.get(key, -1) for key in keys_of(role, table)], dtype=int)
+    source = nothing(role) if given is None else given
+    return {
+        path: table[path] if path in table else np.concatenate([source[path], blank(role, path, 1)])[rows]
+        for path in held_attributes(role)
+    }
 
 
 def _add_cameras(parts: Tables) -> None:
@@ -225,9 +213,3 @@ def _add_cameras(parts: Tables) -> None:
         return
     camera = stations["photos.camera"]
     parts["stations"] = stations | {"photos.camera": np.where(camera == "", cameras["cameras.ids"][0], camera)}
-
-
-def _add_flags(parts: Tables, given: Tables) -> None:
-    """Flag the points that the given deck flags, on every row of theirs."""
-    flags = flags_of([*given.items(), *parts.items()])
-    parts.update({role: with_flags(role, table, flags) for role, table in parts.items()})
