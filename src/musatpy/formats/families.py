@@ -5,6 +5,7 @@ A family of decks is cards, any other one files of records that belong together;
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -181,7 +182,7 @@ class RecordSet:
         if not files:
             expected = ", ".join(self.patterns)
             raise DeckError([Problem(file=str(path), message=f"no file of the family {self.name} ({expected})")])
-        frame = JobFrame(parts.system_of(given), parts.ellipsoid_of(given), parts.statement_of(given))
+        frame = _frame(given)
         problems: list[Problem] = []
         tables_of: dict[str, list[Table]] = {}
         for file, place in files.items():
@@ -209,7 +210,7 @@ class RecordSet:
 
         Raises `DeckError` with every value that a file cannot hold.
         """
-        frame = JobFrame(parts.system_of(given), parts.ellipsoid_of(given), parts.statement_of(given))
+        frame = _frame(given)
         contents: dict[Path, bytes] = {}
         problems: list[Problem] = []
         for file, place in self.targets(path, stem).items():
@@ -256,13 +257,9 @@ class RecordSet:
         elif geographic and any(file.rectangular for file in self.files) and {"stations", "control"} & set(given):
             lines.append(f"{self.name} holds rectangular coordinates: geocentric ones are written")
         for role, table in given.items():
-            if not size(table) or role in system_rows.TABLES:
-                continue
-            if role not in holds:
-                lines.append(_line(self.name, f"{noun_of_role(role)}s", size(table)))
-                continue
-            lines += self._rows_left_out(role, table, given, holds)
-            lines += _attributes_left_out(self.name, role, table, holds[role])
+            if size(table) and role not in system_rows.TABLES:
+                losses = self._losses(role, table, given, holds.get(role, set()))
+                lines += [f"{self.name} holds no {what}: {count} left out" for what, count in losses if count]
         return tuple(lines)
 
     def _words(self, stated: Statement) -> str:
@@ -272,54 +269,35 @@ class RecordSet:
             return f"coordinates of {stated.system.text}, attitudes {stated.axes_text}"
         return f"coordinates and attitudes of {stated.system.text}"
 
-    def _rows_left_out(self, role: str, table: Table, given: Tables, holds: dict[str, set[str]]) -> list[str]:
-        lines = []
-        if role == "plates" and "plates.triangulated" not in holds[role]:
-            out = int((~table["plates.triangulated"].astype(bool)).sum())
-            if out:
-                lines.append(f"{self.name} holds no measurements kept out of the solution: {out} left out")
-        if role in ("stations", "attitudes") and {"stations", "attitudes"} <= set(holds):
-            other = given.get("attitudes" if role == "stations" else "stations", {})
-            alone = int((~np.isin(table["photos.ids"], other.get("photos.ids", np.zeros(0, dtype=str)))).sum())
-            if alone and self._one_row("stations", "attitudes"):
-                without = "attitudes" if role == "stations" else "stations"
-                lines.append(f"{self.name} holds no {role} without {without}: {alone} left out")
+    def _losses(self, role: str, table: Table, given: Tables, holds: set[str]) -> Iterator[tuple[str, int]]:
+        """Yield what of a table the files cannot hold, which `holds` of its attributes, and how many of that."""
+        noun = noun_of_role(role)
+        if not holds:
+            yield f"{noun}s", size(table)
+            return
+        if role == "plates" and "plates.triangulated" not in holds:
+            yield "measurements kept out of the solution", int((~table["plates.triangulated"].astype(bool)).sum())
+        kinds = [(file, leaf, said_by(file, leaf).keys()) for file in self.files for leaf in file.leaves()]
+        other = {"stations": "attitudes", "attitudes": "stations"}.get(role, "")
+        if any({role, other} <= roles for _, _, roles in kinds):  # one row says both
+            photos = table["photos.ids"]
+            with_both = np.isin(photos, given[other]["photos.ids"] if other in given else photos[:0])
+            yield f"{role} without {other}", int((~with_both).sum())
         if role == "control":
-            lines += self._control_left_out(table, given)
-        return lines
-
-    def _one_row(self, *roles: str) -> bool:
-        """Return whether one kind of row says all roles."""
-        return any(set(roles) <= said_by(file, leaf).keys() for file in self.files for leaf in file.leaves())
-
-    def _control_left_out(self, table: Table, given: Tables) -> list[str]:
-        frame = JobFrame(parts.system_of(given), parts.ellipsoid_of(given), parts.statement_of(given))
-        fits = np.zeros(size(table), dtype=bool)
-        for file in self.files:
-            for leaf in file.leaves():
-                if "control" in said_by(file, leaf):
-                    fits |= can_hold_control(file, leaf, table, frame)
-        lines = []
-        for kind in model.ControlKind:
-            count = int((~fits & (table["control.kind"] == kind)).sum())
-            if count:
-                lines.append(f"{self.name} holds no such {kind.name.lower()} control: {count} left out")
-        return lines
+            frame = _frame(given)
+            fits = np.any(
+                [can_hold_control(file, leaf, table, frame) for file, leaf, roles in kinds if role in roles], axis=0
+            )
+            for kind in model.ControlKind:
+                yield f"such {kind.name.lower()} control", int((~fits & (table["control.kind"] == kind)).sum())
+        for path, column in table.items():
+            if path not in (*holds, *KEYS.get(role, ()), "plates.triangulated", "control.kind"):
+                yield f"{noun_of(path)} of {noun}s", int(is_said(path, column).sum())
 
 
-def _line(family: str, what: str, count: int) -> str:
-    return f"{family} holds no {what}: {count} left out"
-
-
-def _attributes_left_out(family: str, role: str, table: Table, holds: set[str]) -> list[str]:
-    lines = []
-    for path, column in table.items():
-        if path in holds or path in (*KEYS.get(role, ()), "plates.triangulated", "control.kind"):
-            continue
-        count = int(is_said(path, column).sum())
-        if count:
-            lines.append(_line(family, f"{noun_of(path)} of {noun_of_role(role)}s", count))
-    return lines
+def _frame(given: Tables) -> JobFrame:
+    """Return the coordinates of the job as the files have them."""
+    return JobFrame(parts.system_of(given), parts.ellipsoid_of(given), parts.statement_of(given))
 
 
 FormatFamily = DeckFamily | RecordSet  # what both can do: name, patterns, matches, targets, read, render
