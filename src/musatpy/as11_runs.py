@@ -23,8 +23,8 @@ from musatpy.compilation.unadjusted_decks import unadjusted
 from musatpy.compilation.verdicts import verdict_of
 from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
 from musatpy.files import together, write_files
-from musatpy.formats.compilation_cards import READINGS, place_of, with_columns
-from musatpy.formats.compilation_deck import read_compilation
+from musatpy.formats.compilation_checks import READINGS
+from musatpy.formats.compilation_deck import place_of, read_compilation, with_columns
 from musatpy.formats.musat import check_deck
 from musatpy.interchange.geojson import write_each
 from musatpy.interchange.layers import Lines, Points

@@ -14,7 +14,7 @@ from musatpy.errors import CardFormatError
 from musatpy.formats import musat
 from musatpy.formats.cards.manual import card_manual
 from musatpy.formats.cards.spec import CardSpec, FieldSpec, card_formats_folder, load_family
-from musatpy.formats.compilation_cards import compilation_family
+from musatpy.formats.compilation_deck import compilation_family
 from musatpy.fortran import FieldError, parse_edit
 from musatpy.specs import keys
 

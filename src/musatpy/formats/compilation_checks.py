@@ -13,7 +13,6 @@ from musatpy.errors import Problem, ProblemsError
 from musatpy.formats import mapping
 from musatpy.formats.checks import references, values
 from musatpy.formats.checks.references import repeats, unknown
-from musatpy.formats.compilation_cards import READINGS
 from musatpy.formats.draft import Draft
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, CoordinateSystem
@@ -21,6 +20,7 @@ from musatpy.model.compilation import IN_PROFILE
 
 ModelFaults = Callable[[str, str], Sequence[tuple[str, str]]]
 
+READINGS = ("STG", "MPT")
 _NO_FILE = re.compile(r"[/\\:*?\"<>|]|\.$")  # on any system; a name that ends with a point is no suffix
 _INDEX_DIGITS = 5e-7  # of the index on a WTR card
 _NAMED = (  # what cards name, which cards define it, and what is said where none does

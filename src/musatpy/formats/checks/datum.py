@@ -15,7 +15,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem
 from musatpy.formats.checks.check import check
-from musatpy.formats.checks.rays import Rays, common_rays, plan, rays_of
+from musatpy.formats.checks.images import Rays, common_rays, plan, rays_of
 from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import ROLES

@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem
 from musatpy.formats.checks.check import check
-from musatpy.formats.checks.rays import by_camera, common_rays, photo_pairs, rays_of
+from musatpy.formats.checks.images import by_camera, common_rays, photo_pairs, rays_of
 from musatpy.formats.checks.references import repeats
 from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import ROLES
