@@ -150,6 +150,9 @@ def test_cards_are_listed_explained_and_made():
     assert (made.exit_code, made.stderr) == (0, "")
     assert made.stdout == "OP2                ONE                 FREE\n"
     assert musat("card", "MDL").exit_code == 0
+    grid = musat("card", "GRD", "name=BAY", "spacing=-5")
+    assert grid.exit_code == 1 and grid.stdout.startswith("GRD BAY")
+    assert "GRD.spacing: not greater than zero" in grid.stderr
 
 
 def test_a_wrong_card_is_printed_and_its_problems_stand_on_stderr():

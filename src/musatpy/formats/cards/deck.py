@@ -166,8 +166,11 @@ class _Reader:
             for row, column, found in strays(spec, cards):
                 line = int(lines[row]) + 1
                 if line not in self.unreadable:
-                    place: dict[str, Any] = {"columns": (column, column + len(found) - 1), "card": spec.mnemonic}
-                    self._add(line, message=f"'{found}' stands in columns of no field", found=found, **place)
+                    name, why = None, " stands in columns of no field"
+                    for given_up, first, last, instead in spec.given_up:
+                        name, why = (given_up, f": {instead}") if first <= column <= last else (name, why)
+                    place = {"columns": (column, column + len(found) - 1), "card": spec.mnemonic, "field": name}
+                    self._add(line, message=f"'{found}'{why}", found=found, **place)
         return CardTable(spec=spec, columns=columns, lines=rows + 1)
 
     # --- problems ---

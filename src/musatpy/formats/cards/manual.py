@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from musatpy import model
-from musatpy.errors import CardFormatError, Problem
+from musatpy.errors import Problem
 from musatpy.formats import assembly, mapping
 from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.cards.settings import Setting, blank_card, card_with
@@ -25,10 +25,13 @@ from musatpy.formats.cards.spec import (
     load_family,
 )
 from musatpy.formats.checks import check_card
+from musatpy.formats.checks.values import bounds
+from musatpy.formats.compilation_deck import compilation_draft
 from musatpy.formats.draft import draft_of
 from musatpy.formats.families import agencies
 from musatpy.formats.records.fields import RecordField
 from musatpy.formats.records.layout import FileSpec, RecordSpec
+from musatpy.model.compilation import CARD_TABLES
 from musatpy.specs import is_required, keys
 
 RULER = "".join(f"----+----{tens}" for tens in range(1, CARD_WIDTH // 10 + 1))
@@ -117,20 +120,12 @@ def _place(field: FieldSpec) -> str:
 
 def _defaults(spec: CardSpec) -> dict[str, str]:
     """Return what blank fields stand for, as they would be punched, where the model has a default for them."""
-    tables = {slot.path.partition(".")[0] for slot in _slots(spec)}
+    tables = {slot.path.partition(".")[0] for slot in mapping.slots(spec)}
     if len(tables) != 1 or (table := tables.pop()) not in _DEFAULTS:
         return {}
     values = mapping.scatter(spec, assembly.single_values(_DEFAULTS[table], table))
     fields = {field.name: field for field in spec.fields if field.blank == "missing"}
     return {name: field.encode(values[name][0].item()).strip() for name, field in fields.items()}
-
-
-def _slots(spec: CardSpec) -> tuple[mapping.Slot, ...]:
-    """Return the slots of a card; none of one that fills no block, as those of compilation decks."""
-    try:
-        return mapping.slots(spec)
-    except CardFormatError:
-        return ()
 
 
 def card_of(spec: CardSpec, settings: Sequence[Setting], family: Family) -> tuple[str, tuple[Problem, ...]]:
@@ -141,7 +136,10 @@ def card_of(spec: CardSpec, settings: Sequence[Setting], family: Family) -> tupl
     card = card_with(blank_card(spec), settings)
     deck = read_cards(f"{card}\n{END_MNEMONIC}\n".encode("ascii", "replace"), family, name=spec.mnemonic)
     problems = [problem for problem in deck.problems if problem.line == 1]
-    if _slots(spec):
+    tables = {slot.path.partition(".")[0] for slot in mapping.slots(spec)}
+    if tables <= CARD_TABLES.keys():
+        problems += bounds(compilation_draft(deck))
+    else:
         problems += check_card(draft_of(deck, family))
     return card.rstrip(), tuple(problems)
 
