@@ -103,7 +103,7 @@ def _with_iiia(answer: StripAnswer) -> StripAnswer:
 def _studied(answer: Answer | StripAnswer, listing: Path) -> dict[Path, bytes]:
     """Return the study of an orientation, as text and pictures beside the listing."""
     from musatpy.orienting.studied import studied  # few users draw
-    from musatpy.reports.orientation_study import study_text
+    from musatpy.reports.orientation_strip import study_text
 
     title = answer.block.titles[0] if answer.block.titles else listing.stem
     study, pictures = studied(answer, title)
