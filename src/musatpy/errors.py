@@ -206,6 +206,11 @@ def shortened(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
+def in_order(problems: Iterable[Problem]) -> tuple[Problem, ...]:
+    """Return problems by line and column, those of all of a file first."""
+    return tuple(sorted(problems, key=lambda problem: (problem.line or 0, problem.columns or (0, 0))))
+
+
 def of_each_kind(problems: Iterable[Problem]) -> Iterator[Problem]:
     """Yield the first hundred problems of every kind, and after them how many more of it there are."""
     every = tuple(problems)

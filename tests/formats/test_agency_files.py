@@ -12,6 +12,7 @@ from formats.agency_blocks import random_job, with_marks
 from formats.deck_edits import deck, drop, in_system
 from musatpy.errors import DeckError
 from musatpy.formats import families, musat, parts
+from musatpy.formats.job_tables import card_family
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.units import ARC_SECOND, GON
@@ -287,7 +288,7 @@ def test_a_deck_need_not_be_whole(tmp_path):
 
 def test_cards_of_the_parts_are_the_deck_of_the_block():
     block = in_system(CoordinateSystem.GEOGRAPHIC)
-    family = musat.card_family()
+    family = card_family()
     cards = families.write_cards(parts.cards_of_parts(parts.parts_of(block), family))
     assert cards == musat.deck_bytes(block)
     assert musat.deck_bytes(parts.block_of(parts.parts_of(block))) == cards

@@ -15,6 +15,7 @@ from musatpy.formats import musat
 from musatpy.formats.cards.manual import card_manual
 from musatpy.formats.cards.spec import CardSpec, FieldSpec, card_formats_folder, load_family
 from musatpy.formats.compilation_deck import compilation_family
+from musatpy.formats.job_tables import card_family
 from musatpy.fortran import FieldError, parse_edit
 from musatpy.specs import keys
 
@@ -219,7 +220,7 @@ def test_the_readme_of_the_card_formats_is_current():
     )
 
 
-FAMILY = musat.card_family()
+FAMILY = card_family()
 
 
 @pytest.fixture
@@ -251,7 +252,7 @@ def changed(file: Path, old: str, new: str) -> None:
 def test_formats_that_fill_no_block_are_refused(mine: Path, card: str, old: str, new: str, message: str) -> None:
     changed(mine / f"{card}.toml", old, new)
     with pytest.raises(CardFormatError, match=re.escape(message)):
-        musat.card_family(mine)
+        card_family(mine)
 
 
 def test_what_the_model_does_not_take_from_a_card_is_refused(mine: Path) -> None:
@@ -260,7 +261,7 @@ def test_what_the_model_does_not_take_from_a_card_is_refused(mine: Path) -> None
     file.write_text(f"{file.read_text(encoding='utf-8')}\n{kind}blank = 'missing'\ndoc = ''\n", encoding="utf-8")
     expected = r"tid\.toml: field camera: target: 'photos\.camera' is nowhere .* one of photos\.ids, photos\.tide,"
     with pytest.raises(CardFormatError, match=expected):
-        musat.card_family(mine)
+        card_family(mine)
 
 
 def test_a_card_by_which_nothing_is_known_is_refused(mine: Path) -> None:
@@ -269,13 +270,13 @@ def test_a_card_by_which_nothing_is_known_is_refused(mine: Path) -> None:
     head = head.replace(text.split('sample = "')[1][16:50], " " * 34)
     (mine / "tim.toml").write_text(f"{head}[[field]]{photo}[[field]]{time}", encoding="utf-8")
     with pytest.raises(CardFormatError, match=r"tim\.toml: field photo: target: 'photos\.ids' is nowhere"):
-        musat.card_family(mine)
+        card_family(mine)
 
 
 def test_a_family_without_tides_fills_no_block(mine: Path) -> None:
     (mine / "tid.toml").unlink()
     with pytest.raises(CardFormatError, match=r"no card has the target photos\.tide"):
-        musat.card_family(mine)
+        card_family(mine)
 
 
 def test_another_layout_of_the_same_cards_reads_and_writes_decks(mine: Path) -> None:
@@ -290,7 +291,7 @@ def test_another_layout_of_the_same_cards_reads_and_writes_decks(mine: Path) -> 
     tide = FAMILY.cards["TID"].sample
     sample = f"{tide[:24]}{'':9}{tide[24:32]} {tide[42:50]} {tide[33:41]} {tide[51:61]}".ljust(72) + tide[72:]
     file.write_text(moved.replace(tide, sample), encoding="utf-8")
-    family = musat.card_family(mine)
+    family = card_family(mine)
     old = b"TID 841          0.2000   0.0500".ljust(80)
     new = b"TID 841          0.2000            0.0500".ljust(80)
     block = musat.read_deck(deck(lambda lines: [line if line[:7] != "TID 841" else old.decode() for line in lines]))

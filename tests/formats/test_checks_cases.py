@@ -19,13 +19,14 @@ from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.checks import CHECKS
 from musatpy.formats.checks.check import Check
 from musatpy.formats.draft import Draft, draft_of
+from musatpy.formats.job_tables import card_family
 
 ALL = [*DECK_CASES, *bad_system_cases.CASES, *bad_wave_cases.CASES, *RAW_CASES]
 
 
 @cache
 def draft(data: bytes) -> Draft:
-    family = musat.card_family()
+    family = card_family()
     return draft_of(read_cards(data, family), family)
 
 
@@ -140,7 +141,7 @@ def test_any_bytes_in_a_deck_give_problems_only(changes: list[tuple[int, bytes]]
 @pytest.mark.slow
 def test_any_values_in_a_deck_give_problems_only(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    family = musat.card_family()
+    family = card_family()
     lines = list(GOOD)
     texts = ["", "*", "0", "-0", "-1", "1", "9" * 16, "1E30", "-1E30", "1E-30", "B", "841", "1101", "RC8"]
     for row in rng.choice(len(lines) - 1, 8, replace=False):

@@ -15,6 +15,7 @@ from musatpy.errors import DeckError
 from musatpy.formats import assembly, musat
 from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.draft import draft_of
+from musatpy.formats.job_tables import card_family
 from musatpy.model import CoordinateSystem
 from musatpy.model.block import linking
 from musatpy.model.water import WAVE_SIGMAS
@@ -25,7 +26,7 @@ SYSTEMS = list(CoordinateSystem)
 
 def unchecked(data: bytes) -> model.Block:
     """Return the block of a deck that no cross check has seen: random blocks make no sense."""
-    family = musat.card_family()
+    family = card_family()
     read = read_cards(data, family)
     assert read.problems == ()
     return assembly.block_of(draft_of(read, family))

@@ -12,9 +12,10 @@ from musatpy.formats import musat
 from musatpy.formats.cards.manual import card_of, card_text, list_of_cards
 from musatpy.formats.cards.settings import SettingError, deck_with, setting_of, settings_of
 from musatpy.formats.cards.spec import load_family
+from musatpy.formats.job_tables import card_family
 from musatpy.model import Program, ReductionOptions, WaterLevel
 
-FAMILY = musat.card_family()
+FAMILY = card_family()
 DECK = (Path(__file__).parents[2] / "fixtures/st_thomas/st_thomas.crd").read_bytes()
 COMPILATION = load_family(Path(__file__).parents[2] / "card_formats/as11")
 

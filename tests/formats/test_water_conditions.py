@@ -13,6 +13,7 @@ from musatpy import model
 from musatpy.formats import musat, parts
 from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.cards.spec import card_formats_folder
+from musatpy.formats.job_tables import card_family
 from musatpy.formats.refractive_index import index_of
 from musatpy.jobs.agreement import Part, water_of
 from musatpy.jobs.extract import extracted, photos_named
@@ -94,11 +95,11 @@ def test_other_families_get_the_index(tmp_path: Path) -> None:
     folder = tmp_path / "cards"
     shutil.copytree(card_formats_folder() / "musat", folder)
     (folder / "wtc.toml").unlink()
-    block, family = with_conditions(cayman(), SEA), musat.card_family(folder)
+    block, family = with_conditions(cayman(), SEA), card_family(folder)
     for deck in (musat.deck_bytes(block, family), write_cards(parts.cards_of_parts(parts.parts_of(block), family))):
         water = musat.read_deck(deck, family).water
         assert water == Water(index=pytest.approx(block.water.index, abs=5e-7))
-    native = write_cards(parts.cards_of_parts(parts.parts_of(block), musat.card_family()))
+    native = write_cards(parts.cards_of_parts(parts.parts_of(block), card_family()))
     assert musat.read_deck(native).water == block.water
     assert parts.block_of(parts.parts_of(block)).water == block.water
 

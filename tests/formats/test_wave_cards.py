@@ -15,6 +15,7 @@ from musatpy.formats import musat, parts
 from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.formats.families import families
+from musatpy.formats.job_tables import card_family
 from musatpy.jobs.agreement import Part, waves_of
 from musatpy.jobs.extract import extracted, photos_named
 from musatpy.jobs.merge import MergeOptions, merged
@@ -100,10 +101,10 @@ def test_a_family_of_cards_without_waves_reads_its_decks(tmp_path: Path) -> None
     shutil.copytree(card_formats_folder() / "musat", folder)
     for name in ("wav", "wvs", "wog", "wod", "wox"):
         (folder / f"{name}.toml").unlink()
-    family = musat.card_family(folder)
+    family = card_family(folder)
     calm = musat.read_deck(musat.deck_bytes(read(), family), family)
     assert not len(calm.waves.ids) and calm.wave_origin is None
-    native = write_cards(parts.cards_of_parts(parts.parts_of(read()), musat.card_family()))
+    native = write_cards(parts.cards_of_parts(parts.parts_of(read()), card_family()))
     assert native == DECK.read_bytes()
     again = parts.block_of(parts.parts_of(read()))
     assert same(again.waves, read().waves) and again.wave_origin == read().wave_origin

@@ -9,7 +9,8 @@ import pytest
 
 from cli.commands import musat
 from musatpy.formats.cards.spec import card_formats_folder
-from musatpy.formats.musat import card_family, deck_bytes, read_deck
+from musatpy.formats.job_tables import card_family
+from musatpy.formats.musat import deck_bytes, read_deck
 from musatpy.fortran import parse_edit
 from musatpy.geometry.collinearity import AngleForm
 from musatpy.geometry.systems import Geographic

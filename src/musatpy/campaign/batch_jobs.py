@@ -127,7 +127,7 @@ def _formats_now(folder: Path) -> dict[str, str]:
 def _arguments(options: JobOptions) -> dict[str, Any]:
     from musatpy.formats.cards.settings import settings_of
     from musatpy.formats.families import DeckFamily, families
-    from musatpy.formats.musat import card_family
+    from musatpy.formats.job_tables import card_family
 
     punch, other, own = _punch(options), None, False
     if options.formats is not None:

@@ -73,7 +73,7 @@ def command(ctx: click.Context, name: str | None, values: tuple[str, ...], forma
 def _families(formats_dir: Path | None) -> list[Family]:
     """Return the cards of decks, and those that only compilation decks have."""
     from musatpy.formats.cards.spec import card_formats_folder, load_family
-    from musatpy.formats.musat import card_family
+    from musatpy.formats.job_tables import card_family
 
     if formats_dir is not None:
         return [card_family(formats_dir)]

@@ -30,7 +30,8 @@ def command(
 
     Exit status: 0 no errors (there may be warnings), 1 errors.
     """
-    from musatpy.formats.musat import card_family, check_deck
+    from musatpy.formats.job_tables import card_family
+    from musatpy.formats.musat import check_deck
 
     family = card_family(formats_dir)
     instead = settings_for(settings, family)

@@ -59,7 +59,7 @@ def command(
     Named photos and those in the area both come along. Says what was left out. Exit status: 0, or 1 where the deck
     cannot be read or no photo is asked for; nothing is written then.
     """
-    from musatpy.formats.musat import card_family
+    from musatpy.formats.job_tables import card_family
     from musatpy.jobs.extract import extracted, photos_named
     from musatpy.reports.jobs import extract_text
 

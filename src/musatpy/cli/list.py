@@ -26,7 +26,7 @@ def command(decks: tuple[Path, ...], as_json: bool, few: int, formats_dir: Path 
     """
     import json
 
-    from musatpy.formats.musat import card_family
+    from musatpy.formats.job_tables import card_family
     from musatpy.jobs.summary import summary
     from musatpy.reports.jobs import list_record, list_text
 

@@ -66,7 +66,7 @@ def command(
     Equal names are one camera, one point, one group. A deck is named by its path or its file name. Exit status: 0,
     or 1 where decks contradict one another or cannot be read; nothing is written then.
     """
-    from musatpy.formats.musat import card_family
+    from musatpy.formats.job_tables import card_family
     from musatpy.jobs.merge import MergeOptions, merged
     from musatpy.jobs.naming import Kind
     from musatpy.reports.jobs import merge_text

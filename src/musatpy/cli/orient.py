@@ -57,7 +57,7 @@ def command(
     converged, 4 an answer is rejected (with
     --strict: or doubtful).
     """
-    from musatpy.formats.musat import card_family
+    from musatpy.formats.job_tables import card_family
     from musatpy.orient_runs import orient_deck
     from musatpy.runs import ExitStatus, check_outputs
 

@@ -88,7 +88,7 @@ def run_cards(formats_dir: Path | None, punch_family: FormatFamily | None) -> Fa
 
     Raises `CardFormatError`.
     """
-    from musatpy.formats.musat import card_family
+    from musatpy.formats.job_tables import card_family
 
     own = formats_dir is not None and punch_family is not None and punch_family.name == formats_dir.resolve().name
     return card_family(None if own else formats_dir)

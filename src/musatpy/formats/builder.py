@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from musatpy.errors import DeckError, Problem, nearest_or_all
+from musatpy.errors import DeckError, Problem, in_order, nearest_or_all
 from musatpy.formats import assembly, mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck, CardTable, card_images
 from musatpy.formats.cards.spec import CardSpec
@@ -279,8 +279,7 @@ class BlockBuilder:
         for role, what in _NEEDED.items():
             if not len(draft.rows[role]):
                 problems.append(Problem(message=f"the block needs {what}: {_CALLS[role]}"))
-        problems.sort(key=lambda problem: problem.line or 0)
-        return draft, tuple(replace(problem, line=None) for problem in problems)
+        return draft, tuple(replace(problem, line=None) for problem in in_order(problems))
 
     def _draft(self) -> Draft:
         options = assembly.single_values(self._options, "options")

@@ -21,7 +21,8 @@ from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
 from musatpy.formats.compilation_checks import READINGS, ModelFaults, cross_checks
 from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import Rows as CardRows
-from musatpy.formats.musat import card_family, has_errors
+from musatpy.formats.job_tables import card_family
+from musatpy.formats.musat import has_errors
 from musatpy.model import Block, Options
 from musatpy.model.compilation import (
     IN_PROFILE,

@@ -19,7 +19,7 @@ from musatpy.files import write_files
 from musatpy.formats import musat, parts, system_rows
 from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder
-from musatpy.formats.job_tables import KEYS, Table, Tables, is_said, noun_of, noun_of_role, size
+from musatpy.formats.job_tables import KEYS, Table, Tables, card_family, is_said, noun_of, noun_of_role, size
 from musatpy.formats.records.files import read_records, write_records
 from musatpy.formats.records.frames import JobFrame
 from musatpy.formats.records.layout import FileSpec, is_record_folder, load_files
@@ -317,9 +317,9 @@ def families(own: Path | None = None) -> dict[str, FormatFamily]:
     families: dict[str, FormatFamily] = {}
     if own is not None:
         name = own.resolve().name
-        families[name] = RecordSet(own) if is_record_folder(own) else DeckFamily(name, musat.card_family(own))
+        families[name] = RecordSet(own) if is_record_folder(own) else DeckFamily(name, card_family(own))
         families[name].patterns  # noqa: B018 - wrong formats are found now
-    families.setdefault("musat", DeckFamily("musat", musat.card_family()))
+    families.setdefault("musat", DeckFamily("musat", card_family()))
     for name, family in agencies().items():
         families.setdefault(name, family)
     return families

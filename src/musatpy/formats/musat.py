@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from musatpy import model
-from musatpy.errors import DeckError, Problem
+from musatpy.errors import DeckError, Problem, in_order
 from musatpy.files import write_files
 from musatpy.formats import assembly
 from musatpy.formats.cards.deck import CardDeck, read_cards, write_cards
@@ -18,8 +18,7 @@ from musatpy.formats.cards.settings import Setting, deck_with
 from musatpy.formats.cards.spec import Family
 from musatpy.formats.checks import check_entered, cross_check
 from musatpy.formats.draft import Draft, draft_of
-from musatpy.formats.job_tables import Flags
-from musatpy.formats.job_tables import card_family as card_family
+from musatpy.formats.job_tables import Flags, card_family
 from musatpy.formats.statements import answer_problems, entered_draft
 
 PATTERNS = ("*.crd",)
@@ -120,8 +119,7 @@ def checked_deck(
         problems += answer_problems(entered, block)
     if block is not None and settings:
         block = replace(block, settings=tuple(map(str, settings)))
-    problems.sort(key=lambda problem: (problem.line or 0, problem.columns or (0, 0)))  # those of all of it first
-    return CheckedDeck(block=None if has_errors(problems) else block, problems=tuple(problems), draft=draft)
+    return CheckedDeck(block=None if has_errors(problems) else block, problems=in_order(problems), draft=draft)
 
 
 def _read(source: Path | str | bytes, family: Family, settings: Sequence[Setting]) -> CardDeck:

@@ -12,7 +12,7 @@ import numpy as np
 
 from musatpy.formats import assembly, mapping
 from musatpy.formats.cards.spec import STATED_UNIT, CardSpec
-from musatpy.formats.musat import card_family
+from musatpy.formats.job_tables import card_family
 from musatpy.model import Waves
 from musatpy.model.block import parts_of_block
 from musatpy.model.tables import Table, columns

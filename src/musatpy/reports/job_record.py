@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 from musatpy.formats import mapping
 from musatpy.formats.cards.spec import CardSpec
-from musatpy.formats.musat import card_family
+from musatpy.formats.job_tables import card_family
 from musatpy.model import Block
 from musatpy.model.block import parts_of_block
 from musatpy.model.tables import Table, columns, types_of

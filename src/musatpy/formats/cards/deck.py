@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.arrays import ByteArray, IntArray
-from musatpy.errors import DeckError, Problem
+from musatpy.errors import DeckError, Problem, in_order
 from musatpy.formats.cards.codec import (
     Column,
     decode_column,
@@ -123,8 +123,7 @@ def read_cards(source: Path | str | bytes, family: Family, name: str | None = No
     file = name or ("deck" if isinstance(source, bytes) else str(source))
     reader = _Reader(file, family, _images(source))
     tables = {spec.mnemonic: table for spec in family.cards.values() if (table := reader.table(spec)) is not None}
-    problems = tuple(sorted(reader.problems, key=lambda problem: (problem.line or 0, problem.columns or (0, 0))))
-    return CardDeck(file=file, tables=tables, problems=problems, images=reader.images)
+    return CardDeck(file=file, tables=tables, problems=in_order(reader.problems), images=reader.images)
 
 
 def _images(source: Path | str | bytes) -> CardImages:

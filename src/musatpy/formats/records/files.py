@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.arrays import IntArray
-from musatpy.errors import DeckError, Problem
+from musatpy.errors import DeckError, Problem, in_order
 from musatpy.formats.records.fields import RecordField
 from musatpy.formats.records.layout import START, FileSpec, RecordSpec, Value, record_line, record_values
 
@@ -81,7 +81,7 @@ class _Reader:
                 self._line(number, line.rstrip())
         self._finish()
         tables = tuple(self._table(leaf) for leaf in self.spec.leaves())
-        problems = tuple(sorted(self.problems, key=lambda one: (one.line or 0, one.columns or (0, 0))))
+        problems = in_order(self.problems)
         return RecordFile(file=self.file, spec=self.spec, tables=tables, problems=problems, texts=self.texts)
 
     def _line(self, number: int, line: str) -> None:

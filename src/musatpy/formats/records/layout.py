@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from musatpy.errors import CardFormatError, DeckError, Problem
+from musatpy.errors import CardFormatError, DeckError, Problem, in_order
 from musatpy.files import name_fault
 from musatpy.formats import mapping
 from musatpy.formats.cards.spec import check_fields, format_of, named, texts
@@ -189,7 +189,7 @@ def record_values(record: RecordSpec, line: str) -> dict[str, Value]:
         except FieldError as error:
             bad.append(field.problem(error, columns=columns))
     if bad:
-        raise DeckError(sorted(bad, key=lambda problem: problem.columns or (0, 0)))
+        raise DeckError(in_order(bad))
     return values
 
 
