@@ -109,9 +109,9 @@ def test_other_forms_of_cards(path, family, form):
 def test_every_field_is_what_float_makes_of_it(path, family):
     table = read_cards(path, family).tables["PLT"]
     lines = path.read_text(encoding="ascii").splitlines()
-    for field in table.spec.fields:
+    for field in family.cards["PLT"].fields:
         texts = [line[field.first - 1 : field.last] for line in lines]
-        column = table.columns[field.name]
+        column = table[field.name]
         if field.edit.is_number:
             expected = np.array([float(text) for text in texts])
             assert np.array_equal(column.view(np.int64), expected.view(np.int64))
@@ -147,7 +147,7 @@ def test_memory(path, family):
     tracemalloc.stop()
     command = [sys.executable, "-c", MEASURE_RESIDENT, str(path)]
     resident = 1024 * int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-    print(f"\n{len(deck.tables['PLT']):,} cards, {size / 1e6:.1f} MB")
+    print(f"\n{len(deck.lines['PLT']):,} cards, {size / 1e6:.1f} MB")
     print(f"{peak / size:.2f} times the file allocated, {resident / size:.2f} times resident")
     assert peak <= 4 * size
     assert resident <= 4 * size

@@ -80,13 +80,13 @@ def test_a_file_gives_the_rays_of_the_deck(tmp_path, family, system):
     block = random_job(7, system)
     family.dump_one(block, tmp_path / ("job.im" if family is patb else "itera.dat"))
     file, place = list(family.found(tmp_path).items())[-1]
-    (table,) = read_records(place.read_bytes(), file, "x").tables
-    station = np.stack([table.columns[axis] for axis in "xyz"], axis=1)
+    (table,) = read_records(place.read_bytes(), file, "x").tables.values()
+    station = np.stack([table[axis] for axis in "xyz"], axis=1)
     if family is patb:
-        elements = np.stack([table.columns[f"a{i}{j}"] for i in (1, 2, 3) for j in (1, 2, 3)], axis=1)
+        elements = np.stack([table[f"a{i}{j}"] for i in (1, 2, 3) for j in (1, 2, 3)], axis=1)
         M = np.swapaxes(elements.reshape(-1, 3, 3), 1, 2)
     else:
-        angles = np.stack([table.columns[name] for name in ("phi", "omega", "kappa")], axis=1) * GON
+        angles = np.stack([table[name] for name in ("phi", "omega", "kappa")], axis=1) * GON
         M = np.array([R3(k) @ R1(o) @ R2(p) for p, o, k in angles])
     xyz, level = station, attitude_matrix(block.photos.attitude)
     if system is CoordinateSystem.LOCAL:

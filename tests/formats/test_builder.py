@@ -164,6 +164,9 @@ SLIPS = {
     "add_control('D').y: the Y is known by the kind": lambda b: b.add_control("D", (1, None, 3), "H", sigma=1.0),
     "add_control: kind: 'Q' is not one of F, H, V, C": lambda b: b.add_control("D", (1.0, 2.0, 3.0), "Q"),
     "add_control('D').z: 3e+09 is beyond 1e+08 m": lambda b: b.add_control("D", (1.0, 2.0, 3e9), "C"),
+    "add_equal_elevations('E').sigma: 1e-12 is next to nothing: 1e-09 m at least": lambda b: b.add_equal_elevations(
+        "E", ["A", "B"], 1e-12
+    ),
     "add_camera('K2').focal_length: a focal length must be": lambda b: b.add_camera("K2", -3.0),
     "add_photo('4').x_tilt: a tilt of 114.5916 degrees": lambda b: b.add_photo("4", "K", (0, 0, 99), (2.0, 0, 0)),
     "water().index: a refractive index of 3 is not within 1.3 to 1.4": lambda b: b.water(3.0),

@@ -264,11 +264,9 @@ def test_files_of_several_sets_are_not_mixed(tmp_path):
 
 def test_line_ends_of_other_systems_are_read(own):
     (spec,) = RecordSet(own).files
-    (table,) = read_records(b"841 1103 1.0 2.0\r\n842 1103 1.0 2.0\r\n\x1a", spec, "f").tables
-    assert table.columns["photo"].tolist() == ["841", "842"]
-    assert write_records(spec, {"image": table.columns}, "f") == (
-        b"841 1103    1.000    2.000\n842 1103    1.000    2.000\n"
-    )
+    tables = read_records(b"841 1103 1.0 2.0\r\n842 1103 1.0 2.0\r\n\x1a", spec, "f").tables
+    assert tables["image"]["photo"].tolist() == ["841", "842"]
+    assert write_records(spec, tables, "f") == (b"841 1103    1.000    2.000\n842 1103    1.000    2.000\n")
 
 
 @pytest.mark.parametrize(

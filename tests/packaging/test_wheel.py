@@ -20,7 +20,7 @@ from musatpy.formats.cards.spec import card_formats_folder, load_family
 family = load_family(card_formats_folder() / "musat")
 deck = read_cards("".join(f"{card.sample}\\n" for card in family.cards.values()).encode(), family)
 assert not deck.problems, deck.problems
-print(musatpy.__file__, card_formats_folder(), sum(len(table) for table in deck.tables.values()), sep="\\n")
+print(musatpy.__file__, card_formats_folder(), sum(map(len, deck.lines.values())), sep="\\n")
 """
 
 

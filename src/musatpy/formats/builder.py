@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from musatpy.errors import DeckError, Problem, in_order, nearest_or_all
 from musatpy.formats import assembly, mapping, system_rows
-from musatpy.formats.cards.deck import CardDeck, CardTable, card_images
+from musatpy.formats.cards.deck import CardDeck, card_images
 from musatpy.formats.cards.spec import CardSpec
 from musatpy.formats.checks import cross_check
 from musatpy.formats.draft import Draft, draft_of_rows
@@ -289,7 +289,6 @@ class BlockBuilder:
         given += self._given
         flags = flags_of((one.role, one.values) for one in given)
         rows: dict[str, Rows] = {}
-        tables: dict[str, CardTable] = {}
         for role, specs in roles_of(card_family()).items():
             of_role = [one for one in given if one.role == role]
             if not of_role:
@@ -297,13 +296,10 @@ class BlockBuilder:
                     role, specs if role in system_rows.TABLES else (self._spec(role),), nothing(role)
                 )
                 continue
-            spec, lines = self._spec(role), np.concatenate([one.lines for one in of_role])
             values = {path: _stacked([one[path] for one in of_role]) for path in nothing(role)}
-            rows[role] = Rows.of(role, (spec,), with_flags(role, values, flags), lines)
-            if role != "equal_elevations":  # groups have as many points as they have
-                columns = mapping.scatter(spec, rows[role].values)
-                tables[f"{role} {spec.mnemonic}"] = CardTable(spec=spec, columns=columns, lines=lines)
-        deck = CardDeck(file="", tables=tables, problems=(), images=card_images(b"\n" * self._next()))
+            lines = np.concatenate([one.lines for one in of_role])
+            rows[role] = Rows.of(role, (self._spec(role),), with_flags(role, values, flags), lines)
+        deck = CardDeck(file="", tables={}, lines={}, problems=(), images=card_images(b"\n" * self._next()))
         return draft_of_rows(rows, deck, self._label)
 
     def _spec(self, role: str) -> CardSpec:

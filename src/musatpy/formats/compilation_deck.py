@@ -60,9 +60,9 @@ def compilation_draft(deck: CardDeck) -> Draft:
     """Return what the cards of a compilation deck say, whatever is wrong with them; their roles are mnemonics."""
     rows = {}
     for name, spec in compilation_family().cards.items():
-        table, fills = deck.table(spec), {slot.path.partition(".")[0] for slot in mapping.slots(spec)}
-        values = mapping.gather(spec, table.columns)
-        rows[name] = CardRows.of(fills.pop() if fills else name, (spec,), values, table.lines)
+        fills = {slot.path.partition(".")[0] for slot in mapping.slots(spec)}
+        values = mapping.gather(spec, deck.tables[name])
+        rows[name] = CardRows.of(fills.pop() if fills else name, (spec,), values, deck.lines[name])
     nobody, links = np.zeros(0, dtype=np.str_), dict[str, IntArray]()
     return Draft(
         deck=deck, rows=rows, options=Options(), reduction=None,

@@ -20,7 +20,7 @@ from musatpy.errors import Problem
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.formats.job_tables import ROLES, Flags, Rows, naming, nothing, roles_of, with_flags
+from musatpy.formats.job_tables import ROLES, Flags, Rows, attributes, naming, nothing, roles_of, with_flags
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -247,13 +247,13 @@ def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float =
     """
     if not specs:
         return Rows.of(role, (), nothing(role))
-    present = [spec for spec in specs if spec.mnemonic in deck.tables] or specs[:1]
-    tables = [deck.table(spec) for spec in present]
-    parts = [mapping.gather(table.spec, table.columns, angle) for table in tables]
-    kind = np.repeat([specs.index(spec) for spec in present], [len(table) for table in tables])
-    lines = np.concatenate([table.lines for table in tables])
+    present = [spec for spec in specs if len(deck.lines[spec.mnemonic])] or specs[:1]
+    parts = [mapping.gather(spec, deck.tables[spec.mnemonic], angle) for spec in present]
+    kind = np.repeat([specs.index(spec) for spec in present], [len(deck.lines[spec.mnemonic]) for spec in present])
+    lines = np.concatenate([deck.lines[spec.mnemonic] for spec in present])
     order = np.argsort(lines, kind="stable")
-    values = {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}
+    of_role = [path for path in parts[0] if path in attributes(role)]
+    values = {path: np.concatenate([part[path] for part in parts])[order] for path in of_role}
     return Rows(role=role, specs=specs, kind=kind[order], lines=lines[order], values=values)
 
 

@@ -264,8 +264,8 @@ def _inside(slot: Slot, columns: Mapping[str, Array], angle: float) -> Array:
     values = [columns[field.name] for field in slot.fields]
     if slot.is_sexagesimal:
         return units.radians_from_dms(*values)
-    factor = _factor(slot, angle)
-    return values[0] if factor == 1.0 else values[0] * factor
+    unit = factor(slot, angle)
+    return values[0] if unit == 1.0 else values[0] * unit
 
 
 def _decode(path: str, values: Array) -> Array:
@@ -279,7 +279,8 @@ def _decode(path: str, values: Array) -> Array:
     return decoded
 
 
-def _factor(slot: Slot, angle: float) -> float:
+def factor(slot: Slot, angle: float) -> float:
+    """Return the unit of a slot of one field in the unit of the model; `angle` is that of the SYS card, rad."""
     unit = slot.fields[0].unit
     return angle if unit == STATED_UNIT else _UNITS[unit]
 
@@ -312,5 +313,5 @@ def _outside(slot: Slot, value: Array, angle: float) -> dict[str, Array]:
     if slot.is_sexagesimal:
         with np.errstate(invalid="ignore"):  # a missing angle has missing parts
             return dict(zip(names, units.dms_from_radians(value, slot.fields[-1].edit.decimals), strict=True))
-    factor = _factor(slot, angle)
-    return {names[0]: value if factor == 1.0 else value / factor}
+    unit = factor(slot, angle)
+    return {names[0]: value if unit == 1.0 else value / unit}

@@ -104,7 +104,7 @@ def checked_deck(
     except OSError as error:
         problem = Problem(file=str(source), message=error.strerror or str(error))
         return CheckedDeck(block=None, problems=(problem,))
-    if not deck.tables:
+    if not any(map(len, deck.lines.values())):
         return CheckedDeck(block=None, problems=deck.problems)
     draft = draft_of(deck, family, flags)
     no_plates = [spec.mnemonic for spec in draft.rows["plates"].specs] if not for_run else []

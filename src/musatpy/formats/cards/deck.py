@@ -26,6 +26,7 @@ _UNKNOWN = -1
 _END_OF_FILE = b"\x1a"
 _LF, _TAB = b"\n\t"
 _SUBSTITUTE = ord("?")  # in place of characters that no card has
+Columns = Mapping[str, Column]  # field -> (k,) float64, NaN for no value; or text without outer blanks
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,31 +83,17 @@ def _located(data: bytes, places: list[int]) -> Iterator[tuple[int, int, str]]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CardTable:
-    """The k cards of one mnemonic, in the order of the deck."""
-
-    spec: CardSpec
-    columns: Mapping[str, Column]  # field -> (k,) float64, NaN for no value; or text without outer blanks
-    lines: IntArray  # (k,) 1-based
-
-    def __len__(self) -> int:
-        return len(self.lines)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class CardDeck:
-    """A deck as read. A card with problems stays in its table, with no value in the fields that do not decode."""
+    """A deck as read: of each kind of card of its family, in the order of the deck, what the k cards say.
+
+    A card with problems stays in its table, with no value in the fields that do not decode.
+    """
 
     file: str  # name for messages
-    tables: Mapping[str, CardTable]  # by mnemonic, those only that the deck has
+    tables: Mapping[str, Columns]  # by mnemonic
+    lines: Mapping[str, IntArray]  # by mnemonic, (k,) 1-based
     problems: tuple[Problem, ...]  # by line
     images: CardImages
-
-    def table(self, spec: CardSpec) -> CardTable:
-        """Return the cards of a kind, none where the deck has none."""
-        nothing = {field.name: empty_column(field, 0) for field in spec.fields}
-        empty = CardTable(spec=spec, columns=nothing, lines=np.zeros(0, dtype=np.int64))
-        return self.tables.get(spec.mnemonic, empty)
 
     def text(self, line: int) -> str:
         """Return the card image of a line (1-based) without trailing blanks; `?` for what is no card character."""
@@ -122,8 +109,9 @@ def read_cards(source: Path | str | bytes, family: Family, name: str | None = No
     """
     file = name or ("deck" if isinstance(source, bytes) else str(source))
     reader = _Reader(file, family, _images(source))
-    tables = {spec.mnemonic: table for spec in family.cards.values() if (table := reader.table(spec)) is not None}
-    return CardDeck(file=file, tables=tables, problems=in_order(reader.problems), images=reader.images)
+    tables = {spec.mnemonic: reader.columns(spec) for spec in family.cards.values()}
+    lines = {mnemonic: rows + 1 for mnemonic, rows in reader.rows.items()}
+    return CardDeck(file=file, tables=tables, lines=lines, problems=in_order(reader.problems), images=reader.images)
 
 
 def _images(source: Path | str | bytes) -> CardImages:
@@ -147,11 +135,9 @@ class _Reader:
         self._check_mnemonics()
         self._check_counts()
 
-    def table(self, spec: CardSpec) -> CardTable | None:
-        """Return the table of the cards of `spec`, decoded in chunks; None where there are none."""
+    def columns(self, spec: CardSpec) -> Columns:
+        """Return the columns of the cards of `spec`, decoded in chunks."""
         rows = self.rows[spec.mnemonic]
-        if not rows.size:
-            return None
         columns = {field.name: empty_column(field, rows.size) for field in spec.fields}
         for start in range(0, rows.size, _CHUNK):
             lines = rows[start : start + _CHUNK]
@@ -170,7 +156,7 @@ class _Reader:
                         name, why = (given_up, f": {instead}") if first <= column <= last else (name, why)
                     place = {"columns": (column, column + len(found) - 1), "card": spec.mnemonic, "field": name}
                     self._add(line, message=f"'{found}'{why}", found=found, **place)
-        return CardTable(spec=spec, columns=columns, lines=rows + 1)
+        return columns
 
     # --- problems ---
 
@@ -233,7 +219,7 @@ def _kinds(images: CardImages, specs: tuple[CardSpec, ...]) -> NDArray[np.int8]:
     return kinds
 
 
-def write_cards(tables: Iterable[tuple[CardSpec, Mapping[str, Column]]]) -> bytes:
+def write_cards(tables: Iterable[tuple[CardSpec, Columns]]) -> bytes:
     """Return the deck of `tables` in their order: canonical cards of 80 columns, numbered in 73-80, ended by LF.
 
     A table gives a column (k,) for every field of its card; a card without fields is written once. Numbers that do

@@ -137,9 +137,9 @@ def card_of(spec: CardSpec, settings: Sequence[Setting], family: Family) -> tupl
     deck = read_cards(f"{card}\n{END_MNEMONIC}\n".encode("ascii", "replace"), family, name=spec.mnemonic)
     problems = [problem for problem in deck.problems if problem.line == 1]
     tables = {slot.path.partition(".")[0] for slot in mapping.slots(spec)}
-    if tables <= CARD_TABLES.keys():
+    if tables and tables <= CARD_TABLES.keys():
         problems += bounds(compilation_draft(deck))
-    else:
+    elif tables:
         problems += check_card(draft_of(deck, family))
     return card.rstrip(), tuple(problems)
 

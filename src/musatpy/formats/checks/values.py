@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pyproj
 
+from musatpy.arrays import FloatArray
 from musatpy.errors import Problem
 from musatpy.formats import mapping
-from musatpy.formats.cards.deck import CardTable
 from musatpy.formats.cards.spec import FieldSpec
 from musatpy.formats.checks.check import check
 from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import ROLES, table_of
+from musatpy.formats.system_rows import radians_of
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.units import ARC_SECOND, DEGREE
 
@@ -57,47 +59,53 @@ def sigmas(draft: Draft) -> Iterator[Problem]:
 @check(of_card=True)
 def magnitudes(draft: Draft) -> Iterator[Problem]:
     """Yield numbers beyond anything that has their unit, and standard deviations of next to nothing."""
-    for table in draft.deck.tables.values():
-        for field in (field for field in table.spec.fields if field.edit.is_number):
-            value = np.abs(np.asarray(table.columns[field.name], dtype=float))
-            largest = _LARGEST.get(field.unit, np.inf)
-            small = (value > 0.0) & (value < _SMALLEST_SIGMA) & ("sigma" in field.target)
-            for bad, what in (
-                (value > largest, f"is beyond {largest:g} {field.unit}".rstrip()),
-                (small, f"is next to nothing: {_SMALLEST_SIGMA:g} {field.unit} at least, or a blank"),
-            ):
-                for row in np.flatnonzero(bad).tolist():
-                    yield _field_problem(draft, table, row, field, f"{value[row]:g} {what}")
+    angle = radians_of(draft.given_in.unit if draft.given_in else "")
+    for role, kind, slot, number in _numbers(draft):
+        if slot.is_sexagesimal:
+            continue
+        value, unit = np.abs(number) / mapping.factor(slot, angle), slot.fields[0].unit
+        largest = _LARGEST.get(unit, np.inf)
+        small = (value > 0.0) & (value < _SMALLEST_SIGMA) & ("sigma" in slot.path)
+        for bad, what in (
+            (value > largest, f"is beyond {largest:g} {unit}".rstrip()),
+            (small, f"is next to nothing: {_SMALLEST_SIGMA:g} {unit} at least, or a blank"),
+        ):
+            rows, message = (draft.rows[role].kind == kind) & bad, f"{{:g}} {what}"
+            yield from draft.problems(role, rows, message, value, path=slot.path, component=slot.component)
 
 
 @check(of_card=True)
 def sexagesimal(draft: Draft) -> Iterator[Problem]:
     """Yield minutes and seconds outside 0..60, and angles of which only a part is given."""
-    for table in draft.deck.tables.values():
-        for slot in (slot for slot in mapping.slots(table.spec) if slot.is_sexagesimal):
-            columns = np.array([table.columns[field.name] for field in slot.fields], dtype=float)
-            for part, row in np.argwhere((columns[1:] < 0) | (columns[1:] >= 60)).tolist():
-                what = f"{columns[1 + part, row]:g} is not at least 0 and less than 60"
-                yield _field_problem(draft, table, row, slot.fields[1 + part], what)
-            missing = np.isnan(columns)
-            for row in np.flatnonzero(missing.any(axis=0) & ~missing.all(axis=0)).tolist():
-                if not draft.is_unread(int(table.lines[row]), [field.name for field in slot.fields]):
-                    blank = slot.fields[int(missing[:, row].argmax())]
-                    message = f"blank, but other parts of the {slot.name} are given"
-                    yield _field_problem(draft, table, row, blank, message)
+    for role, kind, slot, _ in _numbers(draft):
+        if draft.call or not slot.is_sexagesimal:  # calls give radians
+            continue
+        rows = draft.rows[role]
+        cards, places = draft.deck.tables[rows.specs[kind].mnemonic], np.flatnonzero(rows.kind == kind)
+        columns = np.array([cards[field.name] for field in slot.fields], dtype=float)
+        for part, card in np.argwhere((columns[1:] < 0) | (columns[1:] >= 60)).tolist():
+            what = f"{columns[1 + part, card]:g} is not at least 0 and less than 60"
+            yield _of_field(draft.problem(role, places[card], what), slot.fields[1 + part])
+        missing = np.isnan(columns)
+        for card in np.flatnonzero(missing.any(axis=0) & ~missing.all(axis=0)).tolist():
+            if not draft.is_unread(int(rows.lines[places[card]]), [field.name for field in slot.fields]):
+                message = f"blank, but other parts of the {slot.name} are given"
+                blank = slot.fields[int(missing[:, card].argmax())]
+                yield _of_field(draft.problem(role, places[card], message), blank)
 
 
-def _field_problem(draft: Draft, table: CardTable, row: int, field: FieldSpec, message: str) -> Problem:
-    line = int(table.lines[row])
-    return Problem(
-        message=message,
-        file=draft.deck.file,
-        line=line,
-        columns=field.columns,
-        card=table.spec.mnemonic,
-        field=field.name,
-        text=draft.deck.text(line),
-    )
+def _of_field(problem: Problem, field: FieldSpec) -> Problem:
+    return replace(problem, columns=field.columns, field=field.name)
+
+
+def _numbers(draft: Draft) -> Iterator[tuple[str, int, mapping.Slot, FloatArray]]:
+    """Yield every slot of numbers: its role, which card of that has it, and the numbers (k,) of all its cards."""
+    for role, rows in draft.rows.items():
+        for kind, spec in enumerate(rows.specs):
+            for slot in mapping.slots(spec):
+                if len(rows) and slot.fields[0].edit.is_number and slot.path in rows.values:
+                    values = rows[slot.path]
+                    yield role, kind, slot, values if slot.component is None else values[:, slot.component]
 
 
 @check(of_card=True, of_job=True)
@@ -144,15 +152,11 @@ def distortion(draft: Draft) -> Iterator[Problem]:
 @check(of_card=True)
 def bounds(draft: Draft) -> Iterator[Problem]:
     """Yield limits, scales, lengths and numbers that cannot be, as the card formats say."""
-    for role, rows in draft.rows.items():
-        for kind, spec in enumerate(rows.specs):
-            for slot in mapping.slots(spec):
-                if slot.fields[0].bound is None:
-                    continue
-                relation, bound, message = slot.fields[0].bound
-                value = rows[slot.path] if slot.component is None else rows[slot.path][:, slot.component]
-                beyond = (rows.kind == kind) & ~np.isnan(value) & ~_WITHIN[relation](value, bound)
-                yield from draft.problems(role, beyond, message, value, path=slot.path, component=slot.component)
+    for role, kind, slot, value in _numbers(draft):
+        if slot.fields[0].bound is not None:
+            relation, bound, message = slot.fields[0].bound
+            beyond = (draft.rows[role].kind == kind) & ~np.isnan(value) & ~_WITHIN[relation](value, bound)
+            yield from draft.problems(role, beyond, message, value, path=slot.path, component=slot.component)
 
 
 @check(of_card=True)

@@ -24,24 +24,13 @@ Columns = Mapping[str, NDArray[Any]]  # field -> (k,) numbers, NaN for no value,
 
 
 @dataclass(frozen=True, kw_only=True)
-class RowTable:
-    """The k rows that end with one kind of record, in the order of the file."""
-
-    record: RecordSpec
-    columns: Columns
-    lines: IntArray  # (k,) 1-based, of the last record of each row
-
-    def __len__(self) -> int:
-        return len(self.lines)
-
-
-@dataclass(frozen=True, kw_only=True)
 class RecordFile:
-    """A file as read."""
+    """A file as read: its rows by the name of the record that ends them, in the order of the file."""
 
     file: str  # name for messages
     spec: FileSpec
-    tables: tuple[RowTable, ...]  # one for each kind of row
+    tables: Mapping[str, Columns]
+    lines: Mapping[str, IntArray]  # (k,) 1-based, of the last record of each row
     problems: tuple[Problem, ...]  # by line
     texts: tuple[str, ...]  # the lines
 
@@ -80,9 +69,14 @@ class _Reader:
                 self.end = number
                 self._line(number, line.rstrip())
         self._finish()
-        tables = tuple(self._table(leaf) for leaf in self.spec.leaves())
-        problems = in_order(self.problems)
-        return RecordFile(file=self.file, spec=self.spec, tables=tables, problems=problems, texts=self.texts)
+        return RecordFile(
+            file=self.file,
+            spec=self.spec,
+            tables={leaf.name: self._columns(leaf) for leaf in self.spec.leaves()},
+            lines={name: np.array([line for line, _ in rows], dtype=int) for name, rows in self.rows.items()},
+            problems=in_order(self.problems),
+            texts=self.texts,
+        )
 
     def _line(self, number: int, line: str) -> None:
         if not (line.isascii() and line.isprintable()):
@@ -179,15 +173,12 @@ class _Reader:
     def _problem(self, line: int, **details: object) -> None:
         self.problems.append(Problem(file=self.file, line=line, text=self.texts[line - 1].rstrip(), **details))  # type: ignore[arg-type]
 
-    def _table(self, leaf: RecordSpec) -> RowTable:
-        rows = self.rows[leaf.name]
-        columns = {
-            field.name: np.array(
-                [values[field.name] for _, values in rows], dtype=float if field.edit.is_number else str
-            )
+    def _columns(self, leaf: RecordSpec) -> Columns:
+        rows = [values for _, values in self.rows[leaf.name]]
+        return {
+            field.name: np.array([row[field.name] for row in rows], dtype=float if field.edit.is_number else str)
             for field in self.spec.row_fields(leaf)
         }
-        return RowTable(record=leaf, columns=columns, lines=np.array([line for line, _ in rows], dtype=int))
 
 
 # --- writing ---

@@ -13,7 +13,7 @@ from musatpy.errors import CardFormatError, DeckError, Problem
 from musatpy.formats import mapping, parts
 from musatpy.formats.job_tables import KEYS, Table, Tables, blank, noun_of_role, repeated, role_of, size
 from musatpy.formats.records.fields import JOB_UNIT, PACKED, RecordField
-from musatpy.formats.records.files import Columns, RecordFile, RowTable
+from musatpy.formats.records.files import Columns, RecordFile
 from musatpy.formats.records.frames import JobFrame
 from musatpy.formats.records.layout import FileSpec, RecordSpec
 
@@ -113,11 +113,12 @@ def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Tables, list[Probl
     """
     tables_of: dict[str, list[Table]] = {}
     problems: list[Problem] = []
-    for rows in file.tables:
-        if not len(rows):
+    for leaf in file.spec.leaves():
+        lines = file.lines[leaf.name].tolist()
+        if not lines:
             continue
-        problems += _no_rotations(file, rows)
-        for role, table in _tables(file.spec, rows, frame).items():
+        problems += _no_rotations(file, leaf)
+        for role, table in _tables(file, leaf, frame).items():
             for path in (key for key in KEYS.get(role, ()) if key not in table):
                 message = f"no field has the target {path}, which names each {noun_of_role(role)}"
                 raise CardFormatError(f"{file.spec.family}, {file.spec.file}: {message}")
@@ -125,7 +126,7 @@ def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Tables, list[Probl
                 for row in repeated(role, table):
                     known = " ".join(str(table[path][row]) for path in KEYS[role])
                     message = f"{noun_of_role(role)} {known} is given twice"
-                    problems.append(file.problem(int(rows.lines[row]), message))
+                    problems.append(file.problem(lines[row], message))
             tables_of.setdefault(role, []).append(table)
     result = {role: joined(role, tables) for role, tables in tables_of.items()}
     if "control.position" in result.get("control", {}) and frame.joins_control(file.spec):
@@ -135,30 +136,30 @@ def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Tables, list[Probl
     return result, problems
 
 
-def _no_rotations(file: RecordFile, rows: RowTable) -> list[Problem]:
+def _no_rotations(file: RecordFile, leaf: RecordSpec) -> list[Problem]:
     """Return a problem for each matrix that is no rotation."""
-    slots = [slot for slot in mapping.slots(row_of(file.spec, rows.record)) if slot.path == "photos.attitude"]
+    slots = [slot for slot in mapping.slots(row_of(file.spec, leaf)) if slot.path == "photos.attitude"]
     if len(slots) != 9:
         return []
-    elements = [np.asarray(rows.columns[slot.fields[0].name], dtype=float) for slot in slots]
+    elements = [file.tables[leaf.name][slot.fields[0].name] for slot in slots]
     M = np.stack(elements, axis=-1).reshape(-1, 3, 3)
     off = np.abs(M @ np.swapaxes(M, -1, -2) - np.eye(3)).max(axis=(1, 2))
     wrong = (off > _OFF_ROTATION) | (np.linalg.det(M) < 0.0)
     message = "the nine elements are no rotation"
-    return [file.problem(int(line), message) for line in rows.lines[wrong]]
+    return [file.problem(line, message) for line in file.lines[leaf.name][wrong].tolist()]
 
 
-def _tables(spec: FileSpec, rows: RowTable, frame: JobFrame) -> Tables:
+def _tables(file: RecordFile, leaf: RecordSpec, frame: JobFrame) -> Tables:
     """Return the tables of one kind of row, by role."""
-    columns: dict[str, Array] = dict(rows.columns)
-    for head, pieces in _several(spec, rows.record).items():
+    columns = dict(file.tables[leaf.name])
+    for head, pieces in _several(file.spec, leaf).items():
         texts = zip(*(columns[piece].tolist() for piece in pieces), strict=True)
         columns[head] = np.array([_HYPHEN.join(text for text in one if text) for one in texts], dtype=str)
-    row = row_of(spec, rows.record)
-    values = dict(mapping.gather(row, columns))
-    for path, letter in rows.record.constants:
-        values[path] = np.full(len(rows), mapping.CODES[path][letter])
-    _to_model(spec, row, values, frame)
+    row = row_of(file.spec, leaf)
+    values = mapping.gather(row, columns)
+    for path, letter in leaf.constants:
+        values[path] = np.full(len(file.lines[leaf.name]), mapping.CODES[path][letter])
+    _to_model(file.spec, row, values, frame)
     tables: Tables = {role: {} for role in roles_of_row(values)}
     for role, table in tables.items():
         keys = KEYS.get(role, ())
