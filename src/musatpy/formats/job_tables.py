@@ -205,19 +205,14 @@ def is_said(path: str, values: Array) -> Array:
 
 
 def keys_of(role: str, table: Table) -> list[tuple[str, ...]]:
-    """Return what identifies each row of a role that has `KEYS`."""
-    return list(zip(*(table[path].tolist() for path in KEYS[role]), strict=True))
+    """Return what identifies each row of a role; nothing of a role without `KEYS`."""
+    return list(zip(*(table[path].tolist() for path in KEYS.get(role, ())), strict=True))
 
 
 def repeated(role: str, table: Table) -> list[int]:
     """Return the rows whose identification an earlier row has."""
-    seen: set[tuple[str, ...]] = set()
-    rows = []
-    for row, key in enumerate(keys_of(role, table)) if role in KEYS else ():
-        if key in seen:
-            rows.append(row)
-        seen.add(key)
-    return rows
+    first: dict[tuple[str, ...], int] = {}
+    return [row for row, key in enumerate(keys_of(role, table)) if first.setdefault(key, row) != row]
 
 
 def flags_of(tables: Iterable[tuple[str, Table]]) -> dict[str, list[str]]:

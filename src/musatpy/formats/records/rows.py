@@ -22,6 +22,11 @@ _KIND = "control.kind"
 _HYPHEN = "-"
 _OFF_ROTATION = 1e-5  # of a product of rows: elements of six decimals are off by a tenth of it
 _SIGMAS = {"photos.position_sigma": "photos.position", "control.sigma": "control.position"}
+_MARKS = {  # what fiducial marks are called among the plate measurements of a file
+    "plates.photo": "fiducial_measurements.photo",
+    "plates.point": "fiducial_measurements.ids",
+    "plates.xy": "fiducial_measurements.xy",
+}
 
 
 def resolved(file: FileSpec, frame: JobFrame) -> FileSpec:
@@ -259,11 +264,7 @@ def _split_fiducials(file: RecordFile, result: Tables) -> list[Problem]:
     for row, photo in enumerate(table["plates.photo"].tolist()):
         is_mark[row] = seen.setdefault(photo, 0) < wanted
         seen[photo] += 1
-    result["fiducial_measurements"] = {
-        "fiducial_measurements.photo": table["plates.photo"][is_mark],
-        "fiducial_measurements.ids": table["plates.point"][is_mark],
-        "fiducial_measurements.xy": table["plates.xy"][is_mark],
-    }
+    result["fiducial_measurements"] = {mark: table[path][is_mark] for path, mark in _MARKS.items()}
     result["plates"] = {path: column[~is_mark] for path, column in table.items()}
     few = [photo for photo, count in seen.items() if count < wanted]
     count = size(result["plates"])
@@ -407,12 +408,8 @@ def _with_fiducials(spec: FileSpec, given: Tables) -> Tables:
         raise DeckError(wrong)
     if not photos:
         return given
-    as_plates = {
-        "plates.photo": marks["fiducial_measurements.photo"],
-        "plates.point": marks["fiducial_measurements.ids"],
-        "plates.xy": marks["fiducial_measurements.xy"],
-        "plates.triangulated": np.ones(size(marks), dtype=bool),
-    }
+    as_plates = {path: marks[mark] for path, mark in _MARKS.items()}
+    as_plates["plates.triangulated"] = np.ones(size(marks), dtype=bool)
     table = joined("plates", [as_plates, plates] if plates else [as_plates])
     order = np.argsort([photos.index(photo) for photo in table["plates.photo"].tolist()], kind="stable")
     return given | {"plates": {path: column[order] for path, column in table.items()}}
@@ -460,5 +457,5 @@ def held(files: Iterable[FileSpec]) -> dict[str, set[str]]:
             for role, paths in said_by(file, leaf).items():
                 by_role[role] = by_role.get(role, set()) | paths
         if file.fiducials:
-            by_role["fiducial_measurements"] = {f"fiducial_measurements.{name}" for name in ("photo", "ids", "xy")}
+            by_role["fiducial_measurements"] = set(_MARKS.values())
     return by_role
