@@ -95,22 +95,6 @@ def test_a_spoiled_plate_residual_is_found(label, old, new, frame):
     assert f"frame {frame}" in {one.item for one in findings}
 
 
-@pytest.mark.parametrize(
-    ("stars", "message"),
-    [
-        (f"{'****':>41}", "frame 840 is starred, the largest RMS is that of 841"),
-        (f"{'****':>50}     ****", "2 frames are starred: 841, 842"),
-        ("", "no frame is starred, though 841 has an RMS"),
-    ],
-)
-def test_a_star_at_another_frame_a_second_one_and_a_missing_one_are_found(stars, message):
-    label = "Frame With Max. RMS All Points"
-    row = f"{label}{'****':>53}"
-    assert row in CAYMAN
-    (finding,) = audited(CAYMAN.replace(row, label + stars))
-    assert finding.message == message
-
-
 def test_sixty_seconds_are_no_angle():
     (finding,) = audited(CAYMAN.replace("0  2 24.135", "0  1 84.135"))
     assert finding.message == "no angle in degrees, minutes, seconds"

@@ -16,7 +16,7 @@ from typing import Any
 from musatpy.errors import MusatError
 from musatpy.json_files import read_record
 from musatpy.listings.audit.analyses import MAXIMUM_ID, SIZE, STATISTICS
-from musatpy.listings.audit.plates import AXES, GROUPS, STAR
+from musatpy.listings.audit.plates import AXES, GROUPS
 from musatpy.listings.audit.plates import NAME as PLATES
 from musatpy.listings.audit.reading import Listing, read_listing
 from musatpy.listings.audit.report import Printed, printed_id, run_name, text_like
@@ -31,7 +31,7 @@ _POSITIONS = ("no_refraction", "predicted", "refraction")  # of a submerged poin
 _NEEDS = {
     "options": ("refraction",),
     "analyses": (),
-    "plate_statistics": (),
+    "plate_statistics": ("frames",),
     "bathymetric_points": ("point", *_POSITIONS),
 }
 _COLUMNS = "{:<10}  {:<13}  {:>13}  {:>13}  {:>15}"
@@ -118,7 +118,7 @@ def numbers_of(listing: Listing) -> tuple[dict[Key, Printed], set[Key]]:
     for report in (*listing.analyses, *listing.plates, *listing.submerged):
         for place, cell in report.cells.items():
             key = Key(report.name, report.refracted, *place)
-            if cell.text and numbers.setdefault(key, cell).text != cell.text:
+            if numbers.setdefault(key, cell).text != cell.text:
                 several.add(key)
     return {key: cell for key, cell in numbers.items() if key not in several}, several
 
@@ -136,14 +136,12 @@ def _numbers_of_record(record: Mapping[str, Any]) -> Iterator[tuple[Key, Printed
             yield from ((Key(*of, what), Printed(value * factor, 0.0, "", unit=unit)) for what, value in values)
             if row["maximum_id"]:
                 yield Key(*of, MAXIMUM_ID), printed_id(row["maximum_id"])
-    frames, largest = record["plate_statistics"]["frames"], record["plate_statistics"]["largest"]
+    frames = record["plate_statistics"]["frames"]
     for photo, pairs in zip(frames["photo"], frames["rms"], strict=True):
         for group, pair in zip(GROUPS, pairs, strict=True):
             for axis, value in zip(AXES, pair, strict=True):
                 # A listing prints .000 for none.
                 yield Key(PLATES, refracted, photo, f"{group}, {axis}"), Printed(value or 0.0, 0.0, "", unit="mm")
-    stars = zip(GROUPS, largest, strict=True)
-    yield from ((Key(PLATES, refracted, group, STAR), printed_id(photo)) for group, photo in stars if photo)
     points = record["bathymetric_points"]
     columns = list(zip(COLUMNS, _POSITIONS, strict=True))[: 3 if refracted else 2]
     for column, position in columns:

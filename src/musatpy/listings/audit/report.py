@@ -13,7 +13,7 @@ class Printed(NamedTuple):
 
     value: float  # NaN of ids
     half: float
-    text: str  # empty where the number comes from a record, or no frame has a star
+    text: str  # empty where the number comes from a record
     line: int = 0  # 1-based
     unit: str = ""  # "arcsec", "m", "mm", nothing of counts and ids
 
@@ -47,21 +47,14 @@ class Report:
         """The components, frames or points, in their order."""
         return list(dict.fromkeys(item for item, _ in self.cells))
 
-    @property
-    def numbers(self) -> set[tuple[str, str]]:
-        """The places of cells that are no ids."""
-        return {place for place, cell in self.cells.items() if not math.isnan(cell.value)}
-
 
 def pages_joined(pages: Iterable[Report | None]) -> list[Report]:
     """Return the tables of pages, None for what is between: pages that follow one another have no number twice."""
     tables: list[Report] = []
     last: Report | None = None
     for page in pages:
-        if page and last and page.title == last.title and page.numbers.isdisjoint(last.numbers):
-            # Where no frame of this page has a star, one of the last page may.
-            own = {key: cell for key, cell in page.cells.items() if cell.text or key not in last.cells}
-            tables[-1] = page = replace(last, cells=last.cells | own)
+        if page and last and page.title == last.title and page.cells.keys().isdisjoint(last.cells):
+            tables[-1] = page = replace(last, cells=last.cells | page.cells)
         elif page:
             tables.append(page)
         last = page
