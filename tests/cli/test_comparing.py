@@ -130,7 +130,7 @@ def test_junit_holds_any_text(files):
         (("a.lst", "empty.lst"), "empty.lst: is empty"),
         (("binary.lst", "a.lst"), "binary.lst: is not a text file"),
         (("bad.json", "bad.json"), "bad.json:1: is not JSON"),
-        (("a.lst", "list.json"), "list.json: is no record"),
+        (("a.lst", "list.json"), "list.json: is not the record of a run"),
         (("a.lst", "b.lst", "--rules", "bad.toml"), "bad.toml:2 rule 1.absolut: is not a key of a rule"),
         (("a.lst", "b.lst", "--rules", "missing.toml"), "missing.toml: No such file"),
     ],

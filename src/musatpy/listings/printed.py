@@ -10,19 +10,19 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from decimal import Decimal
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from musatpy.errors import Problem
-from musatpy.image_observations import are_apart, with_images
+from musatpy.errors import Problem, RecordError
+from musatpy.json_files import known_of
 from musatpy.listings.findings import Difference, RuleUse
 from musatpy.listings.lines import CUT, CannotCompareError, Line, paper_of
-from musatpy.listings.records import major, read_json
+from musatpy.listings.records import read_json
 from musatpy.listings.rules import Rules
 from musatpy.listings.sections import Row, Section, numbered, sections_of, squeezed
 from musatpy.listings.tokens import Placed, tokens_of
@@ -33,8 +33,6 @@ from musatpy.reports.table import Labels, Report, Table, Texts
 from musatpy.reports.values import Values, at, plain
 
 _MORE = re.compile(r"and \d+ more\b")  # texts that are not printed
-_SPOILT = (LookupError, TypeError, ValueError, ArithmeticError, AttributeError)  # of what no record of ours has
-_LARGEST_STEP = 30  # digits before or behind the point
 Record = Mapping[str, Any]
 
 
@@ -61,23 +59,16 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
 
 
 def _record_of(text: str, name: str) -> Record:
-    """Return a record with all observations in one table, unless it is not as its schema says.
+    """Return a record, all observations in one table; raises `CannotCompareError` unless it obeys its schema."""
+    from musatpy.reports.listing import documents  # two listings need them not
 
-    Raises `CannotCompareError` for what is none, and for the record of a run that another version wrote.
-    """
-    from musatpy.reports.record import SCHEMA_VERSION  # two listings need it not
-
-    content, message = read_json(text, name), ""
-    if not isinstance(content, dict):
-        message = "is no record of a run, and cannot be held against a listing"
-    elif major(content, SCHEMA_VERSION) != major({}, SCHEMA_VERSION):
-        schema = content["schema_version"]
-        message = f"is a record of schema {schema}, and this program knows {SCHEMA_VERSION}; run the deck again"
-    if message:
-        raise CannotCompareError([Problem(file=name, message=message)])
-    with suppress(*_SPOILT):
-        return with_images(content) if are_apart(content) else content
-    return content
+    content = read_json(text, name)
+    of_others = (one for one in documents() if isinstance(content, dict) and one.name in content)
+    schema = next((one.schema() for one in of_others), None)
+    try:
+        return known_of(content, Path(name), schema=schema)
+    except RecordError as error:
+        raise CannotCompareError(error.problems) from error
 
 
 @cache
@@ -118,23 +109,19 @@ class _Printed:
     def values(self) -> Values:
         """Return the rows of the table of a section."""
         system = at(self.content, "options.system") or at(self.content, "job.system")
-        try:
-            values = self.stated.read(self.content, str(system or ""))
-            return values if values.count else Values([], list)
-        except _SPOILT:
-            return Values([], list)
+        values: Values = self.stated.read(self.content, str(system or ""))
+        return values
 
     def table(self) -> Section:
         """Print a table with a row for each entry."""
-        values, lines = self.values(), []
-        columns = [part for column in self.stated.stated() for part in column.columns(values.system)]
-        with suppress(*_SPOILT):
-            given = self.stated.side_by_side(values)
-            headings = {column.heading for column in given}
-            columns = [*given, *(column for column in columns if column.heading not in headings)]
-            lines = Table[Any](tuple(columns)).lines(values)
-        recorded = Section(self.section.title, head=_lines(Table[Any](tuple(columns)).head()))
-        recorded.lines = [(line, 0) for line in _lines(lines)]
+        values = self.values()
+        columns = list(self.stated.side_by_side(values)) if values.count else []
+        headings = {column.heading for column in columns}
+        all_columns = (part for column in self.stated.stated() for part in column.columns(values.system))
+        columns += [column for column in all_columns if column.heading not in headings]
+        table = Table[Any](tuple(columns))
+        recorded = Section(self.section.title, head=_lines(table.head()))
+        recorded.lines = [(line, 0) for line in _lines(table.lines(values) if values.count else [])]
         names, known = (numbered([head.name for head in one.columns]) for one in (self.section, recorded))
         if not names:
             self.unknown["rows without headings"] += len(self.section.lines)
@@ -209,10 +196,7 @@ class _Printed:
 
     def labels(self) -> None:
         """Print lines of a label and a value, or more."""
-        try:
-            found = self.stated.numbers(self.content)
-        except _SPOILT:
-            found = {row.ids[0]: [None] for row in self.section.rows}
+        found = self.stated.numbers(self.content)
         for row in self.section.rows:
             label = row.ids[0]
             numbers = [placed for placed in tokens_of(row.line.text) if placed.token.kind in ("number", "overflow")]
@@ -243,10 +227,7 @@ class _Printed:
     def recorded_texts(self) -> Sequence[str]:
         """Return the texts that the record has of the section."""
         if isinstance(self.stated, Texts):
-            texts: list[str] = []
-            with suppress(*_SPOILT):
-                texts.extend(self.stated.texts(self.content))
-            return texts
+            return list(self.stated.texts(self.content))
         values = self.values()
         cells = [_printed(column, values) for column in self.stated.stated()]
         return [" ".join(str(text) for text in row if text) for row in zip(*cells, strict=True)]
@@ -278,13 +259,9 @@ def _title(stated: Any) -> str:
 
 
 def _printed(column: Field[Any], values: Values) -> list[Any]:
-    """Return what a column prints; nothing of a record that is not as its schema says."""
-    try:
-        found = column.printed(values)
-        texts = plain(found) if isinstance(found, np.ndarray) else list(found)
-    except _SPOILT:
-        texts = []
-    return [*texts, *[None] * (values.count - len(texts))]
+    """Return what a column prints."""
+    found = column.printed(values) if values.count else ()
+    return plain(found) if isinstance(found, np.ndarray) else list(found)
 
 
 def _reprinted(placed: Sequence[Placed], value: Any) -> str:
@@ -295,8 +272,5 @@ def _reprinted(placed: Sequence[Placed], value: Any) -> str:
     if token and token.kind == "angle":
         return edited(f"S40.{max(-token.step, 0)}", [value])[0].strip()
     step = token.step if token and token.kind == "number" else -4
-    number = Decimal(value)
-    if abs(step) > _LARGEST_STEP:  # no field that a listing of ours has
-        return str(number)
-    rounded = number.quantize(Decimal(1).scaleb(step)) + 0
+    rounded = Decimal(value).quantize(Decimal(1).scaleb(step)) + 0
     return token.text if token and rounded == token.value else f"{rounded:f}"

@@ -6,6 +6,7 @@ import datetime
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
+from types import ModuleType
 from typing import Any
 
 from musatpy.model import Solution
@@ -26,6 +27,7 @@ from musatpy.reports import (
     statistical_tests,
     titles,
 )
+from musatpy.reports.fields import Document
 from musatpy.reports.pages import MOST_PAGES, Section, headed, laid_out, page_texts, paginate
 from musatpy.reports.table import Labels, Report, Texts
 from musatpy.statistics import Statistics
@@ -181,7 +183,18 @@ def _front(statistics: Statistics, names: Sequence[str], starts: Sequence[int]) 
 @cache
 def statements() -> tuple[Report[Any] | Labels | Texts, ...]:
     """Return the tables of all pages of all listings, and what else has numbers of the record, the answer first."""
-    from musatpy.reports import (  # those of other programs
+    pages = (answer, *REPORTS, *_of_others())
+    return tuple(table for page in pages for table in getattr(page, "STATED", ()))
+
+
+def documents() -> Iterator[Document[Any]]:
+    """Yield what states the records of other programs than that of jobs."""
+    yield from (one for page in _of_others() for one in vars(page).values() if isinstance(one, Document))
+
+
+def _of_others() -> tuple[ModuleType, ...]:
+    """Return the pages of other programs, which most jobs need not."""
+    from musatpy.reports import (
         compilation,
         compilation_bottom,
         compilation_comparisons,
@@ -192,13 +205,5 @@ def statements() -> tuple[Report[Any] | Labels | Texts, ...]:
         soundings,
     )
 
-    compilations = (
-        compilation,
-        compilation_bottom,
-        compilation_comparisons,
-        compilation_points,
-        compilation_setup,
-        soundings,
-    )
-    pages = (answer, *REPORTS, orientation, orientation_strip, *compilations)
-    return tuple(table for page in pages for table in getattr(page, "STATED", ()))
+    compilations = compilation, compilation_bottom, compilation_comparisons, compilation_points, compilation_setup
+    return orientation, orientation_strip, *compilations, soundings
