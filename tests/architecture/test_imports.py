@@ -111,7 +111,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "page": {"model", "statistics", "reports", "listings", "soundings", "plots"},
     "gis": {"geometry", "depth", "interchange", "plots"},  # of plots, tables and footprints
     "shown_runs": {"runs", "reports", "statistics", "geometry", "interchange", "plots", "gis", "page"},
-    "listings": {"reports", "geometry"},
+    "listings": {"reports"},
     "examples": set(),
     "campaign": {
         "memory",

@@ -4,11 +4,9 @@ import json
 import math
 from decimal import Decimal
 
-import numpy as np
 import pytest
 
 from listings.runs import ST_THOMAS, edited, moved, run_of
-from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.listings import CannotCompareError, compare_texts, parse_rules
 from record_rows import with_rows
 
@@ -51,25 +49,13 @@ def test_differences_are_in_sigmas(text):
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_latitude_and_longitude_are_held_against_sigmas_in_metres(text, axis):
-    point = with_rows(json.loads(text))["points"][2]
-    earth = Ellipsoid("clrk66")
-    places = np.array([point["position"]] * 2)
-    places[1, axis] += 1e-7
-    metres = float(np.linalg.norm(np.diff(earth.geocentric(places), axis=0)))
-    (one,) = compared(text, moved(text, ("points", 2, "position", axis), 1e-7)).findings
-    # the height of the point, 5 m, is left out, and so is what the arc is longer than its chord
-    assert one.sigmas == pytest.approx(metres / point["sigma"][1 - axis], rel=2e-6)
-
-
-@pytest.mark.parametrize("ellipsoid", [None, {"name": "none", "semi_major_axis": None, "inverse_flattening": None}])
-def test_without_an_ellipsoid_latitudes_have_no_sigmas(text, ellipsoid):
-    def change(content):
-        content["ellipsoid"] = ellipsoid
-        content["points"][2]["position"][0] += 1e-7
-
-    one = next(one for one in compared(text, edited(text, change)).findings if one.section == "points")
+def test_latitude_and_longitude_have_limits_of_arc_but_no_sigmas(text, axis):
+    other = moved(text, ("points", 2, "position", axis), 1e-8)  # 0.00206 arc seconds
+    (one,) = compared(text, other).findings
     assert (one.unit, one.sigmas) == ("rad", None)
+    for limit in (0.0020, 0.0021):
+        rule = f"[[rule]]\ncolumn = 'position'\nsigmas = 9\narcsec = {limit}\nangle = 'radians'\n"
+        assert compared(text, other, rule).same == (limit > 0.00206)
 
 
 @pytest.mark.parametrize(

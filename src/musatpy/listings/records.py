@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal
@@ -60,11 +59,10 @@ def compare_records(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Dif
         raise CannotCompareError([Problem(file=names[0], message=message)])
     tables = [tables_of(content) for content in contents]
     geographic = all(at(content, "options.system") == "GEOG" for content in contents)
-    axes = _axes_of(contents[1]) if geographic else None
     sections = []
     for title in (titles := tables[0] | tables[1]):
         comparison = _Tables(uses, title, [side.get(title, []) for side in tables], titles)
-        comparison.geographic, comparison.axes = geographic, axes
+        comparison.geographic = geographic
         comparison.compare()
         sections.append(comparison.result)
     return Difference(*names, tuple(sections), tuple(uses))
@@ -177,7 +175,6 @@ class _Tables(Comparison):
 
     counts_digits = False
     geographic = False
-    axes: tuple[float, float] | None = None  # of the ellipsoid of geographic positions, m
 
     def __init__(
         self, rules: RuleSet, title: str, tables: Sequence[Sequence[Row]], titles: Mapping[str, Any]
@@ -250,21 +247,20 @@ class _Tables(Comparison):
         return parts[0] if _UNIT.fullmatch(parts[0]) else ""
 
     def in_sigmas(self, path: str, difference: Decimal, rows: Sequence[Mapping[str, Any]]) -> float | None:
-        """Return a difference of a field in sigmas of the first of the rows that has some; None without sigmas."""
+        """Return a difference of a field in sigmas of the first of the rows that has some; None without sigmas.
+
+        Latitudes and longitudes have none: theirs are in metres.
+        """
         base = path.rstrip("[]0123456789") if path.endswith("]") else path
-        index, scale = path[len(base) :], 1.0
+        index = path[len(base) :]
         if self.geographic and index in ("[0]", "[1]") and _GEOGRAPHIC in self.stated_unit(path):
-            latitude = number_of(at(rows[0], f"{base}[0]"))
-            if self.axes is None or latitude is None or not math.isfinite(latitude):
-                return None
-            scale = _metres_per_radian(*self.axes, latitude, along_meridian=index == "[0]")
-            index = "[1]" if index == "[0]" else "[0]"  # sigmas are those of east, north, up
+            return None
         plain = [f"sigma{index}"] if base in _PLAIN_SIGMA else []
         for row in rows:
             for name in (f"{base}_sigma{index}", f"sigma_{base}{index}", *plain):
                 sigma = number_of(at(row, name))
                 if sigma is not None and sigma > 0.0:
-                    return float(difference) * scale / sigma
+                    return float(difference) / sigma
         return None
 
 
@@ -303,21 +299,3 @@ def _stated_units() -> dict[str, str]:
             yield from units(node["items"], path)
 
     return dict(units(whole, ""))
-
-
-def _axes_of(content: Any) -> tuple[float, float] | None:
-    """Return the axes (m) of the ellipsoid of a record, None where it does not say."""
-    from musatpy.geometry.geodesy import Ellipsoid  # most comparisons need none
-
-    name, *sizes = (at(content, f"ellipsoid.{part}") for part in ("name", "semi_major_axis", "inverse_flattening"))
-    try:
-        return Ellipsoid(str(name or ""), *map(number_of, sizes)).axes
-    except (ValueError, RuntimeError):  # no name that PROJ knows, no size
-        return None
-
-
-def _metres_per_radian(a: float, b: float, latitude: float, *, along_meridian: bool) -> float:
-    """Return metres on an ellipsoid of axes a, b (m) for a radian of latitude, or of longitude."""
-    eccentricity_squared = 1.0 - (b / a) ** 2
-    w = math.sqrt(1.0 - eccentricity_squared * math.sin(latitude) ** 2)
-    return a * (1.0 - eccentricity_squared) / w**3 if along_meridian else a / w * math.cos(latitude)
