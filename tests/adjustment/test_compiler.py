@@ -12,11 +12,12 @@ import musatpy
 
 PACKAGE = Path(musatpy.__file__).parent
 ADDED = """
-from musatpy.adjustment.compiled.points import Pairs, spread
+from musatpy.adjustment.compiled.points import Points, follow
 import numpy as np
-i, none = np.zeros(0, dtype=int), np.zeros((0, 2, 3))
-spread(i, i, none, none, Pairs(i, i.astype(np.int32)), (0,), none, none[:, 0], none)
-print(sum(spread.stats.cache_hits.values()))
+i, list_, table, stack = np.zeros(0, dtype=int), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2, 3))
+points = Points(stack, stack, table, stack, table, list_, list_)
+follow(i, i, i, points, (0,), table, table)
+print(sum(follow.stats.cache_hits.values()))
 """
 
 

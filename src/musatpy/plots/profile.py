@@ -275,7 +275,7 @@ def _heights(data: Profile) -> tuple[float, float]:
 
 def _draw_water(axes: Any, data: Profile) -> None:
     order = np.argsort(data.water[:, 0], kind="stable")
-    label = "water, at each photo" if data.photos.any() else "water"
+    label = "water, at each photo" if (data.photos != "").any() else "water"
     axes.plot(*data.water[order].T, "-", color=WATER, linewidth=1.2, label=label)
     if len(data.water) <= 30:
         for place, name in zip(data.water.tolist(), data.photos.tolist(), strict=True):
