@@ -26,7 +26,7 @@ from musatpy.formats.cards.spec import (
 )
 from musatpy.formats.checks import check_card
 from musatpy.formats.checks.values import bounds
-from musatpy.formats.compilation_deck import compilation_draft
+from musatpy.formats.compilation_deck import compilation_draft, compilation_family
 from musatpy.formats.draft import draft_of
 from musatpy.formats.families import agencies
 from musatpy.formats.records.fields import RecordField
@@ -134,10 +134,12 @@ def card_of(spec: CardSpec, settings: Sequence[Setting], family: Family) -> tupl
     What only shows beside other cards (a camera that is nowhere, say) is none of them.
     """
     card = card_with(blank_card(spec), settings)
+    tables = {slot.path.partition(".")[0] for slot in mapping.slots(spec)}
+    if compiled := bool(tables) and tables <= CARD_TABLES.keys():
+        family = compilation_family()
     deck = read_cards(f"{card}\n{END_MNEMONIC}\n".encode("ascii", "replace"), family, name=spec.mnemonic)
     problems = [problem for problem in deck.problems if problem.line == 1]
-    tables = {slot.path.partition(".")[0] for slot in mapping.slots(spec)}
-    if tables and tables <= CARD_TABLES.keys():
+    if compiled:
         problems += bounds(compilation_draft(deck))
     elif tables:
         problems += check_card(draft_of(deck, family))
