@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,13 @@ _K = CauseKind
 
 def verify(trial: Trial) -> None:
     assert trial.right(edited(trial.block)) == "", trial.name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [pytest.param(1.0, marks=pytest.mark.slow), 10.0])
+def test_wrong_control_is_named_and_nothing_innocent_goes_out(size: float) -> None:
+    for trial in islice(study.control((6,), (size,)), 2):
+        verify(trial)
 
 
 @pytest.mark.slow

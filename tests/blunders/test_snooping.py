@@ -10,7 +10,7 @@ import pytest
 
 from altered import added, altered, put
 from benchmarks.blocks import simulated
-from musatpy.adjustment import adjust
+from musatpy.adjustment import adjust, kernels
 from musatpy.blunders.scene import Effort, Scene, deviations, settled, sizes, staged, weights
 from musatpy.blunders.snooping import Judgement, _leaving, factors_of, judged, snooped, units_of
 from musatpy.model import AirBases, Block, ObservationKind, WaterLevel
@@ -141,6 +141,29 @@ def test_the_error_of_an_image_that_is_out_is_that_of_a_refit_without_it() -> No
     mine = (units.kind == K.PLATE) & (units.row == row)
     # a millionth of its weight is left, and the steps end at a micrometre on the plate or so
     np.testing.assert_allclose(judgement.error[mine], -refit.plates.residual[row], atol=2e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("submerged", [0.0, 0.4])
+def test_both_kernels_judge_alike(monkeypatch: pytest.MonkeyPatch, submerged: float) -> None:
+    """Images, weighted control, stations, tides and air bases, some of each out."""
+    block = land_block() if not submerged else simulated(12, submerged=submerged, seed=5)[0]
+    scene, state = staged(block, None, None, Effort(left=math.inf))
+    units = units_of(scene)
+    out = np.zeros(len(units.first), dtype=bool)
+    out[units.unit[units.row == 1]] = True
+    factors = {kind: np.ones(weight.shape) for kind, weight in scene.weight.items()}
+    for kind, rows in units.of_kinds.items():
+        factors[kind].reshape(-1)[units.element[rows]] = np.where(out[units.unit[rows]], 1e-6, 1.0)
+    judgements = []
+    for kernel in (kernels.NUMPY, kernels.NUMBA):
+        monkeypatch.setenv(kernels.VARIABLE, kernel)
+        judgements.append(judged(replace(scene, network=replace(scene.network)), state, units, out, factors, None))
+    a, b = judgements
+    assert np.isfinite(a.test).mean() > 0.7
+    np.testing.assert_allclose(b.test, a.test, rtol=1e-10, atol=1e-10)  # by redundancy numbers of 0.01 and more
+    np.testing.assert_allclose(b.error, a.error, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(b.covariance, a.covariance, rtol=1e-10, atol=1e-13)  # differences of larger terms
 
 
 @pytest.mark.slow

@@ -7,23 +7,25 @@ from typing import cast
 
 import numpy as np
 import pytest
+import scipy.stats
 
-from compilation.scenes import INDEX, at_depth, compiled_again, flat_images, grid, pair, readings_at
+from compilation.scenes import INDEX, at_depth, flat_images, grid, pair
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation import true_points as rays
-from musatpy.compilation.compiled import Compiled, CompiledModel
+from musatpy.compilation.compiled import Compiled, CompiledModel, compiled
 from musatpy.compilation.errors_of_pairs import joint_covariances
 from musatpy.compilation.loop import Drive, Loop
-from musatpy.compilation.pair_errors import PairErrors
+from musatpy.compilation.pair_errors import PairErrors, described, null_of
 from musatpy.compilation.pair_images import CHUNK, chunks
-from musatpy.compilation.pair_points import put_clear_points
+from musatpy.compilation.pair_points import Places, put_clear_points
 from musatpy.compilation.parallax_tests import parallax_tests
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.compilation.true_points import Readings, TruePoints, network_of, true_points
 from musatpy.geometry.collinearity import attitude_matrix
+from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
 from musatpy.probability import student_as_normal
 from musatpy.refraction.flat import air_tangent
 from musatpy.simulation import simulate
@@ -115,6 +117,26 @@ def test_points_of_a_pair_are_those_of_their_rays(water: str) -> None:
     assert 0.03 < clear_points(run, (1, 2), readings)[1].mean() < 0.15
 
 
+def test_how_far_residuals_could_bring_a_point_is_the_largest_in_sigmas_of_its_height() -> None:
+    """Stations and water without errors: then the sigma of a height is that of pointing alone."""
+    run = strip("LOCL", {})
+    readings = read(run, 40).part(np.arange(4, 37))
+    _, network, state = network_of(run, (1, 2), readings.part(np.array([0])))
+    exact = replace(errors := PairErrors.of(network, state, (1, 2), joint_covariances(run, network)),
+                    cofactors=np.zeros_like(errors.cofactors))  # fmt: skip
+    X = run.frame.working(true_points(run, (1, 2), readings).position).T
+    places = Places.of(run.frame, np.ascontiguousarray(X))
+    weight = 1.0 / np.square(readings.sigma.reshape(-1, 4).T)
+    with np.errstate(all="ignore"):
+        points = described(exact, readings.xy.reshape(-1, 4).T, weight, X, places.height, places.axes, False)
+        as_they_are = described(errors, readings.xy.reshape(-1, 4).T, weight, X, places.height, places.axes, False)
+    np.testing.assert_array_equal(as_they_are.kink, points.kink)  # residuals say nothing of errors common to all
+    sigmas = np.sqrt(np.max(np.square(points.residual) * weight, axis=0))
+    known = np.isfinite(X).all(axis=0)
+    assert known.sum() > 20 and sigmas[known].max() > 1.5
+    np.testing.assert_allclose(points.kink[known], (sigmas * np.sqrt(points.covariance[2, 2]))[known], rtol=1e-9)
+
+
 def test_points_of_a_pair_over_an_ellipsoid_are_those_of_their_rays() -> None:
     """Geodetic heights are good to some nanometres, and so are the points."""
     run = strip("GEOG", dict(_WATER["levels of groups"]))
@@ -123,6 +145,17 @@ def test_points_of_a_pair_over_an_ellipsoid_are_those_of_their_rays() -> None:
     gap = run.frame.working(found.position) - run.frame.working(expected.position)
     assert np.nanmax(np.abs(gap)) < 1e-8
     hold(found, expected, 2e-8, 1e-7)
+
+
+def test_points_of_the_stages_of_marks_are_the_marks() -> None:
+    """Over water that tilts about the middle of the stations, off the origin of the model."""
+    run = strip("LOCL", {})
+    stereo = set_up(run, *run.block.photos.ids[1:].tolist())
+    marks = np.column_stack([grid((-300.0, 300.0), 500.0, 5), np.linspace(-20.0, -2.0, 25)])
+    xy = Loop(stereo=stereo).stages(marks).xy
+    sigma, ids = np.full(xy.shape, 0.005), np.arange(25).astype(np.str_)
+    points = true_points(run, (1, 2), Readings(ids=ids, submerged=np.ones(25, dtype=bool), xy=xy, sigma=sigma))
+    np.testing.assert_allclose(stereo.model(run.frame.working(points.position)), marks, rtol=0.0, atol=1e-9)
 
 
 def swapped(readings: Readings) -> Readings:
@@ -139,21 +172,29 @@ def test_what_is_not_clear_is_left_to_its_rays() -> None:
     xy = Loop(stereo=stereo).stages(stereo.model(run.frame.working(np.concatenate([clear, special])))).xy
     parallel, crossed = np.array([[[0.0, 0.0], [5e-4, 0.0]]]), np.array([[[-80.0, 0.0], [80.0, 0.0]]])
     xy = np.concatenate([xy, parallel, crossed])
-    every = readings_at(xy + np.array([[0.0, 0.0], [0.0, 0.002]]))  # a y-parallax: the height stays
-    out, left = clear_points(run, (0, 1), every)
+    readings = Readings(
+        ids=np.arange(len(xy)).astype(np.str_),
+        submerged=np.ones(len(xy), dtype=bool),
+        xy=xy + np.array([[0.0, 0.0], [0.0, 0.002]]),  # a y-parallax: the height stays
+        sigma=np.full(xy.shape, 0.005),
+    )
+    out, left = clear_points(run, (0, 1), readings)
     assert left.tolist() == [False] * 16 + [True] * 4
     assert np.isfinite(out.position[:16]).all() and np.isnan(out.position[16:]).all()
-    hold(true_points(run, (0, 1), every), rays.from_rays(run, (0, 1), every), 1e-9, 1e-7)
+    hold(true_points(run, (0, 1), readings), rays.from_rays(run, (0, 1), readings), 1e-9, 1e-7)
 
 
 def test_points_are_the_same_whatever_the_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
     run = pair(3000.0, 1810.0, (0.4, -0.3))
     places = at_depth(grid((200.0, 1600.0), 1700.0, 5), 5.0)
-    every = readings_at(flat_images(run, places))
-    whole = true_points(run, (0, 1), every)
+    xy = flat_images(run, places)
+    readings = Readings(
+        ids=np.arange(25).astype(np.str_), submerged=np.ones(25, dtype=bool), xy=xy, sigma=np.full(xy.shape, 0.005)
+    )
+    whole = true_points(run, (0, 1), readings)
     monkeypatch.setattr("musatpy.compilation.pair_images.CHUNK", 7)
     assert [(part.start, part.stop) for part in chunks(25)] == [(0, 7), (7, 14), (14, 21), (21, 25)]
-    parts = true_points(run, (0, 1), every)
+    parts = true_points(run, (0, 1), readings)
     np.testing.assert_allclose(parts.position, whole.position, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(whole.position, places, rtol=0.0, atol=1e-9)
     assert CHUNK > 25 and np.isfinite(whole.covariance).all()
@@ -172,6 +213,14 @@ def test_marks_of_stages_with_a_y_parallax_are_least_squares(drive: Drive) -> No
     Bt = np.swapaxes(B, 1, 2)
     pull = np.linalg.solve(Bt @ B, (Bt @ v[..., None]))[..., 0]
     assert np.abs(pull).max() < 1e-7 and np.abs(v).max() > 0.005
+
+
+def test_the_null_of_partials_is_across_them() -> None:
+    B: FloatArray = np.random.default_rng(5).normal(size=(4, 3, 20))
+    null = null_of(B)
+    np.testing.assert_allclose(np.einsum("rc,ric->ic", null, B), 0.0, atol=1e-11)
+    np.testing.assert_allclose(np.hypot(null[2], null[3]), 1.0, rtol=1e-12)
+    assert (null[3] > 0.0).all()
 
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
@@ -220,8 +269,14 @@ def test_the_test_value_has_the_variance_one(submerged: bool) -> None:
     errors = COMMON * draws.normal(size=(number, 1, 6)) + OWN * draws.normal(size=(number, 2, 6))
     index = INDEX + INDEX_SIGMA * draws.normal(size=number)
     xy = images(run, points, errors, index if submerged else np.ones(number)).reshape(-1, 2, 2)
-    xy = xy + POINTING * draws.normal(size=xy.shape)
-    found = true_points(run, (0, 1), readings_at(xy, submerged, POINTING))
+    sigma = np.full(xy.shape, POINTING)
+    readings = Readings(
+        ids=np.arange(len(xy)).astype(np.str_),
+        submerged=np.full(len(xy), submerged),
+        xy=xy + sigma * draws.normal(size=xy.shape),
+        sigma=sigma,
+    )
+    found = true_points(run, (0, 1), readings)
     test = (found.y_parallax / found.y_parallax_sigma).reshape(number, 4)
     assert np.mean(found.pointing_share) < 0.7  # or the stations would not be tested
     np.testing.assert_allclose(np.mean(np.square(test), axis=0), 1.0, atol=3.0 * np.sqrt(2.0 / number))
@@ -260,6 +315,12 @@ def test_few_degrees_of_freedom_flag_no_more_than_many(freedom: int, own: bool) 
     assert np.mean(np.abs(points) > 1.96) == pytest.approx(0.05, abs=0.007)
 
 
+def test_student_as_normal() -> None:
+    t, freedom = np.array([-4.0, 0.0, 1.5, 3.0, 3.0]), np.array([8.0, 3.0, 5.0, 4.0, np.inf])
+    exact = scipy.stats.norm.ppf(scipy.stats.t.cdf(t, np.minimum(freedom, 1e9)))
+    np.testing.assert_allclose(student_as_normal(t, freedom), exact, atol=0.02)
+
+
 def again(solution: model.Solution, pointing: float, shift: float = 0.0) -> tuple[Compiled, np.ndarray]:
     """Return points of two rays without control, and the left plates of the run, which they are read as.
 
@@ -267,8 +328,20 @@ def again(solution: model.Solution, pointing: float, shift: float = 0.0) -> tupl
     """
     block = solution.block
     rays = np.bincount(block.plates.point, minlength=len(block.points.ids))
-    two = (rays == 2) & ~of_solution(solution).control
-    return compiled_again(solution, block.plates.xy + shift, pointing, two)
+    rows = [np.flatnonzero(block.plates.photo == photo) for photo in (0, 1)]
+    common, left, right = np.intersect1d(*(block.plates.point[of] for of in rows), return_indices=True)
+    two = ((rays == 2) & ~of_solution(solution).control)[common]
+    common, left, right = common[two], rows[0][left[two]], rows[1][right[two]]
+    deck = Compilation(
+        titles=(),
+        models=StereomodelSpecs(ids=["M"], left=["21"], right=["22"], pointing=[pointing]),
+        stages=StageReadings(
+            model=np.zeros(len(common), dtype=int), ids=block.points.ids[common],
+            kind=np.full(len(common), "R"), submerged=block.points.bathymetric[common],
+            xy=np.stack([block.plates.xy[left], block.plates.xy[right]], axis=1) + shift,
+        ),
+    )  # fmt: skip
+    return compiled(of_solution(solution), deck), left
 
 
 @pytest.mark.parametrize("pointing", [np.nan, 0.003])

@@ -3,6 +3,7 @@
 import json
 import random
 from decimal import Decimal
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +11,8 @@ from musatpy.errors import ProblemsError
 from musatpy.fortran import parse_edit, write_number
 from musatpy.listings import RulesError, compare_bytes, compare_texts, load_rules, parse_rules
 from musatpy.listings.output import json_text, junit_text, render
+
+LISTING = Path(__file__).parents[2] / "fixtures" / "st_thomas" / "st_thomas.lst"
 
 
 def difference(a, b):
@@ -180,6 +183,15 @@ def test_any_two_texts_can_be_compared(rules):
         there, back = shown(compare_texts(a, b, loaded)), compare_texts(b, a, loaded)
         if not rules:
             assert there.same == back.same, (a, b)
+
+
+@pytest.mark.slow
+def test_any_damage_to_a_listing_can_be_compared():
+    rng, whole = random.Random(2), LISTING.read_text(encoding="utf-8")
+    for _ in range(12):
+        start = rng.randrange(len(whole))
+        damaged = whole[:start] + any_text(rng) + whole[start + rng.randint(0, 500) :]
+        shown(compare_texts(whole, damaged, parse_rules(RULES)))
 
 
 def any_json(rng, depth=0):

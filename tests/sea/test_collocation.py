@@ -55,6 +55,24 @@ def drawn(cov: Covariance, place: np.ndarray, rng: np.random.Generator) -> np.nd
 
 
 @pytest.mark.parametrize("family", CORRELATIONS)
+def test_partials_of_a_correlation_are_those_of_central_differences(family: Family) -> None:
+    lag = np.random.default_rng(1).uniform(-150.0, 150.0, (30, 2))
+    given = correlation(family)
+    value, partials = given.with_partials(lag)
+    assert np.array_equal(value, given(lag))
+    for row, partial in enumerate(partials):
+        step = 1e-6 * max(abs(given.parameters[row]), 1e-3)
+        around = []
+        for sign in (1.0, -1.0):
+            moved = list(given.parameters)
+            moved[row] += sign * step
+            around.append(Correlation(family=family, parameters=tuple(moved))(lag))
+        numerical = (around[0] - around[1]) / (2.0 * step)
+        # rounding over the step, and the step squared: eight digits of the largest are left
+        assert np.abs(partial - numerical).max() < 1e-7 * max(1.0, np.abs(numerical).max())
+
+
+@pytest.mark.parametrize("family", CORRELATIONS)
 def test_a_correlation_is_one_at_no_distance_and_positive_definite(family: Family) -> None:
     place = places(60)
     R = correlation(family)(lags(place, place))
@@ -116,6 +134,15 @@ def test_without_noise_it_passes_through_the_control_points(family: Family) -> N
     # what is on the diagonal to make it solvable is 1e-10 of the variance: 1e-5 of a standard deviation of 0.3 m
     assert np.abs(found.value - value).max() < 1e-5
     assert found.sigma.max() < 1e-5
+
+
+def test_far_from_control_the_trend_is_left() -> None:
+    data = observed(30)
+    found = Collocation(data, covariance(), Trend.PLANE)
+    far = found.predict(np.array([[5e4, 0.0]]))
+    along = (np.array([5e4, 0.0]) - data.place.mean(axis=0)) / np.ptp(data.place, axis=0).max()
+    assert far.value[0] == pytest.approx(found.coefficients[0] + found.coefficients[1:] @ along)
+    assert far.sigma[0] > np.sqrt(0.09)
 
 
 def test_blocks_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -317,6 +344,7 @@ def test_blocks_of_neighbours_are_all_points_once() -> None:
 @pytest.mark.parametrize(
     ("count", "trend", "message"),
     [
+        (2, Trend.CONSTANT, "too few: a constant as trend needs 3"),
         (4, Trend.PLANE, "too few: a plane as trend needs 5"),
         (MOST_CONTROL + 1, Trend.CONSTANT, f"at most {MOST_CONTROL}"),
     ],

@@ -1,21 +1,22 @@
 """The equations of the paper: partials, axes, and what is wrong as printed."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 from adjustment.case_decks import load_case
-from musatpy.geometry.collinearity import scale_restraint
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, scale_restraint
 from musatpy.orientation.twomedia.axes import from_paper, paper_partials, paper_vector
-from musatpy.orientation.twomedia.conditions import Misclosure
-from musatpy.orientation.twomedia.helmert import Group, adjust
+from musatpy.orientation.twomedia.helmert import Group, Problem, adjust
 from musatpy.orientation.twomedia.oriented import orient
-from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation, image_rays
-from musatpy.orientation.twomedia.sights import Method, Plane, PlaneTreatment, Sights, problem_of
+from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, image_rays
+from musatpy.orientation.twomedia.sights import Plane, PlaneTreatment, Sights, problem_of
 from orientation.twomedia.geometries import (
     ANGLES,
+    HOUSE,
     KINDS,
     METHODS,
     A,
@@ -24,22 +25,79 @@ from orientation.twomedia.geometries import (
     control_of,
     geometry,
     points_of,
+    rotation,
     scaled_errors,
     scene,
     sights_of,
     truth_of,
 )
+from orientation.twomedia.paper import distance_in_xy, nine_equations, ray_of, refracted, volume
+
+_ZERO = 1e-13  # m3 of the laboratory: rounding of determinants of lengths of 1 m
 
 
-def refracted(
-    ray: np.ndarray, C: np.ndarray, d: float, plane: tuple[float, float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the point of the water Q and the refracted direction of a ray from C in the paper: (2) to (9)."""
-    gradient = np.array([*plane, 1.0])
-    normal, ray = gradient / np.linalg.norm(gradient), ray / np.linalg.norm(ray)
-    cosine = ray @ normal
-    bent = (ray - normal * (cosine - np.sqrt(N * N - 1.0 + cosine**2))) / N
-    return C - (gradient @ C + d) / (gradient @ ray) * ray, bent
+@pytest.mark.parametrize("method", ["PAIR-INDEPENDENT", "PAIR-SUCCESSIVE"])
+def test_the_volume_of_two_refracted_rays_is_zero(method):
+    true = geometry("lab", method)
+    volumes = [volume(ray_of(true, 0, point), ray_of(true, 1, point)) for point in range(20)]
+    assert np.abs(volumes).max() < _ZERO
+
+
+@pytest.mark.parametrize("method", ["PAIR-INDEPENDENT", "PAIR-SUCCESSIVE"])
+def test_kappa_is_lost_in_19_20_and_25(method):
+    """Without it photos turned by 2 or 3 degrees miss by far."""
+    true = geometry("lab", method)
+    lost = replace(true, angles=true.angles * [1.0, 1.0, 0.0])
+    volumes = [volume(ray_of(lost, 0, point), ray_of(lost, 1, point)) for point in range(20)]
+    assert np.abs(volumes).max() > 1e-3
+
+
+def test_the_base_of_25_is_bx_by_bz():
+    true = geometry("lab", "PAIR-SUCCESSIVE")
+    bx, by, bz = true.stations[1]
+    printed = replace(true, stations=np.array([true.stations[0], (by, bz, 0.0)]))
+    volumes = [volume(ray_of(printed, 0, point), ray_of(printed, 1, point)) for point in range(20)]
+    assert bx == 1.0
+    assert np.abs(volumes).max() > 1e-3
+
+
+def test_the_third_member_of_46_goes_along_the_ray_of_photo_1():
+    """The printed one takes the distance (44) along the ray of photo 3."""
+    true = geometry("lab", "TRIPLET")
+    for point in range(5):
+        rays = tuple(ray_of(true, photo, point) for photo in range(3))
+        assert np.abs(nine_equations(rays)).max() < 1e-11  # divided by the small determinant of (36)
+        assert np.abs(nine_equations(rays, third=2)).max() > 1e-5
+
+
+def test_the_nine_equations_of_a_point_have_rank_three():
+    true, step = geometry("lab", "TRIPLET"), 1e-6
+    for point in range(5):
+        columns = []
+        for photo, axis in np.ndindex(3, 2):
+            values = []
+            for sign in (1.0, -1.0):
+                image = true.images[photo, point] + sign * step * np.eye(2)[axis]
+                rays = [ray_of(true, other, point, image if other == photo else None) for other in range(3)]
+                values.append(nine_equations(tuple(rays)))
+            columns.append((values[0] - values[1]) / (2.0 * step))
+        sizes = np.linalg.svd(np.array(columns).T, compute_uv=False)
+        assert sizes[2] > 1e-3 * sizes[0]
+        assert sizes[3] < 1e-7 * sizes[0]  # rounding of central differences
+
+
+def test_coefficients_of_23_belong_to_phi_1_and_kappa_1():
+    """(23)' is the development at phi10, kappa10: a first order of what (23) does when photo 1 turns."""
+    true = geometry("lab", "PAIR-INDEPENDENT")
+    for angle in (0, 2):
+        changed = []
+        for step in (1e-3, -1e-3, 2e-3, -2e-3):
+            angles = true.angles.copy()
+            angles[0, angle] += step
+            turned = replace(true, angles=angles)
+            changed.append(volume(ray_of(turned, 0, 3), ray_of(turned, 1, 3)))
+        assert (changed[2] - changed[3]) == pytest.approx(2.0 * (changed[0] - changed[1]), rel=1e-4)
+        assert abs(changed[0]) > 1e-5
 
 
 def test_a_triplet_of_collinear_stations_is_regular():
@@ -54,7 +112,7 @@ def test_a_triplet_of_collinear_stations_is_regular():
 
 
 def test_a_point_on_the_flight_line_is_regular_in_the_dot_form():
-    """In components of X and Y it is 0/0, where the rays lie in one vertical plane along X."""
+    """And 0/0 in components of X and Y, where the rays lie in one vertical plane along X."""
     point, level = np.array([0.9, 0.0, 2.8]), 2.0
     rays = []
     for X in (0.0, 1.0, 2.0):
@@ -66,10 +124,32 @@ def test_a_point_on_the_flight_line_is_regular_in_the_dot_form():
 
         tangent = brentq(miss, -2.0, 2.0, xtol=1e-15)
         rays.append(refracted(np.array([tangent, 0.0, 1.0]), C, -level, (0.0, 0.0)))
+    with np.errstate(invalid="ignore"):
+        assert np.isnan(distance_in_xy(rays[0], rays[1]))
     value, partials = scale_restraint(np.array([[ray[0] for ray in rays]]), np.array([[ray[1] for ray in rays]]))
     assert abs(value[0]) < 1e-12  # of 1 m over the sine of a parallax of a third of a radian
     assert np.isfinite(partials).all()
     assert np.abs(partials).max() < 100.0
+
+
+def test_a_plane_turned_with_the_frame_gives_the_same_rays():
+    """Stations, photos and plane turned by one rotation: so are the water points and the refracted rays."""
+    true = geometry("lab", "TRIPLET")
+    at, sights, turn = truth_of(true), sights_of(true), rotation(0.1, -0.15, 0.7)
+    up = turn @ [-at.slope[0, 0], -at.slope[0, 1], 1.0]
+    foot = turn @ [0.0, 0.0, at.level[0]]
+    slope = -up[:2] / up[2]
+    turned = Orientation(
+        attitude=attitude_from_matrix(attitude_matrix(at.attitude) @ turn.T),
+        station=at.station @ turn.T,
+        slope=slope[None],
+        level=np.array([foot[2] - slope @ foot[:2]]),
+        index=at.index,
+    )
+    wet, rise = sights.wet[sights.point], np.zeros(len(sights.point))
+    before, after = (image_rays(each, sights.photo, sights.image[None], wet, rise) for each in (at, turned))
+    np.testing.assert_allclose(after.origin, before.origin @ turn.T, atol=1e-13)
+    np.testing.assert_allclose(after.direction, before.direction @ turn.T, atol=1e-13)
 
 
 @pytest.mark.parametrize(("name", "digit"), [("mikhail", 1e-5), ("dewitt", 1e-4)])
@@ -118,29 +198,57 @@ def test_water_without_depth_is_none(method):
 
 
 _STEP = 1e-6
+_ROUNDING = 5e-9  # relative, of central differences with that step
+
+
+def misclosures(problem: Problem, group: Group, x: np.ndarray, image: np.ndarray, control: np.ndarray):
+    """Return the conditions of a group at some values."""
+    at = Orientation.of(x)
+    rays = image_rays(at, problem.photo, image, problem.wet, problem.rise)
+    points = np.zeros((1, len(group.images), 3)) if group.control is None else control[:, group.control]
+    return group.condition(rays[group.images], points, at)
+
+
+def differences(function, x: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Return the central difference of a function of an array for a change of it."""
+    return (function(x + _STEP * change).value - function(x - _STEP * change).value) / (2.0 * _STEP)
 
 
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
-def test_partials_by_the_unknowns(method: Method) -> None:
-    """Those by images and control have what the referee says, IIIA."""
-    true = geometry("tank", method.name)
-    problem = problem_of(sights_of(true, control_of(method)), method, Plane())
-    x = truth_of(true).vector + 0.01 * np.random.default_rng(2).normal(size=truth_of(true).vector.shape)
+def test_partials_of_the_conditions(method):
+    rng = np.random.default_rng(2)
+    scene = geometry("tank", method.name)
+    problem = problem_of(sights_of(scene, control_of(method)), method, Plane())
+    wet = problem.wet.copy()
+    if method.name != "SINGLE-FERMAT":  # of wet rays only
+        wet[::5] = False
+    problem = replace(problem, wet=wet, rise=0.02 * rng.normal(size=len(wet)))
+    x = truth_of(scene).vector
+    x = x + 0.01 * rng.normal(size=x.shape)
+    image = problem.image[None] + 0.01 * rng.normal(size=problem.image.shape)
+    control = problem.control[None] + 0.01 * rng.normal(size=problem.control.shape)
     for group in problem.groups:
-
-        def conditions(x: np.ndarray, group: Group = group) -> Misclosure:
-            at = Orientation.of(x)
-            rays = image_rays(at, problem.photo, problem.image[None], problem.wet, problem.rise)
-            points = np.zeros((1, 0, 3)) if group.control is None else problem.control[None, group.control]
-            return group.condition(rays[group.images], points, at)
-
-        by_rays, by_unknown = conditions(x).by_rays, 0.0
+        at = misclosures(problem, group, x, image, control)
+        size = np.abs(at.by_rays).max()
+        by_unknown = np.zeros((*at.value.shape, x.shape[1]))
         for ray, photo in enumerate(group.photos):
-            of_photo = np.eye(x.shape[1])[[*range(PHOTO * photo, PHOTO * (photo + 1)), *range(-WATER, 0)]]
-            by_unknown = by_unknown + by_rays[..., ray, : PHOTO + WATER] @ of_photo
-        sides = [[conditions(x + side * row).value for side in (_STEP, -_STEP)] for row in np.eye(x.shape[1])]
-        numeric = np.stack([(one - other) / (2.0 * _STEP) for one, other in sides], axis=-1)
-        np.testing.assert_allclose(by_unknown, numeric, atol=5e-9 * np.abs(by_rays).max())
+            by_unknown[..., PHOTO * photo : PHOTO * (photo + 1)] += at.by_rays[..., ray, :PHOTO]
+            by_unknown[..., -WATER:] += at.by_rays[..., ray, PHOTO : PHOTO + WATER]
+        by = partial(misclosures, problem, group)
+        for column, change in enumerate(np.eye(x.shape[1])):
+            numeric = differences(partial(by, image=image, control=control), x, change)
+            np.testing.assert_allclose(by_unknown[..., column], numeric, atol=_ROUNDING * size)
+        for ray in range(len(group.photos)):
+            for axis in range(2):
+                change = np.zeros_like(image)
+                change[0, group.images[:, ray], axis] = 1.0
+                numeric = differences(lambda v, by=by: by(x, v, control), image, change)
+                by_image = at.by_rays[..., ray, IMAGE][..., axis]
+                np.testing.assert_allclose(by_image, numeric, atol=_ROUNDING * size)
+        for axis in range(3) if group.control is not None else ():
+            change = np.broadcast_to(np.eye(3)[axis], control.shape)
+            numeric = differences(partial(by, x, image), control, change)
+            np.testing.assert_allclose(at.by_control[..., axis], numeric, atol=_ROUNDING * size)
 
 
 def test_axes_of_the_paper_both_ways():
@@ -153,6 +261,23 @@ def test_axes_of_the_paper_both_ways():
     for column, change in enumerate(_STEP * np.eye(16)):
         numeric = paper_vector(Orientation.of(x + change)) - paper_vector(Orientation.of(x - change))
         np.testing.assert_allclose(J[..., column], numeric / (2.0 * _STEP), atol=1e-8)
+
+
+def test_a_ray_as_the_paper_prints_it():
+    """(2) to (9) in the paper's own axes, written out, against the ray of the house."""
+    scene = geometry("lab", "PAIR-SUCCESSIVE")
+    sights = sights_of(scene)
+    rays = image_rays(truth_of(scene), sights.photo, sights.image[None], sights.wet[sights.point], np.zeros(40))
+    normal = np.array([A, B, 1.0]) / np.sqrt(A * A + B * B + 1.0)
+    for row, (photo, point) in enumerate(zip(sights.photo, sights.point, strict=True)):
+        ray = rotation(*scene.angles[photo]) @ [*scene.images[photo, point], scene.kind.c]
+        ray = ray / np.linalg.norm(ray)
+        C = scene.stations[photo]
+        k = -(np.array([A, B, 1.0]) @ C + scene.d) / (np.array([A, B, 1.0]) @ ray)
+        cos_i = ray @ normal
+        bent = (ray - normal * (cos_i - np.sqrt(N * N - 1.0 + cos_i**2))) / N
+        np.testing.assert_allclose(rays.origin[0, row] * HOUSE, C + k * ray, atol=1e-12)
+        np.testing.assert_allclose(rays.direction[0, row] * HOUSE, bent, atol=1e-12)
 
 
 def test_only_wet_rays_need_water_below_them():

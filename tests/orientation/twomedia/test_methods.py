@@ -8,12 +8,14 @@ import pytest
 from scipy.special import chdtrc
 
 import musatpy
+from musatpy.arrays import FloatArray
 from musatpy.geometry.similarity import fit
 from musatpy.orientation.twomedia import helmert
 from musatpy.orientation.twomedia.axes import paper_partials
+from musatpy.orientation.twomedia.conditions import Misclosure, fermat
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, refined
 from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, Verdict, orient
-from musatpy.orientation.twomedia.rays import Orientation
+from musatpy.orientation.twomedia.rays import STATION, Orientation, Rays
 from musatpy.orientation.twomedia.sights import Plane, PlaneTreatment, Sights, problem_of, redundancy_of, without
 from musatpy.units import ARC_SECOND
 from orientation.twomedia.geometries import (
@@ -193,6 +195,15 @@ def test_condition_of_the_normals(name, inner, printed):
     assert inner / 1.3 < result.condition < inner * 1.3
 
 
+def test_correlations_from_the_air():
+    J, result = paper_partials(oriented("aerial", "SINGLE-RAY").at), oriented("aerial", "SINGLE-RAY")
+    covariance = (J @ result.covariance @ J.T)[:9, :9]
+    sigma = np.sqrt(np.diagonal(covariance))
+    correlations = covariance / np.outer(sigma, sigma)
+    for first, second, value in ((0, 3, -0.9999), (1, 7, -0.998), (5, 8, -0.998)):
+        assert correlations[first, second] == pytest.approx(value, abs=0.001)
+
+
 @pytest.mark.parametrize("name", KINDS)
 def test_fermat_is_the_refracted_ray(name):
     sights = noisy(sights_of(geometry(name, "SINGLE-RAY"), 20), 1)
@@ -316,6 +327,69 @@ def test_true_errors_are_as_large_as_their_sigmas(method):
     assert (rms > 0.886).all(), rms
     assert (rms < 1.114).all(), rms
     assert 460 <= passed <= 490  # 475 +- 3 sigma
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "method", "share"),
+    [
+        ("aerial", "SINGLE-RAY", 100),
+        ("lab", "SINGLE-FERMAT", 100),
+        ("tank", "SINGLE-FERMAT", 98),
+        ("lab", "PAIR-INDEPENDENT", 98),
+        ("aerial", "PAIR-SUCCESSIVE", 96),
+        ("tank", "COMBINED", 100),
+        ("lab", "TRIPLET", 88),
+    ],
+)
+def test_how_far_the_unknowns_of_the_paper_lead(name, method, share, monkeypatch):
+    """From level 1 and without the directions of the steps: 8 of 100 more or less, by the random law."""
+
+    def as_printed(at: Orientation, unknown: np.ndarray, bottom: np.ndarray) -> np.ndarray:
+        return np.broadcast_to(np.eye(len(unknown))[:, unknown], (len(at.level), len(unknown), int(unknown.sum())))
+
+    monkeypatch.setattr(helmert, "directions", as_printed)
+    adjusted = adjust(replace(noise_free(name, method), approach=()), level_1(name, method, 1))
+    true = scaled_errors(adjusted.at, geometry(name, method)).max(axis=-1) < 1e-9
+    assert true.sum() == pytest.approx(share, abs=8)
+
+
+def fermat_as_a_ratio(rays: Rays, control: FloatArray, at: Orientation) -> Misclosure:
+    """Return (18): (18)' over both ways."""
+    product, only = fermat(rays, control, at), rays[:, 0]
+    ways = only.origin - only.station, control - only.origin
+    alpha, beta = (np.linalg.norm(way, axis=-1)[..., None] for way in ways)
+    by_air, by_water = ways[0] / alpha**2, ways[1] / beta**2  # of the logarithms
+    of_size = (by_air - by_water)[..., None, :] @ only.partials[..., :3, :]
+    of_size[..., STATION] -= by_air[..., None, :]
+    value, size = product.value[..., None], (alpha * beta)[..., None]
+    return Misclosure(
+        value=product.value / size[..., 0],
+        by_rays=(product.by_rays - (value * of_size)[..., None, :]) / size[..., None],
+        by_control=(product.by_control - value * by_water[..., None, :]) / size,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "least", "most"),
+    [
+        pytest.param("lab", 72, 100, marks=pytest.mark.slow),
+        pytest.param("tank", 98, 100, marks=pytest.mark.slow),
+        ("aerial", 0, 12),
+    ],
+)
+def test_18_as_a_ratio_leads_nowhere_from_the_air(name, least, most):
+    """From level 1, of 100; measured elsewhere with another random law: 80, 100 and 0."""
+    problem = replace(noise_free(name, "SINGLE-FERMAT"), approach=())
+    ratio = replace(problem, groups=tuple(replace(part, condition=fermat_as_a_ratio) for part in problem.groups))
+    starts = level_1(name, "SINGLE-FERMAT", 1)
+    shares = [
+        (scaled_errors(adjust(form, starts).at, geometry(name, "SINGLE-FERMAT")).max(axis=-1) < 1e-9).sum()
+        for form in (ratio, problem)
+    ]
+    assert least <= shares[0] <= most
+    assert shares[1] >= shares[0] - 5
 
 
 def test_tides_under_the_photos_are_levels_of_their_own():

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from musatpy.orientation.twomedia.conditions import fermat
 from musatpy.orientation.twomedia.helmert import adjust, misfits
 from musatpy.orientation.twomedia.oriented import OrientationError, orient
-from musatpy.orientation.twomedia.rays import Orientation
+from musatpy.orientation.twomedia.rays import Orientation, image_rays
 from musatpy.orientation.twomedia.rejections import REASONS, rejections
 from musatpy.orientation.twomedia.roots import exact_roots
 from musatpy.orientation.twomedia.sights import Plane, Sights, problem_of, redundancy_of, without
@@ -70,6 +71,36 @@ def test_a_limit_of_starts_limits_the_search():
     problem = problem_of(minimum_set("SINGLE-RAY", 1), METHODS["SINGLE-RAY"], Plane())
     near = adjust(problem, truth_of(geometry("lab", "SINGLE-RAY")))
     assert len(exact_roots(problem, near, 1).level) <= 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", _LEAST)
+def test_how_often_minimum_sets_have_other_solutions(method):
+    """In the laboratory nearly always when 200 starts look for them: a minimum set is none to trust."""
+    counts = [len(roots_of(method, seed).level) - 1 for seed in range(3)]
+    assert np.mean(np.array(counts) > 0) > 0.45
+
+
+def water_through_the_camera(sights: Sights, height: float) -> Orientation:
+    """Return the true orientation of a photo, the water raised to a height under its camera."""
+    at = truth_of(geometry("lab", "SINGLE-RAY"))
+    station = at.station[0]
+    return replace(at, level=station[:, 2] - station[:, :2] @ at.slope[0] - height)
+
+
+def test_the_spurious_zero_of_fermat_is_rejected():
+    """(18)' vanishes with the way in air, whatever the rest: with the water through the camera it is zero."""
+    sights = sights_of(geometry("lab", "SINGLE-FERMAT"), 20)
+    problem = problem_of(sights, METHODS["SINGLE-FERMAT"], Plane())
+    sizes = []
+    for height in (1e-3, 1e-6):
+        at = water_through_the_camera(sights, height)
+        rays = image_rays(at, problem.photo, problem.image[None], problem.wet, problem.rise)
+        value = fermat(rays[problem.groups[0].images], problem.control[None, problem.groups[0].control], at).value
+        sizes.append(np.abs(value).max())
+    assert sizes[1] == pytest.approx(1e-3 * sizes[0], rel=1e-2)
+    spurious = replace(adjust(problem, truth_of(geometry("lab", "SINGLE-FERMAT"))), at=at)
+    assert REASONS[0] in [REASONS[row] for row in np.flatnonzero(rejections(problem, spurious)[0])]
 
 
 @pytest.mark.parametrize(
