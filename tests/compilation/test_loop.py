@@ -93,7 +93,7 @@ def test_the_mark_goes_through_the_water_line_without_a_jump(st_thomas: Stereomo
     level[:, 2] = st_thomas.tides[0]
     for _ in range(3):  # the tilted water stands higher or lower there
         loop, mark = Loop(stereo=st_thomas), st_thomas.model(frame.from_level(level))
-        level[:, 2] = loop.pair.sides[0].tide + mark @ loop.pair.water.slope
+        level[:, 2] = st_thomas.tides[0] + st_thomas.working(mark) @ st_thomas.water_slope
     places = (frame.from_level(level + np.array([0.0, 0.0, rise])) for rise in (-1e-12, 1e-12))
     below, above = (loop.stages(st_thomas.model(place)).xy for place in places)
     assert np.abs(below - above)[:, 0].max() < 1e-9

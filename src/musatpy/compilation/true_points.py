@@ -22,13 +22,12 @@ from musatpy.adjustment.sightings import residuals, straight_rays
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.errors_of_pairs import joint_covariances, y_parallax
-from musatpy.compilation.pair_errors import PairErrors
-from musatpy.compilation.pair_points import put_clear_points
 from musatpy.compilation.parts import in_parts
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, in_front, widest_angle
 from musatpy.model import Block, PlateMeasurements, Points
 
+_CHUNK = 2**14  # readings at a time
 _TURNS = 8  # times that rays may change between wet and dry
 PARALLEL_RAYS, BEHIND = "its rays are parallel", "its rays meet behind a camera"
 NOT_FOLLOWED = "its rays cannot be followed through the water"
@@ -108,25 +107,19 @@ class TruePoints:
 
 
 def true_points(run: Triangulation, photos: tuple[int, int], readings: Readings) -> TruePoints:
-    """Return the points of readings on two photos (rows) of a run.
-
-    Through still water those that are clear come from the pair as a whole, all others from their own rays.
-    """
-    count = len(readings.ids)
-    out, left = TruePoints.nothing(count), np.ones(count, dtype=bool)
-    if run.sea is None and count:
-        _, network, state = network_of(run, photos, readings.part(np.zeros(1, dtype=np.int64)))
-        errors = PairErrors.of(network, state, photos, joint_covariances(run, network))
-        left = put_clear_points(out, errors, run.frame, readings)
-    for rows, points in in_parts(lambda some: from_rays(run, photos, readings.part(some)), np.flatnonzero(left)):
-        if points is None:
-            out.reasons[int(rows[0])] = NOT_FOLLOWED
-        else:
-            out.put(rows, points)
+    """Return the points of readings on two photos (rows) of a run."""
+    out = TruePoints.nothing(len(readings.ids))
+    for first in range(0, len(readings.ids), _CHUNK):
+        chunk = np.arange(first, min(first + _CHUNK, len(readings.ids)))
+        for rows, points in in_parts(lambda some: _from_rays(run, photos, readings.part(some)), chunk):
+            if points is None:
+                out.reasons[int(rows[0])] = NOT_FOLLOWED
+            else:
+                out.put(rows, points)
     return out
 
 
-def from_rays(run: Triangulation, photos: tuple[int, int], readings: Readings) -> TruePoints:
+def _from_rays(run: Triangulation, photos: tuple[int, int], readings: Readings) -> TruePoints:
     """Return the points of readings. Raises `AdjustmentError` where one cannot be followed through waves."""
     block, measured, state = network_of(run, photos, readings)
     submerged = readings.submerged

@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 import pyproj
@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from musatpy.arrays import FloatArray
 from musatpy.geometry.collinearity import local_vertical
 
-Value = TypeVar("Value", float, FloatArray)
 _SAME_AXIS = 1e-6  # m: GRS 80 and WGS 84 differ by 1e-4 m in their semi-minor axes, and are two ellipsoids
 _FINEST = -6.0  # decimals of a middle of stations
 
@@ -97,26 +96,6 @@ class Ellipsoid:
         )
         return out
 
-    def vertical(self, x: Value, y: Value, z: Value) -> tuple[tuple[Value, Value, Value], Value]:
-        """Return the components of the direction up, and the height (m), at X, Y, Z m: numbers, or arrays of many.
-
-        `geographic` without its angles, whose sines and cosines would be taken again: Bowring (1976), as PROJ has
-        it, good to 1e-12 rad between 10 km above and below the ellipsoid.
-        """
-        a, b = self.axes
-        square = 1.0 - (b / a) ** 2  # of the first eccentricity
-        off_axis = (x * x + y * y) ** 0.5
-        sine, cosine = z * a, off_axis * b  # of the reduced latitude
-        one = 1.0 / (sine * sine + cosine * cosine) ** 0.5
-        sine, cosine = sine * one, cosine * one
-        sine = z + (square * a * a / b) * (sine * sine * sine)
-        cosine = off_axis - (square * a) * (cosine * cosine * cosine)
-        one = 1.0 / (sine * sine + cosine * cosine) ** 0.5
-        sine, cosine = sine * one, cosine * one
-        height = off_axis * cosine + z * sine - a * (1.0 - square * (sine * sine)) ** 0.5
-        plan = cosine / (off_axis + (off_axis == 0.0))  # at the pole there is none
-        return (x * plan, y * plan, sine), height
-
     def frame(self, geographic: ArrayLike) -> FloatArray:
         """Return the rotations geocentric -> east, north, up (..., 3, 3) at geographic positions (..., 3)."""
         geographic = np.asarray(geographic, dtype=float)
@@ -189,13 +168,6 @@ class Frame(ABC):
         level = self.level(working)  # once for both
         return self.axes_at(level)[..., 2, :], level[..., 2]
 
-    @abstractmethod
-    def vertical_at(self, x: Value, y: Value, z: Value) -> tuple[tuple[Value, Value, Value], Value]:
-        """Return `vertical` by components, numbers of one position or arrays of many, without PROJ.
-
-        Heights are those of PROJ to some nanometres near the ellipsoid, to a micrometre 10 km from it.
-        """
-
 
 def middle_of(stations: FloatArray) -> FloatArray:
     """Return the middle (3,) of stations (n, 3): the working origin, about which water tilts.
@@ -229,10 +201,6 @@ class LocalFrame(Frame):
     def vertical(self, working: ArrayLike) -> tuple[FloatArray, FloatArray]:
         return np.broadcast_to(np.eye(3)[2], np.shape(working)), self.height(working)
 
-    def vertical_at(self, x: Value, y: Value, z: Value) -> tuple[tuple[Value, Value, Value], Value]:
-        none = 0.0 * z
-        return (none, none, none + 1.0), z + float(self.origin[2])
-
 
 class GeocentricFrame(Frame):
     """A geocentric job: working axes are the geocentric ones, the vertical is that of the ellipsoid."""
@@ -250,10 +218,6 @@ class GeocentricFrame(Frame):
     def axes_at(self, level: ArrayLike) -> FloatArray:
         return self.ellipsoid.frame(level)
 
-    def vertical_at(self, x: Value, y: Value, z: Value) -> tuple[tuple[Value, Value, Value], Value]:
-        a, b, c = self._middle
-        return self.ellipsoid.vertical(x + a, y + b, z + c)
-
     def vertical(self, working: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the same; the longitude is where the place is, which saves its sine and cosine."""
         place = np.asarray(working) + self.origin
@@ -263,11 +227,6 @@ class GeocentricFrame(Frame):
         np.multiply(place[..., :2], scale[..., None], out=up[..., :2])
         up[..., 2] = np.sin(latitude)
         return up, height
-
-    @cached_property
-    def _middle(self) -> tuple[float, float, float]:
-        x, y, z = self.origin.tolist()
-        return x, y, z
 
 
 class GeographicFrame(GeocentricFrame):

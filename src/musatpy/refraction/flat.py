@@ -17,11 +17,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import FloatArray
 
 _CHUNK = 8192  # rays at a time: the dozen arrays of one Newton step stay in the second-level cache
 _MAX_STEPS = 60
-Value = TypeVar("Value", float, FloatArray)
 # cameras, ground points, verticals (r, 3), depths, indices, and which are wet (r,), one ray after the other
 Rays = tuple[NDArray[Any], ...]
 
@@ -90,16 +89,7 @@ def air_tangent(height: ArrayLike, depth: ArrayLike, distance: ArrayLike, index:
     return tangent
 
 
-def tangent_of_equals(height: Value, depth: Value, distance: Value, index: float) -> Value:
-    """Return `air_tangent` of one ray by plain numbers, or of a chunk of rays by arrays of one shape."""
-    return _newton(height, depth, distance, index)
-
-
-def _any(given: bool | BoolArray) -> bool:
-    return given if isinstance(given, bool) else bool(given.any())
-
-
-def _newton(H: Value, h: Value, D: Value, n: Value | float) -> Value:
+def _newton(H: FloatArray, h: FloatArray, D: FloatArray, n: FloatArray) -> FloatArray:
     t = D / (H + h / n)
     n2 = n * n
     excess = n2 - 1.0
@@ -110,10 +100,10 @@ def _newton(H: Value, h: Value, D: Value, n: Value | float) -> Value:
         step = (D - t * (H + h * g)) / (H + h * n2 * g2 * g)
         t = t + step
         # Grazing rays over deep water start far below the root and take more steps than the usual three.
-        left, size = abs(step), abs(t)
-        if not _any(ray & (left > 4e-16 * size + 1e-300)):
+        left, size = np.abs(step), np.abs(t)
+        if not (ray & (left > 4e-16 * size + 1e-300)).any():
             break
-        if not _any(ray & (left > 1e-8 * size)):
+        if not (ray & (left > 1e-8 * size)).any():
             g2 = 1.0 / (n2 + excess * t * t)  # the convergence is quadratic: one more step ends at rounding
             g = g2**0.5
             t = t + (D - t * (H + h * g)) / (H + h * n2 * g2 * g)

@@ -1,4 +1,4 @@
-"""Points of a pair against those of a network of rays, and the tests of their y-parallaxes."""
+"""Points read on two photos, and the tests of their y-parallaxes."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,18 +12,13 @@ import scipy.stats
 from compilation.scenes import INDEX, at_depth, flat_images, grid, pair
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
-from musatpy.arrays import BoolArray, FloatArray
-from musatpy.compilation import true_points as rays
+from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import Compiled, CompiledModel, compiled
-from musatpy.compilation.errors_of_pairs import joint_covariances
 from musatpy.compilation.loop import Drive, Loop
-from musatpy.compilation.pair_errors import PairErrors, described, null_of
-from musatpy.compilation.pair_images import CHUNK, chunks
-from musatpy.compilation.pair_points import Places, put_clear_points
 from musatpy.compilation.parallax_tests import parallax_tests
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
-from musatpy.compilation.true_points import Readings, TruePoints, network_of, true_points
+from musatpy.compilation.true_points import Readings, true_points
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
 from musatpy.probability import student_as_normal
@@ -31,23 +26,12 @@ from musatpy.refraction.flat import air_tangent
 from musatpy.simulation import simulate
 from musatpy.simulation.simulation_spec import spec_from_table
 
-_WATER = {
-    "considered": {},
-    "one level": {"water_level": model.WaterLevel.ONE, "water_index": model.Treatment.ADJUST},
-    "levels of photos": {"water_level": model.WaterLevel.PHOTO, "water_tilt": model.Treatment.ADJUST},
-    "levels of groups": {
-        "water_level": model.WaterLevel.GROUP,
-        "water_tilt": model.Treatment.ADJUST,
-        "water_index": model.Treatment.ADJUST,
-    },
-}
 
-
-def strip(system: str, options: dict[str, object]) -> Triangulation:
+def strip() -> Triangulation:
     """Return a run of three photos over tilted water whose tides, tilt and index have sigmas."""
     spec = {
         "seed": 3,
-        "job": {"system": system},
+        "job": {"system": "LOCL"},
         "flight": {"photos": 3, "height": 1500.0, "attitude_scatter": 1.0},
         "water": {"level": 0.2, "tides": [0.4, -0.3, 0.1], "tilt": [120.0, -70.0], "tilt_on_card": [118.0, -68.0]},
         "terrain": {"level": 12.0, "relief": 6.0},
@@ -62,126 +46,21 @@ def strip(system: str, options: dict[str, object]) -> Triangulation:
     groups = np.array(["A", "A", "B"])
     photos = replace(block.photos, tide_sigma=np.array([0.1, 0.2, 0.15]), tide_group=groups)
     water = replace(block.water, sigma=0.002, tilt_sigma=5e-5)
-    block = replace(block, photos=photos, water=water, options=replace(block.options, **options))  # type: ignore[arg-type]
+    block = replace(block, photos=photos, water=water)
     solution = adjust(block)
     assert solution.converged
     return of_solution(solution)
 
 
-def read(run: Triangulation, number: int = 400) -> Readings:
-    """Return readings of points wet and dry with errors, some flagged wrong, near the water line, or gross."""
-    stereo, draws = set_up(run, *run.block.photos.ids[1:].tolist()), np.random.default_rng(8)
-    low, high = [-0.5 * stereo.base, -500.0, -22.0], [0.5 * stereo.base, 500.0, 8.0]
-    place = draws.uniform(low, high, (number, 3))
-    place[: number // 10, 2] = draws.uniform(-0.5, 0.5, number // 10)
-    xy = Loop(stereo=stereo).stages(place).xy + 0.004 * draws.normal(size=(number, 2, 2))
-    xy[::37] += draws.normal(size=xy[::37].shape)
-    return Readings(
-        ids=np.arange(number).astype(np.str_),
-        submerged=draws.uniform(size=number) < 0.8,
-        xy=xy,
-        sigma=draws.choice([0.003, 0.005, 0.01], xy.shape),
-    )
-
-
-def clear_points(run: Triangulation, photos: tuple[int, int], readings: Readings) -> tuple[TruePoints, BoolArray]:
-    """Return the clear points of readings, and which are left to their rays."""
-    _, network, state = network_of(run, photos, readings.part(np.array([0])))
-    errors = PairErrors.of(network, state, photos, joint_covariances(run, network))
-    out = TruePoints.nothing(len(readings.xy))
-    return out, put_clear_points(out, errors, run.frame, readings)
-
-
-def hold(found: TruePoints, expected: TruePoints, metres: float, relative: float) -> None:
-    """Hold points against those of their own rays: lengths, variances and sigmas, images."""
-    assert found.reasons == expected.reasons
-    np.testing.assert_array_equal(found.wet, expected.wet)
-    for name in ("water_level", "depth", "residual", "incidence", "y_parallax"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0.0, atol=metres)
-    for name in ("depth_sigma", "y_parallax_sigma"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=relative)
-    scale = np.sqrt(np.einsum("kii,kjj->kij", expected.covariance, expected.covariance))
-    assert np.nanmax(np.abs(found.covariance - expected.covariance) / scale) < relative
-
-
-@pytest.mark.parametrize("water", _WATER)
-def test_points_of_a_pair_are_those_of_their_rays(water: str) -> None:
-    """In a local job, whose verticals have no rounding of their own."""
-    run = strip("LOCL", dict(_WATER[water]))
-    readings = read(run)
-    found, expected = true_points(run, (1, 2), readings), rays.from_rays(run, (1, 2), readings)
-    for name in ("position", "apparent"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0.0, atol=1e-9)
-    hold(found, expected, 1e-9, 1e-7)
-    assert 0.5 < found.wet.all(axis=1).mean() < 0.6 and np.isfinite(found.depth_sigma).sum() > 250
-    assert 0.03 < clear_points(run, (1, 2), readings)[1].mean() < 0.15
-
-
-def test_how_far_residuals_could_bring_a_point_is_the_largest_in_sigmas_of_its_height() -> None:
-    """Stations and water without errors: then the sigma of a height is that of pointing alone."""
-    run = strip("LOCL", {})
-    readings = read(run, 40).part(np.arange(4, 37))
-    _, network, state = network_of(run, (1, 2), readings.part(np.array([0])))
-    exact = replace(errors := PairErrors.of(network, state, (1, 2), joint_covariances(run, network)),
-                    cofactors=np.zeros_like(errors.cofactors))  # fmt: skip
-    X = run.frame.working(true_points(run, (1, 2), readings).position).T
-    places = Places.of(run.frame, np.ascontiguousarray(X))
-    weight = 1.0 / np.square(readings.sigma.reshape(-1, 4).T)
-    with np.errstate(all="ignore"):
-        points = described(exact, readings.xy.reshape(-1, 4).T, weight, X, places.height, places.axes, False)
-        as_they_are = described(errors, readings.xy.reshape(-1, 4).T, weight, X, places.height, places.axes, False)
-    np.testing.assert_array_equal(as_they_are.kink, points.kink)  # residuals say nothing of errors common to all
-    sigmas = np.sqrt(np.max(np.square(points.residual) * weight, axis=0))
-    known = np.isfinite(X).all(axis=0)
-    assert known.sum() > 20 and sigmas[known].max() > 1.5
-    np.testing.assert_allclose(points.kink[known], (sigmas * np.sqrt(points.covariance[2, 2]))[known], rtol=1e-9)
-
-
-def test_points_of_a_pair_over_an_ellipsoid_are_those_of_their_rays() -> None:
-    """Geodetic heights are good to some nanometres, and so are the points."""
-    run = strip("GEOG", dict(_WATER["levels of groups"]))
-    readings = read(run)
-    found, expected = true_points(run, (2, 1), swapped(readings)), rays.from_rays(run, (2, 1), swapped(readings))
-    gap = run.frame.working(found.position) - run.frame.working(expected.position)
-    assert np.nanmax(np.abs(gap)) < 1e-8
-    hold(found, expected, 2e-8, 1e-7)
-
-
 def test_points_of_the_stages_of_marks_are_the_marks() -> None:
     """Over water that tilts about the middle of the stations, off the origin of the model."""
-    run = strip("LOCL", {})
+    run = strip()
     stereo = set_up(run, *run.block.photos.ids[1:].tolist())
     marks = np.column_stack([grid((-300.0, 300.0), 500.0, 5), np.linspace(-20.0, -2.0, 25)])
     xy = Loop(stereo=stereo).stages(marks).xy
     sigma, ids = np.full(xy.shape, 0.005), np.arange(25).astype(np.str_)
     points = true_points(run, (1, 2), Readings(ids=ids, submerged=np.ones(25, dtype=bool), xy=xy, sigma=sigma))
     np.testing.assert_allclose(stereo.model(run.frame.working(points.position)), marks, rtol=0.0, atol=1e-9)
-
-
-def swapped(readings: Readings) -> Readings:
-    """Return the readings with left and right exchanged."""
-    return replace(readings, xy=readings.xy[:, ::-1], sigma=readings.sigma[:, ::-1])
-
-
-def test_what_is_not_clear_is_left_to_its_rays() -> None:
-    """On the water line, between the tides, behind the cameras, parallel; all others are clear."""
-    run = pair(3000.0, 1810.0, (0.4, -0.3))
-    clear = at_depth(grid((200.0, 1600.0), 1700.0, 4), 5.0)
-    special = np.array([[900.0, 100.0, 0.1], [900.0, 200.0, 0.4003]])
-    stereo = set_up(run, "1", "2")
-    xy = Loop(stereo=stereo).stages(stereo.model(run.frame.working(np.concatenate([clear, special])))).xy
-    parallel, crossed = np.array([[[0.0, 0.0], [5e-4, 0.0]]]), np.array([[[-80.0, 0.0], [80.0, 0.0]]])
-    xy = np.concatenate([xy, parallel, crossed])
-    readings = Readings(
-        ids=np.arange(len(xy)).astype(np.str_),
-        submerged=np.ones(len(xy), dtype=bool),
-        xy=xy + np.array([[0.0, 0.0], [0.0, 0.002]]),  # a y-parallax: the height stays
-        sigma=np.full(xy.shape, 0.005),
-    )
-    out, left = clear_points(run, (0, 1), readings)
-    assert left.tolist() == [False] * 16 + [True] * 4
-    assert np.isfinite(out.position[:16]).all() and np.isnan(out.position[16:]).all()
-    hold(true_points(run, (0, 1), readings), rays.from_rays(run, (0, 1), readings), 1e-9, 1e-7)
 
 
 def test_points_are_the_same_whatever_the_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,12 +71,11 @@ def test_points_are_the_same_whatever_the_chunk(monkeypatch: pytest.MonkeyPatch)
         ids=np.arange(25).astype(np.str_), submerged=np.ones(25, dtype=bool), xy=xy, sigma=np.full(xy.shape, 0.005)
     )
     whole = true_points(run, (0, 1), readings)
-    monkeypatch.setattr("musatpy.compilation.pair_images.CHUNK", 7)
-    assert [(part.start, part.stop) for part in chunks(25)] == [(0, 7), (7, 14), (14, 21), (21, 25)]
+    monkeypatch.setattr("musatpy.compilation.true_points._CHUNK", 7)
     parts = true_points(run, (0, 1), readings)
     np.testing.assert_allclose(parts.position, whole.position, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(whole.position, places, rtol=0.0, atol=1e-9)
-    assert CHUNK > 25 and np.isfinite(whole.covariance).all()
+    np.testing.assert_allclose(parts.covariance, whole.covariance, rtol=1e-12)
 
 
 @pytest.mark.parametrize("drive", Drive)
@@ -213,14 +91,6 @@ def test_marks_of_stages_with_a_y_parallax_are_least_squares(drive: Drive) -> No
     Bt = np.swapaxes(B, 1, 2)
     pull = np.linalg.solve(Bt @ B, (Bt @ v[..., None]))[..., 0]
     assert np.abs(pull).max() < 1e-7 and np.abs(v).max() > 0.005
-
-
-def test_the_null_of_partials_is_across_them() -> None:
-    B: FloatArray = np.random.default_rng(5).normal(size=(4, 3, 20))
-    null = null_of(B)
-    np.testing.assert_allclose(np.einsum("rc,ric->ic", null, B), 0.0, atol=1e-11)
-    np.testing.assert_allclose(np.hypot(null[2], null[3]), 1.0, rtol=1e-12)
-    assert (null[3] > 0.0).all()
 
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
