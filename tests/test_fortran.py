@@ -15,9 +15,7 @@ from musatpy.fortran import (
     fit_number,
     parse_edit,
     read_number,
-    read_text,
     write_number,
-    write_text,
 )
 
 
@@ -41,7 +39,6 @@ def same(value: float, expected: float) -> bool:
         ("E16.9", "E", 16, 9),
         ("D6.1", "D", 6, 1),
         ("A68", "A", 68, 0),
-        ("12X", "X", 12, 0),
     ],
 )
 def test_descriptors_are_parsed_and_spelt(text, letter, width, decimals):
@@ -59,7 +56,7 @@ def test_descriptors_are_parsed_and_spelt(text, letter, width, decimals):
         "I0",
         "I3.1",
         "A",
-        "X3",
+        "3X",
         "E6.2",
         "f8.3",
         "G8.3",
@@ -379,27 +376,6 @@ def test_any_field_reads_or_is_refused(field):
             assert error.found == field
         else:
             assert math.isfinite(value) or not field.strip(" *")
-
-
-# --- texts ---
-
-
-def test_texts_are_justified_as_fortran_does():
-    edit = parse_edit("A6")
-    assert read_text("PHOTO1", edit) == "PHOTO1"
-    assert read_text("P1", edit) == "P1    "  # a short record
-    assert read_text("PHOTO1", edit, 8) == "PHOTO1  "  # a longer variable: blanks follow
-    assert read_text("PHOTO1", edit, 4) == "OTO1"  # a shorter one: the rightmost characters
-    assert write_text("PHOTO1", edit) == "PHOTO1"
-    assert write_text("P1", edit) == "    P1"  # a wider field: blanks before
-    assert write_text("PHOTO123", edit) == "PHOTO1"  # a narrower one: the leftmost characters
-
-
-@given(st.integers(1, 12), st.data())
-def test_every_text_is_read_back(width, data):
-    edit = Edit(letter="A", width=width)
-    text = data.draw(st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=width, max_size=width))
-    assert read_text(write_text(text, edit), edit) == text
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""One value <-> text under one FORTRAN edit descriptor: `Iw`, `Fw.d`, `Ew.d`, `Dw.d`, `Aw`, `nX`.
+"""One value <-> text under one FORTRAN edit descriptor: `Iw`, `Fw.d`, `Ew.d`, `Dw.d`, `Aw`.
 
 The rules are those of FORTRAN 66 and FORTRAN 77 (X3.9-1978, 13.5), with three decisions that card decks need:
 
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, cast
 
-Letter = Literal["I", "F", "E", "D", "A", "X"]
+Letter = Literal["I", "F", "E", "D", "A"]
 Blank = Literal["error", "missing", "zero"]
 
 EXACT_INTEGERS = 2**53  # beyond, not every integer is a float
@@ -26,8 +26,7 @@ _TOLD = 12  # digits of a value that a person gave: what a change of unit leaves
 _DIGITS_OF_A_WIDTH = 4  # no line is as long
 _DESCRIPTOR = re.compile(
     r"(?P<plain>[IA])(?P<plain_width>[1-9]\d*)"
-    r"|(?P<real>[FED])(?P<real_width>[1-9]\d*)\.(?P<decimals>\d+)"
-    r"|(?P<skip_width>[1-9]\d*)(?P<skip>X)",
+    r"|(?P<real>[FED])(?P<real_width>[1-9]\d*)\.(?P<decimals>\d+)",
     re.ASCII,
 )
 _INTEGER = re.compile(r" *([+-]?)(\d+)( *)", re.ASCII)
@@ -57,8 +56,6 @@ class Edit:
         return self.letter in "IFED"
 
     def __str__(self) -> str:
-        if self.letter == "X":
-            return f"{self.width}X"
         return f"{self.letter}{self.width}" + (f".{self.decimals}" if self.letter in "FED" else "")
 
 
@@ -71,10 +68,10 @@ def parse_edit(text: str) -> Edit:
     """
     match = _DESCRIPTOR.fullmatch(text)
     if match is None:
-        raise FieldError(text, "an edit descriptor (Iw, Fw.d, Ew.d, Dw.d, Aw or nX)")
+        raise FieldError(text, "an edit descriptor (Iw, Fw.d, Ew.d, Dw.d or Aw)")
     groups = match.groupdict()
-    letter = cast(Letter, groups["plain"] or groups["real"] or groups["skip"])
-    width = groups["plain_width"] or groups["real_width"] or groups["skip_width"]
+    letter = cast(Letter, groups["plain"] or groups["real"])
+    width = groups["plain_width"] or groups["real_width"]
     if len(width) > _DIGITS_OF_A_WIDTH:
         raise FieldError(text[:40], f"a descriptor of less than {10**_DIGITS_OF_A_WIDTH} columns")
     edit = Edit(letter=letter, width=int(width), decimals=int(groups["decimals"] or 0))
@@ -146,16 +143,13 @@ def write_number(value: float, edit: Edit) -> str:
         return " " * edit.width
     if math.isinf(value):
         return "*" * edit.width
-    text = {"I": _integer_text, "F": _fixed_text, "E": _exponent_text, "D": _exponent_text}[edit.letter](
-        value, edit
-    )
+    if edit.letter == "I":
+        if value != math.trunc(value):
+            raise FieldError(repr(value), f"an integer ({edit})")
+        text = f"{value:.0f}"
+    else:
+        text = (_fixed_text if edit.letter == "F" else _exponent_text)(value, edit)
     return text.rjust(edit.width) if len(text) <= edit.width else "*" * edit.width
-
-
-def _integer_text(value: float, edit: Edit) -> str:
-    if value != math.trunc(value):
-        raise FieldError(repr(value), f"an integer ({edit})")
-    return f"{value:.0f}"
 
 
 def _fixed_text(value: float, edit: Edit) -> str:
@@ -220,17 +214,3 @@ def _small_number(value: float, edit: Edit) -> str:
     if not text.strip(" -.0*"):
         raise FieldError(repr(value), f"a number that fits {edit}")
     return text
-
-
-def read_text(field: str, edit: Edit, length: int | None = None) -> str:
-    """Return what `Aw` reads into a variable of `length` characters (w where not given).
-
-    A longer variable gets trailing blanks, a shorter one the rightmost characters of the field.
-    """
-    length = edit.width if length is None else length
-    return field.ljust(edit.width)[: edit.width][-length:].ljust(length)
-
-
-def write_text(value: str, edit: Edit) -> str:
-    """Return what `Aw` writes of `value`: right-justified in a wider field, cut on the right in a narrower one."""
-    return value[: edit.width].rjust(edit.width)

@@ -100,16 +100,6 @@ def require(holds: bool, what: str) -> None:
         raise ValueError(what)
 
 
-@dataclasses.dataclass(frozen=True)
-class Wording:
-    """What is said of keys; `known` are those of the table, `type` and `kind` what a value should be."""
-
-    unknown: str = "unknown key"
-    missing: str = "missing"
-    wrong: str = "{kind} is expected, not {value}"
-    table: str = "a table is expected, not {value}"
-
-
 _PLACE = re.compile(r"(?:(\w+)(?:\[(\d+)\](?:\.|$)|\.))?(.*)", re.DOTALL)  # table, its number, key
 _TESTS: dict[Any, tuple[Callable[[Any], bool], str]] = {
     float: (lambda value: _is_number(value), "a number"),
@@ -138,13 +128,12 @@ def _shape(hint: Any) -> tuple[Any, tuple[Any, ...]]:
 class Reader:
     """Turns tables into dataclasses and gathers what is wrong with them in `problems`.
 
-    A dataclass may have a `WORDING` of its own, and `faults`, which yields keys of a raw table, empty for all of
-    it, and what is wrong between them; it gets the keys whose values are what they should be.
+    A dataclass may have `faults`, which yields keys of a raw table, empty for all of it, and what is wrong between
+    them; it gets the keys whose values are what they should be.
     """
 
-    def __init__(self, file: str | None = None, wording: Wording | None = None, text: str | None = None) -> None:
+    def __init__(self, file: str | None = None, text: str | None = None) -> None:
         self.file = file
-        self.wording = wording or Wording()
         self.lines = None if text is None else text.splitlines()  # where they are given, problems have lines
         self.problems: list[Problem] = []
 
@@ -173,13 +162,12 @@ class Reader:
 
     def table(self, kind: Any, raw: Any, where: str) -> Any:
         """Return `kind` made from the TOML table `raw`, or None where that failed."""
-        wording = getattr(kind, "WORDING", self.wording)
         if not isinstance(raw, dict):
-            return self.complain(where, wording.table.format(value=_shown(raw)))
+            return self.complain(where, f"a table is expected, not {_shown(raw)}")
         before = len(self.problems)
         hints, known = _hints(kind), keys(kind)
         for name in sorted(raw.keys() - known.keys()):
-            self.complain(_join(where, name), wording.unknown.format(known=", ".join(known)))
+            self.complain(_join(where, name), f"is no key here; there are {', '.join(known)}")
         values: dict[str, Any] = {}
         right: dict[str, Any] = {}
         for name, field in known.items():
@@ -188,7 +176,8 @@ class Reader:
                 values[field.name] = self._given(field.metadata, hints[field.name], raw[name], _join(where, name))
                 right |= {name: raw[name]} if len(self.problems) == so_far else {}
             elif is_required(field):
-                self.complain(_join(where, name), wording.missing)
+                about = field.metadata["doc"]
+                self.complain(_join(where, name), f"is missing: {about}" if about else "is missing")
         for name, fault in kind.faults(right) if hasattr(kind, "faults") else ():
             self.complain(_join(where, name) if name else where, fault)
         if len(self.problems) > before:
@@ -220,7 +209,7 @@ class Reader:
         if members == (float,) * 3 and _is_number(raw):
             raw = [raw] * 3
         if not isinstance(raw, list):
-            return self.complain(where, self.wording.wrong.format(kind="a list", type="list", value=_shown(raw)))
+            return self.complain(where, f"a list is expected, not {_shown(raw)}")
         if len(members) == 2 and members[1] is Ellipsis:
             members = (members[0],) * len(raw)
         if len(raw) != len(members):
@@ -231,7 +220,7 @@ class Reader:
     def _scalar(self, kind: Any, raw: Any, where: str) -> Any:
         fits, name = _TESTS[kind]
         if not fits(raw):
-            return self.complain(where, self.wording.wrong.format(kind=name, type=kind.__name__, value=_shown(raw)))
+            return self.complain(where, f"{name} is expected, not {_shown(raw)}")
         if kind is float and abs(raw) > _FAR and raw not in (math.inf, -math.inf):
             return self.complain(where, f"{str(raw)[:_SHOWN]} is beyond {_FAR:g}")
         if kind is int and abs(raw) > _COUNTED:
@@ -243,7 +232,7 @@ class Reader:
         for value in given if isinstance(given, tuple) else (given,):
             if isinstance(value, str):
                 if about["choices"] and value not in about["choices"]:
-                    self.complain(where, f"'{value}' is not one of {', '.join(about['choices'])}")
+                    self.complain(where, f"'{value}' is not one of {', '.join(filter(None, about['choices']))}")
                 if about["longest"] and not 1 <= len(value) <= about["longest"]:
                     self.complain(where, f"'{value}' has not 1 to {about['longest']} characters")
             elif _is_number(value):

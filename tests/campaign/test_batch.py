@@ -167,11 +167,11 @@ def test_everything_wrong_with_a_manifest_is_told(tmp_path):
     with pytest.raises(ManifestError) as caught:
         plan_of([manifest])
     told = [problem.headline() for problem in caught.value.problems]
-    assert told[0].startswith(f"{manifest}:1 refraction: is not a key here; there are formats,")
+    assert told[0].startswith(f"{manifest}:1 refraction: is no key here; there are formats,")
     assert told[1:] == [
         f"{manifest}:2 job 1: {tmp_path}/none*.crd: no file is named so",
         f"{manifest}:5 job 2.deck: is a deck, a folder or a glob, or a list of them",
-        f"{manifest}:6 job 2.punch_edits: is true or false",
+        f"{manifest}:6 job 2.punch_edits: true or false is expected, not 'yes'",
         f"{manifest}:7 job 3: the points of a restart are check points: it would not be the same job else",
         f"{manifest}:11 job 4: punch_points: what is punched is said by punch = restart or result",
         f"{manifest}:14 job 5: punch is one of restart, result, not 'all'",

@@ -131,7 +131,7 @@ def test_junit_holds_any_text(files):
         (("binary.lst", "a.lst"), "binary.lst: is not a text file"),
         (("bad.json", "bad.json"), "bad.json:1: is not JSON"),
         (("a.lst", "list.json"), "list.json: is not the record of a run"),
-        (("a.lst", "b.lst", "--rules", "bad.toml"), "bad.toml:2 rule 1.absolut: is not a key of a rule"),
+        (("a.lst", "b.lst", "--rules", "bad.toml"), "bad.toml:2 rule 1.absolut: is no key here"),
         (("a.lst", "b.lst", "--rules", "missing.toml"), "missing.toml: No such file"),
     ],
 )

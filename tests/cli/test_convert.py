@@ -149,7 +149,7 @@ def test_a_wrong_own_family_is_an_error_of_its_file(tmp_path):
     own.mkdir()
     (own / "a.toml").write_text("record = []\n")
     result = convert(DECK, tmp_path / "job.im", "--formats", own)
-    assert result.exit_code == 1 and "a.toml: title: key is missing" in result.stderr
+    assert result.exit_code == 1 and "a.toml: title: is missing" in result.stderr
 
 
 def test_sigmas_keep_all_digits_that_their_fields_hold(tmp_path):

@@ -66,7 +66,7 @@ def test_a_bad_spec_is_an_error(spec: Path) -> None:
     spec.write_text(SPEC.replace("depth", "deep"))
     result = musat("waves", spec)
     assert result.exit_code == 1
-    assert "swell.toml water.depth: missing" in result.output and "water.deep: unknown key" in result.output
+    assert "swell.toml water.depth: is missing" in result.output and "water.deep: is no key here" in result.output
 
 
 def test_the_spec_is_not_overwritten(tmp_path: Path) -> None:

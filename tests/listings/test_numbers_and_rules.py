@@ -105,7 +105,7 @@ relative = 1e-6
 @pytest.mark.parametrize(
     ("line", "key", "message"),
     [
-        ("tolerance = 1", "tolerance", "is not a key of a rule"),
+        ("tolerance = 1", "tolerance", "is no key here"),
         ("absolute = -1", "absolute", "zero or larger"),
         ("section = '('", "section", "no regular expression"),
         ("row = 3", "row", "is a text"),

@@ -42,12 +42,12 @@ def test_every_problem_is_reported_at_once():
             "camera": 152.0,
         }
     )
-    assert found["sed"] == "unknown key"
-    assert found["flight.hight"] == "unknown key"
+    assert found["sed"].startswith("is no key here; there are title, seed,")
+    assert "is no key here" in found["flight.hight"]
     assert found["flight.photos"] == "a whole number is expected, not 'three'"
     assert found["flight.forward_overlap"] == "1.2 is above 0.95"
     assert "not one of full" in found["control[1].kind"]
-    assert found["control[2].kind"] == "missing"
+    assert found["control[2].kind"] == "is missing: what is known"
     assert found["stations.position_error"] == "3 values are expected, not 2"
     assert found["camera"] == "a table is expected, not 152.0"
 

@@ -7,16 +7,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from glob import escape, glob, has_magic
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from musatpy.campaign.batch_jobs import Job, JobOptions, path_of
 from musatpy.errors import MusatError, Problem, ProblemsError
 from musatpy.files import real_path
 from musatpy.formats.musat import PATTERNS
-from musatpy.specs import Reader, Wording, key, keys, read_toml, require
+from musatpy.specs import Reader, key, keys, read_toml, require
 
 _NO_NAME = "has a null character, which no name has"
 _EDITED = ".edited.crd"
+_DECKS = "a deck, a folder or a glob, or a list of them"
 
 
 class ManifestError(ProblemsError):
@@ -136,7 +137,7 @@ def is_texts(value: Any) -> bool:
 def _decks(value: Any) -> tuple[str, ...]:
     decks = [value] if isinstance(value, str) else value
     fits = isinstance(decks, list) and bool(decks) and all(isinstance(name, str) and name for name in decks)
-    require(fits, _DeckKeys.WORDING.missing)
+    require(fits, f"is {_DECKS}")
     require(not any("\0" in name for name in decks), _NO_NAME)
     return tuple(decks)
 
@@ -145,9 +146,6 @@ def _decks(value: Any) -> tuple[str, ...]:
 class _JobKeys(JobOptions):
     """What a manifest says of all its jobs."""
 
-    WORDING: ClassVar[Wording] = Wording(
-        unknown="is not a key here; there are {known}", missing="is a deck, a folder or a glob, or a list of them"
-    )
     out: Path | None = key(None, "folder of the results", convert=path_of)
 
     @staticmethod
@@ -170,7 +168,7 @@ class _JobKeys(JobOptions):
 class _DeckKeys(_JobKeys):
     """What a manifest says of one of its jobs, or several."""
 
-    deck: tuple[str, ...] = key((), required=True, convert=_decks)
+    deck: tuple[str, ...] = key((), _DECKS, required=True, convert=_decks)
 
 
 def _of_manifest(path: Path) -> Plan:
@@ -179,7 +177,7 @@ def _of_manifest(path: Path) -> Plan:
         content = read_toml(path)
     except ValueError as error:
         raise ManifestError([Problem(file=str(path), message=str(error))]) from error
-    reader = Reader(str(path), Wording(wrong="is {kind}"), path.read_text(encoding="utf-8-sig"))
+    reader = Reader(str(path), path.read_text(encoding="utf-8-sig"))
     tables = content.pop("job", None)
     common = content if reader.table(_JobKeys, content, "") else {}
     if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 from musatpy.errors import Problem, ProblemsError
-from musatpy.specs import Reader, Wording, key, require, toml_of
+from musatpy.specs import Reader, key, require, toml_of
 
 AngleUnit = Literal["dms", "degrees", "radians", "gons"]
 ARC_SECONDS = {
@@ -105,10 +105,6 @@ def _one_of(*values: str) -> Callable[[Any], str]:
 class Rule:
     """One rule: selectors, all of which must fit, and what is allowed."""
 
-    WORDING: ClassVar[Wording] = Wording(
-        unknown="is not a key of a rule; there are {known}", table="is written [[rule]], one table for each rule"
-    )
-
     name: str = key("", convert=_text)
     pages: tuple[int, int] | None = key(None, "of A (of B for a row that only B has)", name="page", convert=_span)
     section: re.Pattern[str] | None = key(None, "found in the title", convert=_pattern)
@@ -154,10 +150,6 @@ class Rule:
 class Layout:
     """What cannot be seen in a text: lines that begin sections or belong to page headers, the control column."""
 
-    WORDING: ClassVar[Wording] = Wording(
-        unknown="is not a key of [layout]; there are {known}", table="is a table: [layout]"
-    )
-
     section: tuple[re.Pattern[str], ...] = key((), convert=_patterns)
     header: tuple[re.Pattern[str], ...] = key((), convert=_patterns)
     carriage_control: bool | None = key(None, "None: found out")
@@ -166,11 +158,6 @@ class Layout:
 @dataclass(frozen=True, kw_only=True)
 class Rules:
     """All rules of a comparison, in the order of their file."""
-
-    WORDING: ClassVar[Wording] = Wording(
-        unknown="is not a key; a rule file has [layout] and [[rule]] tables",
-        wrong="is {kind}",
-    )
 
     layout: Layout = key(Layout)
     rules: tuple[Rule, ...] = key((), name="rule")
@@ -194,7 +181,7 @@ def parse_rules(data: bytes | str, name: str = "rules") -> Rules:
         message = str(error)[: where.start()] if where else str(error)
         line = int(where[1]) if where else len(text.splitlines())
         raise RulesError([Problem(file=name, line=line, message=message)]) from error
-    reader = Reader(name, Wording(wrong="is {kind}"), text)
+    reader = Reader(name, text)
     rules = reader.table(Rules, content, "")
     if reader.problems or not isinstance(rules, Rules):
         raise RulesError(reader.problems)

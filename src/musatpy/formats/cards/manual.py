@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import textwrap
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 from musatpy import model
@@ -32,7 +34,7 @@ from musatpy.formats.families import agencies
 from musatpy.formats.records.fields import RecordField
 from musatpy.formats.records.layout import FileSpec, RecordSpec
 from musatpy.model.compilation import CARD_TABLES
-from musatpy.specs import is_required, keys
+from musatpy.specs import is_required, keys, read_toml
 
 RULER = "".join(f"----+----{tens}" for tens in range(1, CARD_WIDTH // 10 + 1))
 
@@ -46,39 +48,24 @@ _DEFAULTS = {
     "orientation": model.OrientationSpec(),
 }
 
+_EXPLAINED = ("title", "doc", "source", "file", "order", "record")  # keys of a file that its section has in words
+
 _INTRODUCTION = """\
 # Card formats
 
 <!-- Generated from the TOML files: python -m musatpy.formats.cards.manual > card_formats/README.md -->
 
-A deck is a file of cards, lines of up to 80 columns of printable ASCII. Columns 1-3 hold the mnemonic of the card;
-columns 73-80 its sequence number, which is not read and is written as eight digits. Columns of no field are blank.
-Lines end with LF or CR LF; blank lines are skipped with a warning; nothing follows the END card.
-
 A folder here is a family of cards. Each of its TOML files states one card, and is the only place where its columns
-stand: reader, writer and this page are made from it, and it is checked whenever it is loaded. The folders of other
-agencies hold [files of records](#files-of-records).
+stand: reader, writer and this page are made from it, and it is checked whenever it is loaded. [How fields are read
+and written](../docs/cards.md#how-cards-are-read) is told elsewhere. The folders of other agencies hold [files of
+records](#files-of-records).
 """
-
-_NUMBERS = """\
-## How fields are read and written
-
-FORTRAN 66/77 rules hold. An explicit point beats the one that `Fw.d` implies (`1500` under F8.3 is 1.5); exponents
-are `1.5E+3`, `1.5D3` or `1.5+3`; blanks within a number are errors. Blanks after a number mean nothing, except
-where blank fields are zero: there they are zeros, as in FORTRAN 66. The sign of zero is kept: `-0` degrees belong
-to a negative angle. Texts lose outer blanks, and keep inner ones.
-
-Numbers are written right-justified, with the decimals of the descriptor; one that does not fit loses decimals as
-far as needed, one too small for its decimals gets more of them or an exponent, and one that fits in no way is an
-error. Standard deviations have all decimals that they need and the columns hold. Texts are written left-justified.
-"""
-
 _RECORDS = """\
 ## Files of records
 
 Other agencies' files have no mnemonics: what a line is, is known by what stands before it, or by its first word.
 Each TOML file of such a family states one kind of file; the kinds of one family make a set. [How sets are
-converted](../docs/formats.md) is said elsewhere.
+converted](../docs/formats.md).
 
 ### Keys of a file of records
 """
@@ -157,7 +144,6 @@ def card_manual(family: Family) -> str:
         _key_table(CardSpec),
         "Keys of each `[[field]]`:\n",
         _key_table(FieldSpec),
-        _NUMBERS,
         *card_sections(family),
     ]
     return "\n".join(parts)
@@ -199,30 +185,15 @@ def records_manual(families: Iterable[Sequence[FileSpec]]) -> str:
 
 
 def _file_section(file: FileSpec) -> str:
-    layout = "words with blanks between them" if file.free else "fixed columns"
+    stated = read_toml(Path(file.stated_in))
+    others = [name for name in keys(FileSpec) if name in stated and name not in _EXPLAINED]
     parts = [
         f"### `{file.file}`: {file.title}\n",
-        f"{file.doc} {layout.capitalize()}; {_conventions(file)}.\n",
+        f"{file.doc} Keys: {', '.join(f'`{name} = {json.dumps(stated[name])}`' for name in others)}.\n",
         f"Source: {file.source}\n",
         *(_record_section(file, record) for record in file.records),
     ]
     return "\n".join(parts)
-
-
-def _conventions(file: FileSpec) -> str:
-    """Return the keys of a file that say what its numbers mean."""
-    conventions = ["rectangular coordinates" if file.rectangular else "coordinates as in the deck of the job"]
-    fields = [field for record in file.records for field in record.fields]
-    if any(field.target.startswith("photos.attitude") for field in fields):
-        frame = "the local vertical frame" if file.vertical_attitude else "the axes of the file"
-        conventions.append(f"attitudes are {file.attitude} in {frame}")
-    if file.longitude_first:
-        conventions.append("geographic ones longitude, latitude, height")
-    if file.origin_at_principal_point:
-        conventions.append("image coordinates about the principal point")
-    if file.fiducials:
-        conventions.append(f"the first {file.fiducials} measurements of each photo are its fiducial marks")
-    return "; ".join(conventions)
 
 
 def _record_section(file: FileSpec, record: RecordSpec) -> str:
@@ -250,15 +221,8 @@ def _field_row(field: FieldSpec) -> list[str]:
         doc += f" {', '.join(f'`{text}` is {letter}' for text, letter in field.codes)}."
     if isinstance(field, RecordField) and field.none is not None:
         doc += f" {field.none:.1f} stands for no value."
-    return [
-        _place(field),
-        field.name,
-        str(field.edit),
-        field.unit,
-        blank,
-        doc,
-        f"`{field.target}`" if field.target else "",
-    ]
+    target = f"`{field.target}`" if field.target else ""
+    return [_place(field), field.name, str(field.edit), field.unit, blank, doc, target]
 
 
 def _key_table(kind: Any) -> str:

@@ -21,10 +21,8 @@ from musatpy.fortran import (
     fit_number,
     parse_edit,
     read_number,
-    read_text,
-    write_text,
 )
-from musatpy.specs import Reader, Wording, key, read_toml, require
+from musatpy.specs import Reader, key, read_toml, require
 
 CARD_WIDTH = 80
 DATA_COLUMNS = (4, 72)  # where fields may stand: after the mnemonic, before the sequence number
@@ -32,24 +30,6 @@ UNITS = ("", "m", "mm", "um", "deg", "min", "s", "arcsec", "degC", "ppt", "nm", 
 STATED_UNIT = "angle"  # of angles in the unit that the deck says on its SYS card
 _SIGMA = re.compile(r"(sigma|\.pointing)(\[\d+\])?$", re.ASCII)  # targets of standard deviations
 END_MNEMONIC = "END"  # the card of a family that ends its decks
-
-
-_WORDING = Wording(
-    unknown="unknown key; known are {known}",
-    missing="key is missing",
-    wrong="{value} is not a {type}",
-    table="not a table",
-)
-
-
-def one_of(allowed: Sequence[str], wrong: str) -> Callable[[Any], Any]:
-    """Return the reading of a text that must be one of several; `wrong` says so."""
-
-    def convert(value: Any) -> Any:
-        require(value in allowed, wrong)
-        return value
-
-    return convert
 
 
 def _matching(pattern: re.Pattern[str], wrong: str) -> Callable[[Any], str]:
@@ -62,60 +42,11 @@ def _matching(pattern: re.Pattern[str], wrong: str) -> Callable[[Any], str]:
 
 _mnemonic = _matching(re.compile(r"[A-Z][A-Z0-9]{2}", re.ASCII), "{} is not three capitals")
 _identifier = _matching(re.compile(r"[a-z][a-z0-9_]*", re.ASCII), "{} is not a lower case identifier")
-_DOTTED = r"[A-Za-z]\w*(\[\w+\])*(\.[A-Za-z]\w*(\[\w+\])*)*"
-_target = _matching(
-    re.compile(rf"({_DOTTED}(:(deg|min|sec))?( {_DOTTED})*)?", re.ASCII),
-    "not a dotted attribute",
-)
 
 
 def _edit(text: Any) -> Edit:
     require(isinstance(text, str), f"{text!r} is not a str")
-    edit = parse_edit(text)
-    require(edit.letter != "X", "columns to skip need no field")
-    return edit
-
-
-def columns_of(columns: Any) -> tuple[int, int]:
-    """Return first and last column; raises `ValueError`."""
-    match columns:
-        case [int(first), int(last)]:
-            return first, last
-    raise ValueError("not [first, last]")
-
-
-def texts(values: Any) -> tuple[str, ...]:
-    """Return a list of texts; raises `ValueError`."""
-    require(isinstance(values, list) and all(isinstance(one, str) for one in values), "not a list of strings")
-    return tuple(values)
-
-
-def _bound(value: Any) -> tuple[str, float, str]:
-    """Return relation, number and message of a bound; raises `ValueError`."""
-    match value:
-        case [">" | ">=" as relation, float(number), str(message)]:
-            return relation, number, message
-    raise ValueError('not [">" or ">=", number, message]')
-
-
-def _pair(value: Any) -> tuple[str, str]:
-    """Return two texts; raises `ValueError`."""
-    match value:
-        case [str(first), str(second)]:
-            return first, second
-    raise ValueError("not two texts")
-
-
-def _given_up(values: Any) -> tuple[tuple[str, int, int, str], ...]:
-    """Return name, first and last column, and message of fields that were given up; raises `ValueError`."""
-    fours = isinstance(values, list) and all(isinstance(value, list) and len(value) == 4 for value in values)
-    require(fours, "not lists of [name, first, last, message]")
-    return tuple((str(name), *columns_of(columns), str(message)) for name, *columns, message in values)
-
-
-def _pairs(values: Any) -> tuple[tuple[str, str], ...]:
-    require(isinstance(values, list), "not a list")
-    return tuple(_pair(value) for value in values)
+    return parse_edit(text)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,9 +58,7 @@ class FieldSpec:
     """
 
     name: str = key(doc="lower case identifier, unique on the card", convert=_identifier)
-    columns: tuple[int, int] = key(
-        doc="`[first, last]`, counted from 1, within 4-72, of no other field", convert=columns_of
-    )
+    columns: tuple[int, int] = key(doc="`[first, last]`, counted from 1, within 4-72, of no other field")
     edit: Edit = key(
         doc="FORTRAN edit descriptor (`Iw`, `Fw.d`, `Ew.d`, `Dw.d`, `Aw`) as wide as the columns", convert=_edit
     )
@@ -137,19 +66,18 @@ class FieldSpec:
         "",
         "`m`, `mm`, `um`, `deg`, `min`, `s`, `arcsec`, `degC`, `ppt` (parts per thousand), `nm`, `hPa`, "
         "`sec` (seconds of time), `m/s`, `angle` (that of the SYS card), or empty",
-        convert=one_of((*UNITS, STATED_UNIT), f"not one of {UNITS}, {STATED_UNIT}"),
+        choices=(*UNITS, STATED_UNIT),
     )
     target: str = key(
         "",
         "the attribute of the block that holds the value; `:deg`, `:min`, `:sec` of an angle",
         required=True,
-        convert=_target,
     )
     blank: Blank = key("error", "a blank field is an `error` (so without the key), `missing` (no value) or `zero`")
     asterisks: bool = key(False, "whether asterisks, a FORTRAN overflow, read as no value; numbers only")
-    allowed: tuple[str, ...] = key((), "the values that a text may have", convert=texts)
+    allowed: tuple[str, ...] = key((), "the values that a text may have")
     bound: tuple[str, float, str] | None = key(
-        None, '`[">" or ">=", number, message]`: what a number must be, in inside units', convert=_bound
+        None, '`[">" or ">=", number, message]`: what a number must be, in inside units'
     )
     doc: str = key("", "what the field means", required=True)
 
@@ -173,6 +101,7 @@ class FieldSpec:
         blanks = ("error", "missing", "zero") if edit.is_number else ("error", "missing")
         require(self.blank in blanks, f"blank: not one of {blanks}")
         require(edit.is_number or not self.asterisks, "asterisks: only for numbers")
+        require(self.bound is None or self.bound[0] in (">", ">="), 'bound: not [">" or ">=", number, message]')
         require(not self.allowed or edit.letter == "A", "allowed: only for texts (Aw)")
         fits = all(text and len(text) <= edit.width for text in self.allowed)
         require(fits, f"allowed: values that do not fit {edit}")
@@ -192,7 +121,7 @@ class FieldSpec:
         """
         if self.edit.is_number:
             return read_number(text, self.edit, blank=self.blank, asterisks=self.asterisks)
-        value = read_text(text, self.edit).strip(" ")
+        value = text[: self.edit.width].strip(" ")
         if not value:
             if self.blank == "error":
                 raise FieldError(text, self.expected)
@@ -208,7 +137,14 @@ class FieldSpec:
         rule does not read a blank field as missing.
         """
         if isinstance(value, str):
-            return self._encode_text(value)
+            width = self.edit.width
+            if not value and self.blank == "error":
+                raise FieldError(value, self.expected)
+            if len(value) > width or value != value.strip(" ") or not (value.isascii() and value.isprintable()):
+                raise FieldError(value, f"{self.edit} (up to {width} ASCII characters, no outer blanks)")
+            if value and self.allowed and value not in self.allowed:
+                raise FieldError(value, self.expected)
+            return value.ljust(width)
         if math.isnan(value) and self.blank != "missing":
             raise FieldError("nan", f"a value of {self.edit}")
         return fit_number(value, self.edit, all_digits=self.is_sigma)
@@ -227,19 +163,6 @@ class FieldSpec:
         details = {"columns": columns, "field": self.name, "found": found, "expected": error.expected}
         return Problem(**{"message": message, **details, **place})
 
-    def _encode_text(self, value: str) -> str:
-        if not value and self.blank == "error":
-            raise FieldError(value, self.expected)
-        if (
-            len(value) > self.edit.width
-            or value != value.strip(" ")
-            or not (value.isascii() and value.isprintable())
-        ):
-            raise FieldError(value, f"{self.edit} (up to {self.edit.width} ASCII characters, no outer blanks)")
-        if value and self.allowed and value not in self.allowed:
-            raise FieldError(value, self.expected)
-        return write_text(value.ljust(self.edit.width), self.edit)
-
     @property
     def expected(self) -> str:
         """What the field wants, for messages: `F12.6`, or `A4 (one of GEOG, GEOC, LOCL)`."""
@@ -254,22 +177,18 @@ class CardSpec:
     title: str = key(doc="what the card is called")
     doc: str = key(doc="what it is for")
     order: int = key(doc="place of the card in a canonical deck; on reading any order is accepted")
-    repeat: Literal["one", "many"] = key(
-        doc="`one` or `many` cards in a deck", convert=one_of(("one", "many"), "not one or many")
-    )
+    repeat: Literal["one", "many"] = key(doc="`one` or `many` cards in a deck", choices=("one", "many"))
     required: bool = key(doc="whether a deck must have the card")
     once: tuple[tuple[str, str], ...] = key(
         (),
         "lists of two: attributes by which two cards are the same, the last shown; what is said of the second",
-        convert=_pairs,
     )
     two_ends: tuple[str, str] | None = key(
-        None, "an attribute whose two components must differ, and what is said where they do not", convert=_pair
+        None, "an attribute whose two components must differ, and what is said where they do not"
     )
     given_up: tuple[tuple[str, int, int, str], ...] = key(
         (),
         "lists of four: name, first and last column of a field that is given up, and what is said of its use",
-        convert=_given_up,
     )
     sample: str = key(doc="a canonical card, 80 columns, number 1; it must decode and encode to itself")
     fields: tuple[FieldSpec, ...] = key((), "the fields, one `[[field]]` table each", name="field")
@@ -337,7 +256,7 @@ def format_of(kind: type[Any], path: Path) -> Any:
         raw = read_toml(path)
     except ValueError as error:
         raise CardFormatError(f"{path}: {error}") from error
-    reader = Reader(str(path), _WORDING)
+    reader = Reader(str(path))
     spec = reader.table(kind, raw, "")
     if reader.problems:
         raise CardFormatError("\n".join(f"{path}: {_place(one.field)}{one.message}" for one in reader.problems))

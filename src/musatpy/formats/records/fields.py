@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from musatpy import units
-from musatpy.formats.cards.spec import UNITS, FieldSpec, columns_of, one_of
+from musatpy.formats.cards.spec import UNITS, FieldSpec
 from musatpy.fortran import Edit, FieldError, fit_number, read_number, write_number
 from musatpy.specs import key, require
 
@@ -31,14 +31,12 @@ class RecordField(FieldSpec):
     `same_as` the field before it that it says again.
     """
 
-    columns: tuple[int, int] = key(
-        (0, 0), "`[first, last]`, counted from 1 (fixed layout only)", convert=columns_of
-    )
+    columns: tuple[int, int] = key((0, 0), "`[first, last]`, counted from 1 (fixed layout only)")
     unit: str = key(
         "",
         f"one of {', '.join(f'`{unit}`' for unit in RECORD_UNITS if unit)}, or empty; `dms` is "
         "DDDMMSS.s in one number, `job` is `dms` in a geographic job and `m` in others",
-        convert=one_of(RECORD_UNITS, f"not one of {RECORD_UNITS}"),
+        choices=RECORD_UNITS,
     )
     codes: tuple[tuple[str, str], ...] = key(
         (), "texts of the file and the letters that a deck has for the same", convert=pairs_of

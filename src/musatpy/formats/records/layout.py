@@ -16,7 +16,7 @@ from typing import Any
 from musatpy.errors import CardFormatError, DeckError, Problem, in_order
 from musatpy.files import name_fault
 from musatpy.formats import mapping
-from musatpy.formats.cards.spec import check_fields, format_of, named, texts
+from musatpy.formats.cards.spec import check_fields, format_of, named
 from musatpy.formats.records.fields import RecordField, pairs_of
 from musatpy.fortran import FieldError
 from musatpy.specs import key, read_toml, require
@@ -60,9 +60,7 @@ class RecordSpec:
     doc: str = key(doc="what it says")
     sample: str = key(doc="a line; it must decode and encode to itself")
     mark: str = key("", "first word of the line, by which the record is known (free layout)")
-    follows: tuple[str, ...] = key(
-        doc="records that may stand before it; `start` is the start of the file", convert=texts
-    )
+    follows: tuple[str, ...] = key(doc="records that may stand before it; `start` is the start of the file")
     joins: str = key("", "the record before it with which it makes one row; many may join one")
     last: bool = key(False, "whether the file may end after it")
     constants: tuple[tuple[str, str], ...] = key(
@@ -108,9 +106,7 @@ class FileSpec:
         name="layout",
         convert=_second_of("fixed", "free"),
     )
-    comments: tuple[str, ...] = key(
-        (), "first words (signs: first characters) of lines that are comments", convert=texts
-    )
+    comments: tuple[str, ...] = key((), "first words (signs: first characters) of lines that are comments")
     skip_others: bool = key(
         False,
         "lines of no record: an `error` (so without the key), or `skip` with a warning",
