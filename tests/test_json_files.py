@@ -11,11 +11,11 @@ import pytest
 
 from cli.commands import musat
 from json_schema import load_schema, violations
-from musatpy import adjust, inquiry, json_files, read_deck
+from musatpy import adjust, inquiry, read_deck
 from musatpy.comparison import NEEDS, OPTIONAL
 from musatpy.errors import RecordError
 from musatpy.image_observations import FIELDS, are_apart, with_images
-from musatpy.json_files import Needs, read_json, read_json_file, read_record
+from musatpy.json_files import Needs, read_json, read_record
 from musatpy.model import RecordContent, Solution
 from musatpy.reports.record import dumps, record, record_of
 from musatpy.runs import run_deck
@@ -158,31 +158,6 @@ def test_every_missing_field_is_named(tmp_path: Path, run: dict[str, Any]) -> No
 def test_what_is_no_record(tmp_path: Path, text: str, message: str) -> None:
     (found,) = problems(tmp_path, text)
     assert found.startswith(message)
-
-
-LARGE = (
-    '{"a": [1, -0.0, 0.1, 1e-300, null, "\u00fc"], "b": {"c": true}}',
-    '{"a": [1, 2',
-    '{"a": NaN}',
-    '{"a": 1e999}',
-    '{"a": "\\ud800"}',
-)
-
-
-@pytest.mark.parametrize("text", LARGE)
-def test_large_files_are_read_as_small_ones(tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "FILE.json"
-    path.write_text(text, encoding="utf-8")
-
-    def found() -> str:
-        try:
-            return repr(read_json_file(path))
-        except RecordError as error:
-            return str(error)
-
-    small = found()
-    monkeypatch.setattr(json_files, "_MUCH", 0)
-    assert found() == small
 
 
 def test_bytes_that_are_no_text(tmp_path: Path) -> None:

@@ -55,28 +55,24 @@ def write_files(files: Mapping[Path, bytes | memoryview | Iterable[bytes]], outd
     """
     remove_leftovers(files)
     places, outdated = list(files), list(outdated)
-    temporary: dict[Path, Path] = {}
-    try:
+    with ExitStack() as stack:
+        temporary = {path: _temporary(path) for path in places}
         for path, data in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            with _about(path), _new_file(path) as file:
-                temporary[path] = Path(file.name)
+            with _about(path), temporary[path].open("xb") as file:  # one that is new, and no link
+                stack.callback(_remove, temporary[path])
                 file.writelines([data] if isinstance(data, bytes | memoryview) else data)
                 _to_disk(file)
-        with together():
-            if len(places) + len(outdated) > 1:
-                _lock(places[0])
-            for path in places[:-1]:
-                _rename(temporary[path], path)
-            for path in outdated:
-                with _about(path):
-                    path.unlink(missing_ok=True)
-            for path in places[-1:]:
-                _rename(temporary[path], path)
-    finally:
-        for leftover in temporary.values():
-            with suppress(OSError):  # why nothing could be written is told already
-                leftover.unlink()
+        stack.enter_context(together())
+        if len(places) + len(outdated) > 1:
+            _lock(places[0])
+        for path in places[:-1]:
+            _rename(temporary[path], path)
+        for path in outdated:
+            with _about(path):
+                path.unlink(missing_ok=True)
+        for path in places[-1:]:
+            _rename(temporary[path], path)
 
 
 def write_file(path: Path, data: bytes | memoryview) -> None:
@@ -138,11 +134,6 @@ def is_at(fd: int, path: Path) -> bool:
 def _temporary(path: Path) -> Path:
     """Return a name beside a file that nobody can know before, and by which `remove_leftovers` knows it."""
     return path.with_name(f".{path.name}.{os.getpid()}.{os.urandom(8).hex()}")
-
-
-def _new_file(path: Path) -> BinaryIO:
-    """Open a temporary file for writing: one that is new, and no link."""
-    return _temporary(path).open("xb")
 
 
 def _to_disk(file: BinaryIO) -> None:
@@ -219,16 +210,11 @@ def is_alive(pid: int) -> bool:
         return False
     except OSError:
         return True
-    return not _is_zombie(pid)
-
-
-def _is_zombie(pid: int) -> bool:
-    """Tell whether a process has ended, by Linux's table of them; no where there is none."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_bytes()
-    except OSError:
-        return False
-    return stat.rpartition(b")")[2].split()[:1] == [b"Z"]  # the state follows the command, which may hold ")"
+    except OSError:  # no Linux
+        return True
+    return stat.rpartition(b")")[2].split()[:1] != [b"Z"]  # the state follows the command, which may hold ")"
 
 
 @contextmanager
@@ -237,21 +223,14 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
 
     A missing folder is made, and what a killed process left of the file removed. Raises `OSError`.
     """
-    _begin(path)
-    with ExitStack() as stack:
-        with _about(path):
-            file = _new_file(path)
-        temporary = Path(file.name)
-        stack.callback(_remove, temporary)
+    with whole_path(path) as inside:
         try:
-            with file:
+            with inside.open("xb") as file:
                 yield file
-                _to_disk(file)
         except OSError as error:
             if error.filename is None:  # of a full disk, which names no file
                 raise OSError(error.errno, error.strerror, str(path)) from error
             raise
-        _rename(temporary, path)
 
 
 @contextmanager
@@ -261,7 +240,10 @@ def whole_path(path: Path) -> Iterator[Path]:
     That is in a temporary folder beside it, which is this user's alone: packages write through links. A missing
     folder is made, and what a killed process left of the file removed. Raises `OSError`.
     """
-    _begin(path)
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    remove_leftovers([path])
     folder = _temporary(path)
     with _about(path):
         folder.mkdir(mode=0o700)
@@ -273,11 +255,3 @@ def whole_path(path: Path) -> Iterator[Path]:
         _rename(inside, path)
     finally:
         _remove(folder)
-
-
-def _begin(path: Path) -> None:
-    """Make the folder of a file that is to be written, and tidy up in it; raises `OSError`."""
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    remove_leftovers([path])

@@ -8,9 +8,8 @@ from __future__ import annotations
 import importlib.util
 import json
 import math
-from collections.abc import Container, Iterator, Mapping, Sequence
-from contextlib import suppress
-from functools import cache
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from functools import cache, partial
 from itertools import chain, islice, product
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from musatpy.errors import Problem, RecordError
 from musatpy.image_observations import FIELDS, are_apart, with_images
 
 Schema = Mapping[str, Any]
+Place = Callable[[int], str]  # number of a value -> its path in the record
 Needs = Mapping[str, Sequence[str]]  # field of a record -> the fields of its table, or of it, that are needed
 
 _SCHEMA = Path(__file__).with_name("reports") / "record.schema.json"
@@ -26,7 +26,6 @@ _SOME = "tables"  # content of a record without tables of images
 _LEFT_OUT = ": the record was written with --record tables"
 _LISTED = 20  # problems of one file
 _PYTHON = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None), "integer": int}
-_MUCH = 1_000_000  # bytes, from which on a package is worth its loading
 _DIGITS = 15  # of a whole number at most that is exact in double precision
 _IDS = {  # fields of tables that name a row of another one, and its ids
     "camera": ("cameras", "camera"),
@@ -46,8 +45,7 @@ def read_json(path: Path) -> Any:
 def read_json_file(path: Path, **hooks: Any) -> Any:
     """Return what a JSON file says; numbers beyond all limits are left to who reads on. Raises as `read_json`."""
     try:
-        data = path.read_bytes()
-        return _read_quickly(data) if len(data) > _MUCH and not hooks else _read(data, **hooks)
+        return json.loads(path.read_bytes(), parse_constant=_finite, **hooks)
     except UnicodeDecodeError as error:
         message = f"is no JSON: byte {error.start + 1} is none of a text in UTF-8"
     except ValueError as error:
@@ -57,22 +55,9 @@ def read_json_file(path: Path, **hooks: Any) -> Any:
     raise RecordError([Problem(file=str(path), message=message)])
 
 
-def _read(data: bytes, **hooks: Any) -> Any:
-    return json.loads(data, parse_constant=_finite, **hooks)
-
-
-def _read_quickly(data: bytes) -> Any:
-    """Return what JSON says, by orjson where it is there: four times as fast. What that refuses is read again."""
-    orjson = quick_json()
-    if orjson is not None:
-        with suppress(ValueError):
-            return orjson.loads(data)
-    return _read(data)
-
-
 @cache
 def quick_json() -> Any:
-    """Return the package that reads and writes JSON many times as fast as Python does, None without `fast`."""
+    """Return the package that writes JSON many times as fast as Python does, None without `fast`."""
     return importlib.import_module("orjson") if importlib.util.find_spec("orjson") else None
 
 
@@ -96,13 +81,10 @@ def read_record(
     needed one. Raises `RecordError` with the places where it is not as it should be, `OSError`.
     `schema`: that of the record of something else than a run, whose first field is its version, and `what` that is.
     """
-    record = read_json_file(path)
     schema = _schema() if schema is None else schema
-    _refuse_other_schemas(record, schema, path, what)
     later = optional or {}
     wanted = _narrowed(schema, {**later, **needs}, required=list(needs), later=later)
-    record = _together(record, wanted, schema, path)
-    return _wanted_of(record, wanted, schema, path)
+    return _taken(read_json_file(path), wanted, schema, path, what)
 
 
 def known_of(
@@ -114,17 +96,15 @@ def known_of(
     `read_record` does.
     """
     schema = _schema() if schema is None else schema
-    _refuse_other_schemas(record, schema, path, "run")
     version = next(iter(schema["properties"]))
     fields = {name: of for name, of in schema["properties"].items() if name not in leave}
     required = [name for name in schema["required"] if name not in leave]
     wanted = {"type": "object", "required": required, "properties": {**fields, version: {"type": "string"}}}
-    record = _together(record, wanted, schema, path)
-    return _wanted_of(record, wanted, schema, path)
+    return _taken(record, wanted, schema, path, "run")
 
 
-def _refuse_other_schemas(record: Any, schema: Schema, path: Path, what: str) -> None:
-    """Raise `RecordError` for what is no record, or one of another schema."""
+def _taken(record: Any, wanted: Schema, schema: Schema, path: Path, what: str) -> dict[str, Any]:
+    """Return what is wanted of a record; raises `RecordError` with the places where it is not as it should be."""
     key = next(iter(schema["properties"]))
     ours = str(schema["properties"][key]["const"])
     version = record.get(key) if isinstance(record, dict) else None
@@ -133,10 +113,7 @@ def _refuse_other_schemas(record: Any, schema: Schema, path: Path, what: str) ->
     if version.split(".")[0] != ours.split(".")[0]:
         message = f"is a record of schema {version}, and this program reads {ours}; run the deck again"
         raise RecordError([Problem(file=str(path), field=key, message=message)])
-
-
-def _wanted_of(record: dict[str, Any], wanted: Schema, schema: Schema, path: Path) -> dict[str, Any]:
-    """Return what is wanted of a record; raises `RecordError` with the places where it is not as it should be."""
+    record = _together(record, wanted, schema, path)
     _hold_against(record, wanted, schema, path)
     found = {name: record.pop(name) for name in wanted["properties"] if name in record}
     if faults := list(islice(_unknown_ids(found), _LISTED)) if schema is _schema() else []:
@@ -159,14 +136,10 @@ def _unknown_ids(tables: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 def _hold_against(record: dict[str, Any], form: Schema, schema: Schema, path: Path) -> None:
     """Raise `RecordError` with the places where a record is not in a `form`."""
-    if _fits([record], form):
-        return
-    left_out = schema["properties"].keys() - set(schema["required"]) if record.get("content") == _SOME else ()
-    faults = [
-        (where, f"{message}{_LEFT_OUT if where in left_out else ''}")
-        for where, message in islice(_faults(record, form, ""), _LISTED)
-    ]
-    raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
+    if faults := list(islice(_faults([record], form, lambda row: ""), _LISTED)):
+        left_out = schema["properties"].keys() - set(schema["required"]) if record.get("content") == _SOME else ()
+        texts = ((where, f"{message}{_LEFT_OUT if where in left_out else ''}") for where, message in faults)
+        raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in texts)
 
 
 def _together(record: dict[str, Any], wanted: Schema, schema: Schema, path: Path) -> dict[str, Any]:
@@ -209,99 +182,92 @@ def _resolved(schema: Schema) -> Schema:
     return _schema()["$defs"][schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
 
 
-def _types(schema: Schema) -> set[type]:
-    """Return the types of Python that a value may have."""
+def _faults(values: Sequence[Any], schema: Schema, place: Place) -> Iterator[tuple[str, str]]:
+    """Yield the places where values of one field are not as its schema says, and what is wrong there.
+
+    The values of all rows are looked at as a whole; those that are no value of the field are not looked into.
+    """
+    schema = _resolved(schema)
+    if strange := _of_other_types(values, schema):
+        yield from ((place(n), f"expected {_expected(schema)}, found {_shown(values[n])}") for n in strange)
+        rows = sorted(set(range(len(values))).difference(strange))
+        yield from _faults([values[n] for n in rows], schema, lambda row: place(rows[row]))
+        return
+    choices = schema.get("enum", [schema["const"]] if "const" in schema else None)
+    if choices is not None:
+        expected = " or ".join(map(_shown, choices))
+        wrong = (n for n, value in enumerate(values) if value not in choices)
+        yield from ((place(n), f"expected {expected}, found {_shown(values[n])}") for n in wrong)
+    if "items" in schema:
+        yield from _faults_of_lists(*_of_type(list, values, place), schema)
+    if "properties" in schema or "additionalProperties" in schema:
+        yield from _faults_of_tables(*_of_type(dict, values, place), schema)
+
+
+def _of_other_types(values: Sequence[Any], schema: Schema) -> list[int]:
+    """Return the numbers of those values whose type is not in a schema, and of numbers that are too large."""
     names = schema.get("type", [])
     names = {names} if isinstance(names, str) else set(names)
-    return {_PYTHON[name] for name in names - {"number"}} | ({int, float} if "number" in names else set())
-
-
-def _fits(values: Sequence[Any], schema: Schema) -> bool:
-    """Tell whether all values of one place are as a schema says; columns of tables are looked at as a whole."""
-    schema = _resolved(schema)
-    allowed = _types(schema)
+    allowed = {_PYTHON[name] for name in names - {"number"}} | ({int, float} if "number" in names else set())
     kinds = set(map(type, values))
-    if allowed and not kinds <= allowed:
-        return False
-    if float in allowed and kinds - {type(None)} and not _are_near(values):
-        return False
-    choices = schema.get("enum", [schema["const"]] if "const" in schema else None)
-    if choices is not None and any(value not in choices for value in values):
-        return False
-    tables, lists = (_of_type(values, kind, kinds) for kind in (dict, list))
-    if lists and "items" in schema:
-        low, high = schema.get("minItems", 0), schema.get("maxItems", float("inf"))
-        if not all(low <= length <= high for length in set(map(len, lists))):
-            return False
-        if not _fits(list(chain.from_iterable(lists)), schema["items"]):
-            return False
-    return not tables or _columns_fit(tables, schema)
+    if not allowed or (kinds <= allowed and float not in allowed):
+        return []
+    if kinds <= allowed:
+        numbers = [value for value in values if value is not None] if type(None) in kinds else values
+        if not numbers or (-_LARGEST < min(numbers) and max(numbers) < _LARGEST):
+            return []
+    is_number = {int, float} if float in allowed else set()
+    return [
+        n
+        for n, value in enumerate(values)
+        if type(value) not in allowed or (type(value) in is_number and not -_LARGEST < value < _LARGEST)
+    ]
 
 
-def _of_type(values: Sequence[Any], kind: type, kinds: set[type]) -> Sequence[Any]:
-    """Return the values of one type, of those whose types are `kinds`: most places have one only."""
-    if kind not in kinds:
-        return ()
-    return values if len(kinds) == 1 else [value for value in values if type(value) is kind]
+def _of_type(kind: type, values: Sequence[Any], place: Place) -> tuple[Sequence[Any], Place]:
+    """Return the values of one type, with their places."""
+    rows = [n for n, value in enumerate(values) if type(value) is kind]
+    return [values[n] for n in rows], lambda row: place(rows[row])
 
 
-def _are_near(values: Sequence[float | None]) -> bool:
-    """Tell whether numbers are finite, as 1e999 is not, and no digits are without end."""
-    numbers = [value for value in values if value is not None] if None in values else values
-    return -_LARGEST < min(numbers) and max(numbers) < _LARGEST  # type: ignore[type-var,operator]
+def _faults_of_lists(lists: Sequence[list[Any]], place: Place, schema: Schema) -> Iterator[tuple[str, str]]:
+    low, high = schema.get("minItems", 0), schema.get("maxItems", math.inf)
+    if not all(low <= length <= high for length in set(map(len, lists))):
+        wrong = (n for n, entries in enumerate(lists) if not low <= len(entries) <= high)
+        yield from ((place(n), f"expected {_expected(schema)}, found {len(lists[n])}") for n in wrong)
+
+    def place_of_item(number: int) -> str:
+        row = 0
+        while number >= len(lists[row]):
+            number -= len(lists[row])
+            row += 1
+        return f"{place(row)}[{number}]"
+
+    yield from _faults(list(chain.from_iterable(lists)), schema["items"], place_of_item)
 
 
-def _columns_fit(tables: Sequence[dict[str, Any]], schema: Schema) -> bool:
-    """Tell whether the fields of tables are as a schema says; those that it does not name may be anything."""
-    required = schema.get("required", ())
-    for name, inner in schema.get("properties", {}).items():
-        column = [table[name] for table in tables if name in table]
-        if (name in required and len(column) < len(tables)) or not _fits(column, inner):
-            return False
-    if schema.get("columns") and any(len(_lengths(table, schema)) > 1 for table in tables):
-        return False
+def _faults_of_tables(tables: Sequence[dict[str, Any]], place: Place, schema: Schema) -> Iterator[tuple[str, str]]:
+    """Yield what is wrong in tables; fields that a schema does not name may be anything."""
     others = schema.get("additionalProperties")
+    fields = schema.get("properties", {})
     if isinstance(others, dict):
-        return _fits([value for table in tables for value in table.values()], others)
-    return True
+        fields = {**dict.fromkeys(chain.from_iterable(tables), others), **fields}
+    for name, inner in fields.items():
+        rows = [n for n, table in enumerate(tables) if name in table]
+        if name in schema.get("required", ()):
+            missing = sorted(set(range(len(tables))).difference(rows))
+            yield from ((_place_in(place, missing, name, n), "is missing") for n in range(len(missing)))
+        yield from _faults([tables[n][name] for n in rows], inner, partial(_place_in, place, rows, name))
+    for n, table in enumerate(tables) if schema.get("columns") else ():
+        columns = (column for name, column in table.items() if isinstance(column, list) or name not in fields)
+        lengths = {len(column) if isinstance(column, list) else 0 for column in columns}
+        if len(lengths) > 1:
+            yield place(n), f"has columns of {min(lengths)} and of {max(lengths)} entries"
 
 
-def _lengths(table: Mapping[str, Any], schema: Schema) -> set[int]:
-    """Return how many entries the columns of a table have, strange ones too: one number where it is whole."""
-    known = schema["properties"]
-    columns = (column for name, column in table.items() if isinstance(column, list) or name not in known)
-    return {len(column) if isinstance(column, list) else 0 for column in columns}
-
-
-def _faults(value: Any, schema: Schema, path: str) -> Iterator[tuple[str, str]]:
-    """Yield the places where a value is not as a schema says, and what is wrong there."""
-    schema = _resolved(schema)
-    if _fits([value], schema):
-        return
-    if not _fits([value], {"type": schema.get("type", [])}):
-        yield path, f"expected {_expected(schema)}, found {_shown(value)}"
-        return
-    choices = schema.get("enum", [schema["const"]] if "const" in schema else None)
-    if choices is not None and value not in choices:
-        yield path, f"expected {' or '.join(map(_shown, choices))}, found {_shown(value)}"
-    if isinstance(value, list) and "items" in schema:
-        if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
-            yield path, f"expected {_expected(schema)}, found {len(value)}"
-        for number, item in enumerate(value):
-            yield from _faults(item, schema["items"], f"{path}[{number}]")
-    if isinstance(value, dict):
-        for name, inner in schema.get("properties", {}).items():
-            where = f"{path}.{name}" if path else name
-            if name in value:
-                yield from _faults(value[name], inner, where)
-            elif name in schema.get("required", ()):
-                yield where, "is missing"
-        others = schema.get("additionalProperties")
-        if isinstance(others, dict):
-            for name, item in value.items():
-                yield from _faults(item, others, f"{path}.{name}")
-        if schema.get("columns") and len(lengths := sorted(_lengths(value, schema))) > 1:
-            yield path, f"has columns of {lengths[0]} and of {lengths[-1]} entries"
+def _place_in(place: Place, rows: Sequence[int], name: str, row: int) -> str:
+    """Return the place of the field of a table."""
+    return f"{place(rows[row])}.{name}".lstrip(".")
 
 
 def _expected(schema: Schema) -> str:
