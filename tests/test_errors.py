@@ -16,7 +16,7 @@ from musatpy.draws import Draws
 from musatpy.errors import NumericalError, Problem, numerics, of_each_kind, printable
 from musatpy.interchange import xyz
 from musatpy.model import Cause, CauseKind
-from musatpy.pointfiles.csv_tables import number
+from musatpy.pointfiles.columns import number
 from musatpy.runs import ExitStatus, run_deck
 from musatpy.specs import Reader, key, read_toml
 

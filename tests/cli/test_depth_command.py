@@ -194,7 +194,7 @@ def test_files_that_cannot_be_used(tmp_path: Path) -> None:
     bad = tmp_path / "bad.csv"
     bad.write_text("x,y,z\n1,2,deep\n")
     result = depth("correct", bad, "-o", tmp_path / "out.csv", *CAMERAS, *FORMAT)
-    assert result.exit_code == 1 and f"{bad}:2: value 3: 'deep' is no number" in result.stderr
+    assert result.exit_code == 1 and f"{bad}:2 cols 5-8 z: 'deep' is not a number" in result.stderr
 
 
 @pytest.mark.parametrize(

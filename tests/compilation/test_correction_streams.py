@@ -27,6 +27,7 @@ from musatpy.geometry.systems import LocalRectangular
 from musatpy.interchange import geotiff, xyz
 from musatpy.interchange.any_file import write_layers
 from musatpy.interchange.layers import Grid
+from musatpy.pointfiles import point_tables
 
 WEST, EAST, SOUTH, NORTH = -64.938, -64.932, 18.328, 18.336  # in the model
 
@@ -59,24 +60,12 @@ def test_chunks_of_a_text_file_are_the_whole_of_it(
     text = (tmp_path / "a.csv").read_text().splitlines(keepends=True)
     (tmp_path / "a.csv").write_text("".join([*text[:10], "\n", "  \n", *text[10:]]))
     assert corrected(run_record, tmp_path / "a.csv", tmp_path / "whole.csv").exit_code == 0
-    monkeypatch.setattr(xyz, "CHUNK", 7)
+    monkeypatch.setattr(point_tables, "CHUNK", 7)
     result = corrected(run_record, tmp_path / "a.csv", tmp_path / "parts.csv")
     assert "points: 59 of 60 with a position" in result.output
     assert (tmp_path / "parts.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
     rows = (tmp_path / "parts.csv").read_text().splitlines()
     assert rows[0].startswith("x,y,z,id,remark,depth [m],") and rows[1].split(",")[3:5] == ["0000", "ü 0"]
-
-
-def test_every_bad_line_of_every_chunk_is_told(
-    run_record: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    text = table(tmp_path / "a.csv", apparent(40)).read_text().splitlines(keepends=True)
-    text[3], text[20] = "0002,-64.9,18.3\n", "0019,-64.9,deep,-3,\n"
-    (tmp_path / "a.csv").write_text("".join(text))
-    monkeypatch.setattr(xyz, "CHUNK", 7)
-    result = corrected(run_record, tmp_path / "a.csv", tmp_path / "true.csv")
-    assert result.exit_code == 1 and ":4: 3 values" in result.output and ":21: y: 'deep'" in result.output
-    assert [left.name for left in tmp_path.iterdir()] == ["a.csv"]
 
 
 def test_a_cloud_keeps_what_its_points_have(run_record: Path, tmp_path: Path) -> None:

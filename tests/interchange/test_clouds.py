@@ -13,7 +13,7 @@ import pytest
 from interchange.layer_samples import DIGIT, HEIGHTS, UTM, points, same_twice
 from musatpy.errors import InterchangeError
 from musatpy.interchange import las, xyz
-from musatpy.interchange.layers import Column
+from musatpy.interchange.layers import LOCAL, Column
 
 CHARLOTTE = pyproj.CRS("EPSG:4979")
 
@@ -123,16 +123,22 @@ def test_columns_of_coordinates_by_their_names(tmp_path: Path) -> None:
     assert depth.unit == "ft" and depth.values[0] == 7.0 and np.isnan(depth.values[1])
 
 
+def test_names_of_coordinates_go_with_their_system(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("lon,lat,z\n1,2,3\n")
+    for crs in (None, pyproj.CRS("EPSG:4979")):
+        assert xyz.read(tmp_path / "a.csv", crs=crs).xyz.tolist() == [[1.0, 2.0, 3.0]]
+    for crs in (pyproj.CRS(LOCAL), UTM):
+        with pytest.raises(InterchangeError, match=r"no column x \[m\] among lon, lat, z"):
+            xyz.read(tmp_path / "a.csv", crs=crs)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "lines", "words"),
     [
         ("a.csv", "", [None], "the file is empty"),
         ("a.csv", "x,y,z\n", [None], "there are no points"),
-        ("a.xyz", "\ufeff", [None], "there are no points"),
-        ("a.csv", "x,y\n1,2\n", [1], "no column z among x, y"),
-        ("a.csv", "x;y;z\n1;2;3\n", [1], "parted by semicolons"),
-        ("a.csv", "x,y,z\n1,2,3\n1,2\n1,two,3\n1,2,nan\n", [3, 4, 5], "2 values; expected: 3: x, y, z"),
-        ("a.xyz", "1 2 3\n4 5 6 7\n1 2 1e99\n", [2, 3], "4 values; expected: 3"),
+        ("a.csv", "x,y,z\n1,2,3\n1,2\n1,two,3\n1,2,nan\n", [3, 4, 5], "2 values for 3 columns"),
+        ("a.xyz", "1 2 3\n4 5 6 7\n1 2 1e99\n", [2, 3], "4 values for 3 columns"),
     ],
 )
 def test_lines_that_cannot_be_read(

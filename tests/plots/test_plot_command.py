@@ -124,7 +124,7 @@ def test_a_profile_runs_along_a_line(record: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("a,b\n1,2\n", "line.csv:1: no columns lat and lon, or x and y"),
+        ("a,b\n1,2\n", "line.csv:1: no columns lon, lat or x, y among a, b"),
         ("lat,lon\n18.3,x\n18.4,-64.9\n", "line.csv:2"),
         ("lat,lon\n18.3,-64.9\n", "a line needs two points"),
         ("x,y\n1,2\n3,4\n", "no coordinate system is given"),

@@ -94,7 +94,7 @@ def test_points_without_their_own_sigmas_take_those_given(tmp_path: Path) -> Non
         read_points(path, Precision())
     assert len(caught.value.problems) == 1
     path.write_text("id,x,y,z,sx,sy,sz\nb,-10,5,0.25,1,,1\n")
-    with pytest.raises(SeaError, match="sy: '' is no number"):
+    with pytest.raises(SeaError, match="col 16 sy: sx, sy, sz go together"):
         read_points(path, Precision(sigma=(0.1, 0.2, 0.3)))
 
 
@@ -103,8 +103,6 @@ def test_coordinates_by_other_names(tmp_path: Path) -> None:
     path.write_text("id,NORTH,East,Up,sx,sy,sz\na,20,10,0.5,1,2,3\n")
     points = read_points(path, Precision(), columns=("east", "north", "UP")).points
     np.testing.assert_array_equal(points.position, [[10.0, 20.0, 0.5]])
-    with pytest.raises(SeaError, match="no column x among id, north, east, up"):
-        read_points(path, Precision())
     with pytest.raises(SeaError, match="column sx is none of coordinates"):
         read_points(path, Precision(), columns=("east", "north", "sx"))
 

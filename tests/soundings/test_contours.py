@@ -204,7 +204,7 @@ def test_degrees_of_a_csv_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "job", "message"),
     [
-        ("a.csv", csv_of("line,x,y,what"), None, "lat and lon, or x and y, and depth or height are needed"),
+        ("a.csv", csv_of("line,x,y,what"), None, "no columns lon, lat, depth or lon, lat, height or x, y, depth"),
         ("a.csv", "line,x,y,depth\n1,0,0,2\n1,9,9,3\n", None, "line 1: its third coordinate goes from 2 to 3 m"),
         ("a.csv", "line,x,y,depth\n1,0,0,2\n2,9,9,2\n2,9,8,2\n", None, "line 1 has one vertex"),
         ("a.csv", csv_of("line,x,y,depth"), WGS84, "no coordinate system is given"),

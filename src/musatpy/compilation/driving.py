@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import time
 from dataclasses import dataclass
@@ -15,10 +14,11 @@ from musatpy.compilation.loop import Loop
 from musatpy.compilation.stereomodels import Stereomodel, off_plate
 from musatpy.errors import CompilationError, Problem
 from musatpy.model import CoordinateSystem
-from musatpy.pointfiles.csv_tables import column_faults, number
+from musatpy.pointfiles.columns import Column, Wanted
+from musatpy.pointfiles.point_tables import read_table
 from musatpy.units import DEGREE
 
-IN_MODEL = ("t", "X", "Y", "Z")
+IN_MODEL = ("t", "x", "y", "z")
 GEOGRAPHIC = ("t", "lat", "lon", "height")
 _MOST_CYCLES = 1e7  # two days at 50 Hz: more is another unit of time
 
@@ -67,29 +67,14 @@ def read_path(source: Path, columns: tuple[str, ...] = IN_MODEL) -> FloatArray:
 
     Raises `CompilationError` with every line that cannot be used, and `OSError`.
     """
-    with source.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        header, *lines = list(csv.reader(file)) or [[]]
-    names = [name.strip() for name in header]
-    if faults := column_faults(names, columns, ()):
-        raise CompilationError([Problem(file=str(source), line=1, message=message) for message in faults])
-    places = [[name.lower() for name in names].index(name.lower()) for name in columns]
-    rows: list[list[float]] = []
-    problems = []
-    for line, cells in enumerate(lines, 2):
-        if not any(cells):
-            continue
-        values = [number(cells[place]) if place < len(cells) else math.nan for place in places]
-        if not np.isfinite(values).all():
-            name = columns[int(np.argmin(np.isfinite(values)))]
-            problems.append(Problem(file=str(source), line=line, field=name, message=f"{name} is no number"))
-        elif rows and values[0] <= rows[-1][0]:
-            problems.append(Problem(file=str(source), line=line, field="t", message="time does not go on"))
-        rows.append(values)
-    if len(rows) < 2 and not problems:
-        problems.append(Problem(file=str(source), message=f"{len(rows)} rows: a path has two at least"))
-    if problems:
-        raise CompilationError(problems)
-    return np.array(rows)
+    table = read_table(source, Wanted(columns=tuple(Column(name=name) for name in columns), bare=columns))
+    path = table.numbers(*columns)
+    for row in np.flatnonzero(np.diff(path[:, 0]) <= 0.0) + 1:
+        table.refuse("time does not go on", int(row), "t")
+    table.require(CompilationError)
+    if len(path) < 2:
+        raise CompilationError([Problem(file=str(source), message=f"{len(path)} rows: a path has two at least")])
+    return path
 
 
 def driven(loop: Loop, path: FloatArray, rate: float) -> Driven:

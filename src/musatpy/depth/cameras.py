@@ -1,14 +1,13 @@
 """A file of exposure stations, and which of their cameras sees a point.
 
-Comma-separated values under a line of names, in any order and case: `name,x,y,z`, and as far as they are known
+A table with columns `name,x,y,z`, or bare lines of these four, and as far as they are known
 `tide` (height of the water), `omega,phi,kappa` (degrees) and `focal,width,height` (mm) of the camera.
 """
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,15 +19,29 @@ from musatpy.depth.point_positions import LOCAL, Tilt
 from musatpy.errors import DepthError, Problem
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.systems import System
-from musatpy.pointfiles.csv_tables import number, separator_faults
+from musatpy.pointfiles.columns import ABOVE_ZERO, AXES, Column, Wanted, place_columns
+from musatpy.pointfiles.point_tables import read_table
 from musatpy.refraction.apparent import Stations
 from musatpy.units import DEGREE
 
 _Vector = tuple[FloatArray, FloatArray, FloatArray]
 
-_PLACE, _TIDE = ("x", "y", "z"), ("tide",)
 _ATTITUDE, _CAMERA = ("omega", "phi", "kappa"), ("focal", "width", "height")
-_NUMBERS = (*_PLACE, *_TIDE, *_ATTITUDE, *_CAMERA)
+_STATIONS = Wanted(
+    columns=(
+        Column(name="name", kind="text", unique=True, expected="a name"),
+        *place_columns(),
+        Column(name="tide", unit="m", required=False),
+        *(Column(name=name, unit="deg", required=False) for name in _ATTITUDE),
+        *(
+            Column(name=name, unit="mm", required=False, least=ABOVE_ZERO, expected="a number greater than zero")
+            for name in _CAMERA
+        ),
+    ),
+    together=(_ATTITUDE, _CAMERA),
+    bare=("name", *AXES),
+    closed=True,
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,100 +128,31 @@ def read_cameras(
     Without `water` a file may do without tides: the level is minus infinity where it has none. Raises `DepthError`
     with every line that cannot be used, and `OSError`.
     """
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        rows = [(number, row) for number, row in enumerate(csv.reader(file), 1) if any(row)]
-    if not rows:
-        raise DepthError([Problem(file=str(path), message="no line of names")])
-    header = [name.strip().lower() for name in rows[0][1]]
-    level = -math.inf if not water and "tide" not in header else level
-    problems = list(_header_faults(header, level, camera))
-    names, values = [], []
-    for line, row in rows[1:] if not problems else ():
-        faults, read = _row(header, row)
-        name = row[header.index("name")].strip() if len(row) == len(header) else ""
-        if not faults and name in names:
-            faults = [f"station {name} is given twice"]
-        problems += [Problem(file=str(path), line=line, message=message) for message in faults]
-        names.append(name)
-        values.append(read)
-    if not problems and not names:
-        problems = [Problem(message="no station")]
-    if problems:
-        raise DepthError([p if p.file else Problem(file=str(path), message=p.message) for p in problems])
-    columns = {key: np.array([row[key] for row in values]) for key in values[0]}
-    return _cameras(path, tuple(names), columns, level, camera, limit)
-
-
-def _header_faults(
-    header: Sequence[str], level: float | None, camera: tuple[float, float, float] | None
-) -> Iterator[Problem]:
-    if faults := separator_faults(header):
-        yield Problem(message=faults[0])
-        return
-    for name in ("name", *_PLACE):
-        if name not in header:
-            yield Problem(message=f"no column {name} among {', '.join(header)}")
-    for together in (_ATTITUDE, _CAMERA):
-        present = [name for name in together if name in header]
-        if present and len(present) < len(together):
-            yield Problem(message=f"{', '.join(together)} go together: only {', '.join(present)} found")
-    if "tide" not in header and level is None:
-        yield Problem(message="no column tide, and no water level is given")
-    for name, given, what in (("tide", level, "a water level"), ("focal", camera, "a camera")):
-        if name in header and given is not None:
-            yield Problem(message=f"there is a column {name}, and {what} is given too: one or the other")
-    for name in dict.fromkeys(header):
-        if header.count(name) > 1:
-            yield Problem(message=f"two columns {name}")
-        elif name not in ("name", *_NUMBERS):
-            yield Problem(message=f"unknown column {name}")
-
-
-def _row(header: Sequence[str], row: Sequence[str]) -> tuple[list[str], dict[str, float]]:
-    """Return what is wrong with a line, and its numbers."""
-    if len(row) != len(header):
-        return [f"{len(row)} values for {len(header)} columns"], {}
-    given = dict(zip(header, (value.strip() for value in row), strict=True))
-    faults, numbers = [], {}
-    if not given["name"] or set(given["name"]) & set(' ,"'):
-        faults.append(f"a name without blanks, commas and quotes is needed, not '{given['name']}'")
-    for name in header:
-        if name == "name":
-            continue
-        numbers[name] = number(given[name])
-        if not math.isfinite(numbers[name]):
-            faults.append(f"{name}: '{given[name]}' is no number")
-        elif name in _CAMERA and numbers[name] <= 0.0:
-            faults.append(f"{name}: {numbers[name]:g} mm is not greater than zero")
-    if not faults and numbers.get("tide", -math.inf) >= numbers["z"]:
-        faults.append(f"the water at {numbers['tide']:g} m is not below the station")
-    return faults, numbers
-
-
-def _cameras(
-    path: Path,
-    names: tuple[str, ...],
-    columns: Mapping[str, FloatArray],
-    level: float | None,
-    camera: tuple[float, float, float] | None,
-    limit: float | None,
-) -> Cameras:
-    count = len(names)
-    rotation = None
-    if "omega" in columns:
-        rotation = attitude_matrix(np.column_stack([columns[name] for name in _ATTITUDE]) * DEGREE)
-    formats = None
-    if "focal" in columns:
-        formats = np.column_stack([columns[name] for name in _CAMERA])
-    elif camera is not None:
-        formats = np.tile(camera, (count, 1))
+    table = read_table(path, _STATIONS)
+    names, tides = tuple(table.texts("name")), table.numbers("tide")
+    if water and level is None and not table.has("tide"):
+        table.refuse("no column tide, and no water level is given")
+    for column, given, what in (("tide", level, "a water level"), ("focal", camera, "a camera")):
+        if table.has(column) and given is not None:
+            table.refuse(f"there is a column {column}, and {what} is given too: one or the other")
+    for row, name in enumerate(names):
+        if set(name) & set(' ,"'):
+            table.refuse(f"a name without blanks, commas and quotes is needed, not '{name}'", row, "name")
+    for row in np.flatnonzero(tides >= table.numbers("z")).tolist():
+        table.refuse(f"the water at {tides[row]:g} m is not below the station", row, "tide")
+    table.require(DepthError, empty="no station")
+    rotation = attitude_matrix(table.numbers(*_ATTITUDE) * DEGREE) if table.has("omega") else None
+    formats = table.numbers(*_CAMERA) if table.has("focal") else None
+    if camera is not None:
+        formats = np.tile(camera, (len(names), 1))
     if formats is not None and rotation is None:
         raise DepthError([Problem(file=str(path), message="a format needs attitudes: no omega, phi, kappa")])
-    tides = columns["tide"] if "tide" in columns else np.full(count, level)
+    if not water and level is None:
+        level = -math.inf
     try:
         stations = Stations(
-            position=np.column_stack([columns[name] for name in _PLACE]),
-            level=np.asarray(tides, dtype=float),
+            position=table.numbers(*AXES),
+            level=tides if table.has("tide") else np.full(len(names), level, dtype=float),
             axis=None if rotation is None else -rotation[:, 2],
         )
     except ValueError as error:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from concurrent.futures import Future
 
 
-CHUNK = 16384  # points of a task
 _WATCH = 0.1  # s, between looks at whether the parent is there
 _DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of Linux
 Task = TypeVar("Task")

@@ -6,7 +6,6 @@ Groeneveld Meijer (1964): Table 1 is `factors` of a `Pair`, Figure 4 their conto
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,11 +15,14 @@ from numpy.typing import NDArray
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.depth.cameras import Cameras
 from musatpy.depth.correction import Correction
-from musatpy.errors import DepthError, Problem
+from musatpy.errors import DepthError
 from musatpy.geometry.crs import local_map
 from musatpy.geometry.systems import geographic
+from musatpy.pointfiles.columns import PLAN, Column, Wanted
+from musatpy.pointfiles.point_tables import read_table
 from musatpy.refraction.apparent import REASONS, Departure, Fault, Stations, departure, pair_factor
 
+_PLACES = (PLAN, ("d1", "d2", "s", "t"))
 _NEARLY_ZERO = 1e-6  # of the height: stands for an apparent depth of zero, where rays have no true point
 
 
@@ -149,23 +151,11 @@ def single_value(factor: FloatArray, value: float, depth: float, step: float) ->
 
 
 def read_places(path: Path) -> dict[str, FloatArray]:
-    """Return the columns x, y, or else d1, d2, s, t, of a file of comma-separated values under a line of names.
+    """Return the columns x, y, or else d1, d2, s, t, of a table.
 
-    Raises `DepthError` and `OSError`.
+    Raises `DepthError` with every line that cannot be used, and `OSError`.
     """
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        rows = list(csv.DictReader(file))
-    for wanted in (("x", "y"), ("d1", "d2", "s", "t")):
-        if rows and all(name in rows[0] for name in wanted):
-            break
-    else:
-        raise DepthError([Problem(file=str(path), message="no places: columns x, y or d1, d2, s, t are needed")])
-    columns: dict[str, list[float]] = {name: [] for name in wanted}
-    for number, row in enumerate(rows, 2):
-        for name in wanted:
-            try:
-                columns[name].append(float(row[name]))
-            except (TypeError, ValueError) as error:
-                message = f"{name}: '{row[name] or ''}' is no number"
-                raise DepthError([Problem(file=str(path), line=number, message=message)]) from error
-    return {name: np.array(values) for name, values in columns.items()}
+    columns = tuple(Column(name=name) for name in sum(_PLACES, ()))
+    table = read_table(path, Wanted(columns=columns, forms=_PLACES, bare=PLAN))
+    table.require(DepthError, empty="no places")
+    return dict(table.values)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.pointfiles.csv_tables import number
+from musatpy.pointfiles.columns import number
 
 if TYPE_CHECKING:
     import pyproj

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -17,13 +16,11 @@ from musatpy.interchange.any_file import TEXTS, read_layers
 from musatpy.interchange.layers import Lines, Points
 from musatpy.plots.plane import Plane
 from musatpy.plots.profile import Line, SoundedPlaces
-from musatpy.pointfiles.csv_tables import ENCODING, names_of, number
+from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, Wanted
+from musatpy.pointfiles.point_tables import read_table
 from musatpy.soundings.job_places import job_places
 from musatpy.soundings.sounding_files import read_soundings
 from musatpy.units import DEGREE
-
-_PLACES = (("lat", "lon"), ("x", "y"))  # columns of a CSV file, degrees or metres
-_LIMITS = {"lat": 90.0, "lon": 360.0}
 
 
 def given_line(path: Path, crs: str = "") -> Callable[[Plane], Line]:
@@ -80,23 +77,9 @@ def _on_plane(path: Path, xy: FloatArray, angular: bool, crs: pyproj.CRS | None,
 
 
 def _of_csv(path: Path) -> tuple[FloatArray, bool]:
-    """Return the points (v, 2) of a CSV file, rad or m, and whether they are latitude and longitude."""
-    with path.open(newline="", **ENCODING) as file:  # type: ignore[call-overload]
-        lines = file.read().splitlines()
-    names = [name.lower() for name in names_of(lines[0])] if lines else []
-    wanted = next((pair for pair in _PLACES if set(pair) <= set(names)), None)
-    if wanted is None:
-        message = f"no columns lat and lon, or x and y, among '{', '.join(names)}'"
-        raise ProblemsError([Problem(file=str(path), line=1, message=message)])
-    columns, problems, rows = [names.index(name) for name in wanted], [], []
-    for line, cells in ((line, next(csv.reader([text]))) for line, text in enumerate(lines[1:], 2) if text.strip()):
-        found = [cells[column] if column < len(cells) else "" for column in columns]
-        rows.append([number(text) for text in found])
-        for name, text, value in zip(wanted, found, rows[-1], strict=True):
-            if not abs(value) <= _LIMITS.get(name, np.inf) or not np.isfinite(value):
-                expected = "degrees" if name in _LIMITS else "a number"
-                problems.append(Problem(file=str(path), line=line, field=name, found=text, expected=expected))
-    if problems:
-        raise ProblemsError(problems)
-    angular = wanted == _PLACES[0]
-    return np.array(rows).reshape(-1, 2) * (DEGREE if angular else 1.0), angular
+    """Return the points (v, 2) of a table, rad or m, and whether they are latitude and longitude."""
+    table = read_table(path, Wanted(columns=MAP_PLACES, forms=(LON_LAT, PLAN)))
+    table.require(ProblemsError)
+    if table.has("lat"):
+        return table.numbers("lat", "lon") * DEGREE, True
+    return table.numbers(*PLAN), False

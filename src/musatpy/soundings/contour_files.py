@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SoundingError
@@ -18,14 +19,17 @@ from musatpy.geometry.projected import crs_of
 from musatpy.interchange import dxf, geojson, geopackage, xyz
 from musatpy.interchange.layers import Lines, Points
 from musatpy.interchange.packages import require_content
-from musatpy.pointfiles.csv_tables import ENCODING, common_name, names_of
+from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, Column, Wanted
+from musatpy.pointfiles.point_tables import read_table
 from musatpy.soundings.job_places import job_places
+from musatpy.soundings.sounding_files import FORMS, VALUES
 from musatpy.units import DEGREE
 
 _LEVEL = 1e-3  # m, by which heights along a contour may differ
 _DEPTH, _LINE = "depth", "line"
 _LINE_OF_XYZ = "column4"  # behind x, y, z
-_PLACES, _VALUES = (("lon", "lat"), ("x", "y")), (_DEPTH, "height")
+_FORMS = (*((*plan, "depth", "height") for plan in (LON_LAT, PLAN)), *FORMS)  # depths go before heights
+_TABLE = Wanted(columns=(*MAP_PLACES, *VALUES, Column(name=_LINE, kind="text", expected="a line")), forms=_FORMS)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,8 +58,8 @@ def read_contours(
         ".geojson": lambda: _Content(lines=_require_lines(source, geojson.read(source)), depths=depths),
         ".json": lambda: _Content(lines=_require_lines(source, geojson.read(source)), depths=depths),
         ".dxf": lambda: _Content(lines=dxf.read(source)[1], depths=depths),
-        ".csv": lambda: _of_csv(source),
-        ".xyz": lambda: _Content(lines=_joined(source, xyz.read(source), _LINE_OF_XYZ), depths=depths),
+        ".csv": lambda: _of_table(source),
+        ".xyz": lambda: _Content(lines=_of_numbers(source), depths=depths),
     }
     reader = readers.get(source.suffix.lower())
     require_content(source)
@@ -105,32 +109,34 @@ def _depths(source: Path, content: _Content, paths: list[FloatArray]) -> FloatAr
     return depth
 
 
-def _of_csv(source: Path) -> _Content:
-    """Return the lines of a file of named columns."""
-    with source.open(newline="", **ENCODING) as file:  # type: ignore[call-overload]
-        given = names_of(file.readline())
-    known = {common_name(name): name for name in reversed(given)}
-    place = next((pair for pair in _PLACES if set(pair) <= set(known)), None)
-    value = next((name for name in _VALUES if name in known), None)
-    if place is None or value is None:
-        wanted = "lat and lon, or x and y, and depth or height"
-        raise _refused(source, f"columns {wanted} are needed, not {', '.join(given)}")
-    points = xyz.read(source, [known[name] for name in (*place, value)])
-    lines = _joined(source, points, known.get(_LINE, _LINE))
-    return _Content(lines=lines, depths=value == _DEPTH, angular=place == _PLACES[0])
+def _of_table(source: Path) -> _Content:
+    """Return the lines of a table."""
+    table = read_table(source, _TABLE)
+    table.require(SoundingError, empty="there are no points")
+    plan = LON_LAT if table.has("lat") else PLAN
+    depths = table.has("depth")
+    xyz_of_vertices = table.numbers(*plan, "depth" if depths else "height")
+    return _Content(
+        lines=_joined(source, xyz_of_vertices, table.texts(_LINE)), depths=depths, angular=plan == LON_LAT
+    )
 
 
-def _joined(source: Path, points: Points, name: str) -> Lines:
-    """Return the lines of points by a column with the number of the line that each is on."""
-    column = points.columns.get(name)
-    if column is None:
-        raise _refused(source, f"no column {name}, which says on which line a vertex is")
-    _, first, line = np.unique(column.values, return_index=True, return_inverse=True)
-    paths = [points.xyz[line.reshape(-1) == row] for row in np.argsort(first).tolist()]
+def _of_numbers(source: Path) -> Lines:
+    """Return the lines of bare x, y, z and the line of each vertex."""
+    points = xyz.read(source)
+    if _LINE_OF_XYZ not in points.columns:
+        raise _refused(source, f"no column {_LINE_OF_XYZ}, which says on which line a vertex is")
+    return _joined(source, points.xyz, points.columns[_LINE_OF_XYZ].values)
+
+
+def _joined(source: Path, vertices: FloatArray, line_of: ArrayLike) -> Lines:
+    """Return the lines of vertices (n, 3) by the line (n,) that each is on."""
+    _, first, line = np.unique(line_of, return_index=True, return_inverse=True)
+    paths = [vertices[line.reshape(-1) == row] for row in np.argsort(first).tolist()]
     short = [row for row, path in enumerate(paths, 1) if len(path) < 2]
     if short:
         raise SoundingError([Problem(file=str(source), message=f"line {row} has one vertex") for row in short])
-    return Lines.of_paths(paths, crs=points.crs)
+    return Lines.of_paths(paths)
 
 
 def _require_lines(source: Path, layer: Points | Lines) -> Lines:

@@ -1,15 +1,14 @@
 """Files that are read whole: control points, and mapped points of the record of a run.
 
-Control points are comma-separated values under a line of names, in any order and case: `id`, `sigma` (m) where
+Control points are a table with columns `id`, `sigma` (m) where
 known, and either `dz` or `z_mapped,z_true` with `x,y`, or `z_true` alone, for points that are mapped in another
 file. Errors are mapped minus true.
 """
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,8 @@ from musatpy.errors import CollocationError, Problem
 from musatpy.geometry.crs import LongitudeLatitude, Plan
 from musatpy.geometry.systems import System
 from musatpy.model import Block, ControlKind
-from musatpy.pointfiles.csv_tables import number, separator_faults
+from musatpy.pointfiles.columns import PLAN, Column, Wanted, place_columns
+from musatpy.pointfiles.point_tables import read_table
 from musatpy.sea.interpolation.prediction import Observed
 from musatpy.systems.blocks import level_of
 from musatpy.systems.statement import own_statement
@@ -33,7 +33,14 @@ _NEEDS = {  # of the record of a run
     "points": ("point", "bathymetric", "position", "reason"),
     "control": ("point", "kind", "given_position", "given_sigma"),
 }
-_KNOWN = ("id", "x", "y", "dz", "z_mapped", "z_true", "sigma")
+_HEIGHTS = (
+    Column(name="id", kind="text", unique=True, expected="a name"),
+    *(Column(name=name, unit="m") for name in ("dz", "z_mapped", "z_true")),
+    Column(
+        name="sigma", unit="m", required=False, blank=True, least=0.0, expected="a number of 0 or more, or nothing"
+    ),
+)
+_FORMS = ((*PLAN, "dz", "z_true"), (*PLAN, "dz"), (*PLAN, "z_mapped", "z_true"), ("z_true",))
 Mapped = Mapping[str, tuple[float, float, float]]  # id -> x, y, z as mapped
 
 
@@ -76,100 +83,22 @@ class RecordPoint:
     reason: str = ""
 
 
-def read_control(path: Path) -> ControlTable:
-    """Return the control points of a CSV file.
+def read_control(path: Path, system: System) -> ControlTable:
+    """Return the control points of a table, its places in a system.
 
     Raises `CollocationError` with every row's problem, and `OSError`.
     """
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        lines = [(number, row) for number, row in enumerate(csv.reader(file), 1) if any(map(str.strip, row))]
-    source = str(path)
-    if not lines:
-        raise CollocationError([Problem(file=source, message="no line of names")])
-    number, names = lines[0][0], [name.strip().lower() for name in lines[0][1]]
-    problems = [Problem(file=source, line=number, message=message) for message in header_faults(names)]
-    if problems:
-        raise CollocationError(problems)
-    wanted = wanted_columns(names)
-    rows: list[ControlRow] = []
-    seen: dict[str, int] = {}
-    for number, values in lines[1:]:
-        faults = list(_row_faults(names, wanted, values, seen))
-        problems += [Problem(file=source, line=number, field=field, message=text) for field, text in faults]
-        if not faults:
-            texts = dict(zip(names, (value.strip() for value in values), strict=True))
-            seen[texts["id"]] = number
-            numbers = {name: float(texts[name]) for name in wanted if texts[name]}
-            rows.append(ControlRow(id=texts["id"], numbers=numbers, line=number))
-    if not problems and not rows:
-        problems = [Problem(file=source, message="no control point")]
-    if problems:
-        raise CollocationError(problems)
-    return ControlTable(source=source, rows=tuple(rows))
-
-
-def header_faults(names: Sequence[str]) -> Iterator[str]:
-    """Yield what is wrong with the names of the columns of control points."""
-    if faults := separator_faults(names):
-        yield from faults
-        return
-    listed = ", ".join(names)
-    for name in _KNOWN:
-        if names.count(name) > 1:
-            yield f"more than one column {name} among {listed}"
-    if "id" not in names:
-        yield f"no column id among {listed}"
-    if "dz" in names and "z_mapped" in names:
-        yield "dz and z_mapped say the same: one of them"
-    if "z_mapped" in names and "z_true" not in names:
-        yield f"z_mapped without z_true among {listed}"
-    if not {"dz", "z_true"} & set(names):
-        yield f"neither dz nor z_true among {listed}"
-    if {"dz", "z_mapped"} & set(names):
-        for name in ("x", "y"):
-            if name not in names:
-                yield f"no column {name} among {listed}"
-
-
-def wanted_columns(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the columns with numbers that are used."""
-    if "dz" in names:
-        wanted: tuple[str, ...] = ("x", "y", "dz")
-    elif "z_mapped" in names:
-        wanted = ("x", "y", "z_mapped", "z_true")
-    else:
-        wanted = ("z_true",)
-    return (*wanted, "sigma") if "sigma" in names else wanted
-
-
-def _row_faults(
-    names: Sequence[str], wanted: Sequence[str], values: Sequence[str], seen: Mapping[str, int]
-) -> Iterator[tuple[str | None, str]]:
-    """Yield column and fault of a row."""
-    if len(values) != len(names):
-        yield None, f"{len(values)} values for {len(names)} columns"
-        return
-    texts = dict(zip(names, (value.strip() for value in values), strict=True))
-    if not texts["id"]:
-        yield "id", "is missing"
-    elif texts["id"] in seen:
-        yield "id", f"'{texts['id']}' stands in line {seen[texts['id']]} already"
-    for name in wanted:
-        fault = number_fault(texts[name], may_be_empty=name == "sigma", least=0.0 if name == "sigma" else None)
-        if fault:
-            yield name, fault
-
-
-def number_fault(text: str, *, may_be_empty: bool = False, least: float | None = None) -> str:
-    """Return what is wrong with a text that should be a finite number, '' where nothing is."""
-    if not text:
-        return "" if may_be_empty else "is missing"
-    value = number(text)
-    if math.isnan(value) and text.lower() != "nan":
-        return f"'{text}' is not a number"
-    if not math.isfinite(value):
-        return f"'{text}' is not finite"
-    return f"'{text}' is less than {least:g}" if least is not None and value < least else ""
+    columns = (*_HEIGHTS, *place_columns(units=system.units)[:2])
+    table = read_table(path, Wanted(columns=columns, forms=_FORMS))
+    table.require(CollocationError, empty="no control point")
+    numbers = [dict(zip(table.values, row, strict=True)) for row in zip(*table.values.values(), strict=True)]
+    rows = [
+        ControlRow(
+            id=name, numbers={key: float(value) for key, value in of.items() if not math.isnan(value)}, line=line
+        )
+        for name, of, line in zip(table.texts("id"), numbers, table.lines, strict=True)
+    ]
+    return ControlTable(source=str(path), rows=tuple(rows))
 
 
 def control_of(

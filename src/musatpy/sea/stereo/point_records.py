@@ -1,18 +1,16 @@
-"""Files of points with their covariance: comma-separated values, or the JSON record of a run.
+"""Files of points with their covariance: tables, or the JSON record of a run.
 
-A CSV file has a line of names, `id,x,y,z` and, all three or none, the sigmas `sx,sy,sz` (m), in any order and case.
-A line may leave all three empty. The coordinates may have other names.
+A table has the columns `id,x,y,z` and, all three or none, the sigmas `sx,sy,sz` (m), which a line may leave empty.
+The coordinates may have other names.
 """
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,10 +20,23 @@ from musatpy.errors import Problem, SeaError
 from musatpy.geometry.crs import Plan
 from musatpy.geometry.projected import Projected
 from musatpy.geometry.systems import System
-from musatpy.pointfiles.csv_tables import names_of, number, separator_faults
+from musatpy.pointfiles.columns import ABOVE_ZERO, AXES, Column, Wanted, place_columns
+from musatpy.pointfiles.point_tables import read_table
 from musatpy.sea.stereo.surface_points import SurfacePoints, intersection_covariance
 
-_PLACE, _SIGMA = ("x", "y", "z"), ("sx", "sy", "sz")
+_SIGMA = ("sx", "sy", "sz")
+_ID = Column(name="id", kind="text", unique=True, expected="a name")
+_SIGMAS = tuple(
+    Column(
+        name=name,
+        unit="m",
+        required=False,
+        blank=True,
+        least=ABOVE_ZERO,
+        expected="a number greater than zero, or nothing",
+    )
+    for name in _SIGMA
+)
 _NEEDS = {"options": ("system",), "points": ("point", "position", "covariance")}  # of the record of a run
 
 
@@ -74,7 +85,7 @@ def read_points(
     path: Path,
     precision: Precision,
     only: Sequence[str] = (),
-    columns: Sequence[str] = _PLACE,
+    columns: Sequence[str] = AXES,
     system: System | None = None,
     surface_map: Projected | None = None,
 ) -> ReadPoints:
@@ -86,44 +97,39 @@ def read_points(
     """
     if path.suffix.lower() == ".json":
         return _read_record(path, precision, only, surface_map)
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
-    lines = [(place, line) for place, line in enumerate(text.splitlines(), 1) if line.strip()]
-    if not lines:
-        raise SeaError([Problem(file=str(path), message="no line of names")])
-    header = [name.lower() for name in names_of(lines[0][1])]
-    place_names = tuple(name.lower() for name in columns)
-    problems = list(_header_faults(path, lines[0][0], header, precision, place_names))
-    if problems:
-        raise SeaError(problems)
-    rows, seen = [], dict[str, int]()
-    for place, line in lines[1:]:
-        faults, row = _row(path, place, line, header, precision)
-        if not faults and row["id"] in seen:
-            message = f"point {row['id']} is given twice, before in line {seen[row['id']]}"
-            faults = [Problem(file=str(path), line=place, field="id", message=message)]
-        problems += faults
-        if not faults:
-            seen[row["id"]] = place
-            rows.append(row)
-    if problems:
-        raise SeaError(problems)
-    kept = [row for row in rows if _wanted(row["id"], only)]
+    places = place_columns(columns, ("m", "m", "m") if system is None else system.units)
+    place_names = [place.name for place in places]
+    wanted = (_ID, *places, *_SIGMAS)
+    table = read_table(path, Wanted(columns=wanted, together=(_SIGMA,), bare=("id", *place_names), closed=True))
+    for name in {*place_names} & {"id", *_SIGMA}:
+        table.refuse(f"column {name} is none of coordinates")
+    sigma = table.numbers(*_SIGMA)
+    given = np.isfinite(sigma)
+    if not table.has(*_SIGMA) and not precision.is_known:
+        table.refuse("no columns sx, sy, sz, and no sigmas are given: how precise the points are is not known")
+    for row in np.flatnonzero(~given.all(axis=1)).tolist() if table.has(*_SIGMA) else ():
+        if given[row].any():
+            name = _SIGMA[int(np.argmin(given[row]))]
+            table.refuse(f"{', '.join(_SIGMA)} go together", row, name)
+        elif not precision.is_known:
+            table.refuse("no sigmas here, and none are given for points without", row, _SIGMA[0])
+    table.require(SeaError)
+    names = table.texts("id")
+    kept = [row for row, name in enumerate(names) if _wanted(name, only)]
     _check_any(path, len(kept), only)
-    position = np.array([[row[name] for name in place_names] for row in kept])
+    position = table.numbers(*place_names)[kept]
     plan = _plan(system, position, surface_map)
     position = position if plan is None else plan.places(position)
-    sigma = np.array([[row.get(name, math.nan) for name in _SIGMA] for row in kept])
-    known = np.isfinite(sigma[:, 0])
+    known = given[kept, 0]
     if known.all() and precision.is_known:
         message = "there are columns of sigmas, and sigmas are given too: no point is without its own"
         raise SeaError([Problem(file=str(path), message=message)])
-    covariance = np.square(sigma)[:, :, None] * np.eye(3)
+    covariance = np.square(sigma[kept])[:, :, None] * np.eye(3)
     if not known.all():
         others = precision.covariance(position[~known], plan)
         assert others is not None  # header and rows were checked
         covariance[~known] = others
-    ids = tuple(row["id"] for row in kept)
-    points = SurfacePoints(ids=ids, position=position, covariance=covariance)
+    points = SurfacePoints(ids=tuple(names[row] for row in kept), position=position, covariance=covariance)
     return ReadPoints(points=points, plan=plan)
 
 
@@ -142,67 +148,6 @@ def _check_any(path: Path, count: int, only: Sequence[str]) -> None:
     if not count:
         message = f"no point fits {', '.join(only)}" if only else "no point"
         raise SeaError([Problem(file=str(path), message=message)])
-
-
-def _header_faults(
-    path: Path, line: int, header: Sequence[str], precision: Precision, place: Sequence[str]
-) -> Iterator[Problem]:
-    def problem(message: str) -> Problem:
-        return Problem(file=str(path), line=line, message=message)
-
-    if faults := separator_faults(header):
-        yield problem(faults[0])
-        return
-    for name in place:
-        if name in ("id", *_SIGMA):
-            yield problem(f"column {name} is none of coordinates")
-    for name in ("id", *place):
-        if name not in header:
-            yield problem(f"no column {name} among {', '.join(header)}")
-    for name in dict.fromkeys(header):
-        if header.count(name) > 1:
-            yield problem(f"two columns {name}")
-        elif name not in ("id", *place, *_SIGMA):
-            yield problem(f"unknown column {name}")
-    given = [name for name in _SIGMA if name in header]
-    if given and len(given) < len(_SIGMA):
-        yield problem(f"{', '.join(_SIGMA)} go together: only {', '.join(given)} found")
-    if not given and not precision.is_known:
-        yield problem("no columns sx, sy, sz, and no sigmas are given: how precise the points are is not known")
-
-
-def _row(
-    path: Path, place: int, line: str, header: Sequence[str], precision: Precision
-) -> tuple[list[Problem], dict[str, Any]]:
-    """Return what is wrong with a line, each with its columns, and its values, without sigmas where it has none."""
-    values = next(csv.reader([line]))
-    if len(values) != len(header):
-        message = f"{len(values)} values for {len(header)} columns"
-        return [Problem(file=str(path), line=place, message=message, text=line)], {}
-    problems, row, start = [], dict[str, Any](), 1
-    texts = dict(zip(header, (value.strip() for value in values), strict=True))
-    bare = not any(texts.get(name) for name in _SIGMA)
-    for name, value in zip(header, values, strict=True):
-        message = ""
-        if name == "id":
-            row[name] = value.strip()
-            message = "" if value.strip() else "a point needs a name"
-        elif name in _SIGMA and bare:
-            needed = name == _SIGMA[0] and not precision.is_known
-            message = "no sigmas here, and none are given for points without" if needed else ""
-        else:
-            row[name] = number(value.strip())
-            if not math.isfinite(row[name]):
-                message = f"'{value.strip()}' is no number"
-            elif name in _SIGMA and row[name] <= 0.0:
-                message = f"a sigma of {row[name]:g} m is not greater than zero"
-        if message:
-            columns = (start, start + max(len(value), 1) - 1) if '"' not in line else None
-            problems.append(
-                Problem(file=str(path), line=place, columns=columns, field=name, message=message, text=line)
-            )
-        start += len(value) + 1
-    return problems, row
 
 
 def _read_record(
