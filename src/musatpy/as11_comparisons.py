@@ -19,7 +19,7 @@ from musatpy.compilation.joined_surfaces import Surface, surfaces_of
 from musatpy.compilation.raster_bottoms import RasterBottom, read_raster_bottom
 from musatpy.compilation.sounded import Matching, Sounded, nowhere, sounded
 from musatpy.errors import CompilationError, Problem, SoundingError
-from musatpy.figures import image_of
+from musatpy.figures import image_of, lay_out
 from musatpy.files import write_files
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.reports import compilation_comparisons
@@ -90,7 +90,9 @@ def compare_soundings(
     }
     if outputs.picture is not None:
         title = f"{source.name} and the bottom of {bottom.name}"
-        files[outputs.picture] = image_of(difference_figure(compared.differences, compared.xy, title), "png")
+        figure = difference_figure(compared.differences, compared.xy, title)
+        lay_out(figure)
+        files[outputs.picture] = image_of(figure, "png")
     write_files(files)
     far = of.compiled.far_datum(how.datum) if of.compiled and (how.datum or of.compiled.deck.datum) else ()
     return compared, [*far, *_warnings(compared, read)]

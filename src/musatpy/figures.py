@@ -1,14 +1,17 @@
-"""The style of all pictures: colours, letters, legends; and how a figure of matplotlib becomes a file."""
+"""The style of all pictures: colours, letters, margins, legends; and how a figure of matplotlib becomes a file."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from io import BytesIO
 from textwrap import wrap
 from typing import Any, ParamSpec, TypeVar
 
+import numpy as np
+
+from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.errors import MusatError
 
 # Every colour of a mark has a contrast of three to one on white, and a second sign beside it: a marker, a dash.
@@ -21,8 +24,7 @@ STYLE: Any = {
     "axes.formatter.useoffset": False,
     "axes.labelsize": 9,
     "axes.titlesize": 10,
-    "figure.constrained_layout.h_pad": 0.08,  # inches
-    "figure.constrained_layout.w_pad": 0.08,
+    "axes.titley": 1.0,  # else ticks are measured for a place above them
     "figure.titlesize": 11,
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters on every machine
     "font.size": 8,
@@ -36,9 +38,15 @@ STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "musatpy",
 }
+_MATH = re.compile(r"\$|\\\w+|[{}^]")  # of a power of ten: what is no letter
 _TAG = re.compile(rb"<[^>]*>")
 _DIGITS = re.compile(rb"(\d+\.\d{2})\d+")  # of a tag, beyond a hundredth of a point: rounding errors
-_LETTER = 0.092  # inches, of a letter of the title
+# Inches. Rooms for texts go by their letters, as these have the same widths everywhere: nothing is measured.
+_BORDER, _BESIDE = 0.08, 0.12  # of a figure, and between axes and what stands beside them
+LETTER, _LINE = 0.073, 0.16  # of a mean letter and a line of ticks and legends
+_TITLE_LETTER, _TITLE_LINE = 0.092, 0.2
+_HEADING, _LABEL = 0.25, 0.2  # of a title of axes, and of what their numbers are
+_KEY, _COLUMNS = 0.55, 5  # beside each name of a legend, with its sign
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -65,44 +73,129 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
     return in_style
 
 
-def new_figure(width: float, height: float, title: str = "") -> Any:
-    """Return an empty figure (inches) that lays its axes out by their texts, with a title wrapped to its width.
+def new_panels(
+    widths: Sequence[float], heights: Sequence[float], title: str = "", **shared: Any
+) -> tuple[Any, Any]:
+    """Return a figure and its panels (rows, columns), axes with these widths and heights in inches.
 
-    Raises `MusatError` where matplotlib is missing.
+    The figure is larger, by what `lay_out` gives to texts. `shared` is that of `Figure.subplots`. Raises
+    `MusatError` where matplotlib is missing.
     """
     check_matplotlib()
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout="compressed")
-    set_title(figure, title)
-    return figure
+    figure = Figure()
+    grid = {"width_ratios": widths, "height_ratios": heights}
+    panels = figure.subplots(len(heights), len(widths), squeeze=False, gridspec_kw=grid, **shared)
+    figure.suptitle(title)
+    _place(figure, np.full((2, len(widths)), _LABEL), np.full((2, len(heights)), _LABEL), 0.0, 0.0)
+    return figure, panels
 
 
-def set_title(figure: Any, *paragraphs: str) -> None:
-    """Give a figure a title, a line or more to each line of its paragraphs."""
-    letters = int(figure.get_figwidth() / _LETTER)
-    lines = [line for text in "\n".join(paragraphs).splitlines() for line in wrap(text, letters)]
+def size_of(axes: Any) -> FloatArray:
+    """Return width and height (inches) of axes."""
+    return np.array(axes.get_position().size * axes.figure.get_size_inches())
+
+
+def add_bar(axes: Any, shaded: Any, label: str, **options: Any) -> None:
+    """Draw at the right of axes what the shades of a map or of an image in them mean."""
+    step = _BESIDE / size_of(axes)[0]
+    axes.figure.colorbar(shaded, cax=axes.inset_axes([1.0 + step, 0.0, step, 1.0]), label=label, **options)
+
+
+def write_beside(
+    axes: Any, places: FloatArray, names: TextArray, offset: tuple[float, float], **style: Any
+) -> None:
+    """Write names at places (n, 2) of axes, moved by an offset (points)."""
+    from matplotlib.transforms import offset_copy
+
+    transform = offset_copy(axes.transData, axes.figure, *offset, units="points")
+    for (x, y), name in zip(places.tolist(), names.tolist(), strict=True):
+        axes.text(x, y, name, transform=transform, **{"fontsize": 7, **style})
+
+
+def name_ticks(axes: Any, places: FloatArray | IntArray, names: Sequence[str] | TextArray) -> None:
+    """Write names at places along x, turned where they have no room side by side; of many every second or so."""
+    width = size_of(axes)[0]
+    rows = slice(None, None, int(-(-len(names) * _LINE // width)))
+    turned = len(names[rows]) * (max(len(name) for name in names) + 1) * LETTER > width
+    axes.set_xticks(places[rows], names[rows], rotation=90 if turned else 0)
+
+
+def lay_out(figure: Any) -> None:
+    """Give a figure its legend, below all panels, its title in lines, and the size that panels and texts need."""
+    rows, columns = figure.axes[0].get_gridspec().get_geometry()
+    beside, around = np.full((2, columns), _BESIDE), np.full((2, rows), _BESIDE)  # left and right, above and below
+    for axes in figure.axes:
+        row, column = _cell(axes)
+        bars = sum(2.0 * _BESIDE + _room(bar.yaxis, "labelright", True) for bar in axes.child_axes)
+        turned = any(text.get_rotation() for text in axes.get_xticklabels())
+        across = _room(axes.yaxis, "labelleft", True), bars
+        along = _HEADING * bool(axes.get_title()), _room(axes.xaxis, "labelbottom", turned)
+        beside[:, column] = np.maximum(beside[:, column], across)
+        around[:, row] = np.maximum(around[:, row], along)
+    width = beside.sum() + sum(figure.axes[0].get_gridspec().get_width_ratios()) + 2.0 * _BORDER
+    letters = int(width / _TITLE_LETTER)
+    lines = [line for text in figure.get_suptitle().splitlines() for line in wrap(text, letters)]
+    _place(figure, beside, around, _TITLE_LINE * len(lines), _add_legend(figure, width))
     if lines:
-        figure.suptitle("\n".join(lines))
+        figure.suptitle("\n".join(lines), y=1.0 - _BORDER / figure.get_figheight())
 
 
-def shades() -> Any:
-    """Return the colours of growing values: alike to every eye, in print too, and dark enough on white."""
-    import numpy as np
-    from matplotlib import colormaps
-    from matplotlib.colors import ListedColormap
+def _place(figure: Any, beside: FloatArray, around: FloatArray, top: float, bottom: float) -> None:
+    """Size a figure and place its panels, with room (2, columns) beside, (2, rows) around them, and for texts."""
+    grid = figure.axes[0].get_gridspec()
+    widths, heights = np.array(grid.get_width_ratios()), np.array(grid.get_height_ratios())
+    width = beside.sum() + widths.sum() + 2.0 * _BORDER
+    height = around.sum() + heights.sum() + 2.0 * _BORDER + top + bottom
+    left = _BORDER + np.cumsum(beside[0] + widths + beside[1]) - widths - beside[1]
+    low = height - _BORDER - top - np.cumsum(around[0] + heights + around[1]) + around[1]
+    figure.set_size_inches(width, height)
+    for axes in figure.axes:
+        row, column = _cell(axes)
+        size = widths[column] / width, heights[row] / height
+        axes.set_position([left[column] / width, low[row] / height, *size])
 
-    return ListedColormap(colormaps["inferno"](np.linspace(0.05, 0.67, 128)), "shades")
+
+def _cell(axes: Any) -> tuple[int, int]:
+    spec = axes.get_subplotspec()
+    return spec.rowspan.start, spec.colspan.start
 
 
-def add_legend(figure: Any, columns: int = 4) -> None:
-    """Draw one legend below all axes, of what these have names for, each once."""
+def _room(axis: Any, side: str, along: bool) -> float:
+    """Return what ticks and label of an axis need (inches); `along`: across the axis goes the length of a tick."""
+    room = _BESIDE + _LABEL * len(axis.get_label_text().splitlines())
+    if not axis.get_tick_params().get(side, True):
+        return room
+    ticks = axis.get_major_formatter().format_ticks(axis.get_majorticklocs())
+    if along:
+        return room + LETTER * max((len(_MATH.sub("", text)) for text in ticks), default=0)
+    return room + _LINE * max((1 + text.count("\n") for text in ticks), default=0)
+
+
+def _add_legend(figure: Any, width: float) -> float:
+    """Draw one legend of what the axes have names for, each once; return its height (inches), 0 of none."""
     named: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             named.setdefault(label, handle)
-    if named:
-        figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=min(len(named), columns))
+    if not named:
+        return 0.0
+    letters = np.array([len(name) for name in named])
+    for columns in range(min(len(named), _COLUMNS), 0, -1):
+        parts = np.array_split(letters, columns)
+        if sum(_KEY + LETTER * part.max() for part in parts) < width:
+            break
+    figure.legend(list(named.values()), list(named), ncols=columns, loc="lower center")
+    return _BESIDE + _LINE * len(parts[0])
+
+
+def shades() -> Any:
+    """Return the colours of growing values: alike to every eye, in print too, and dark enough on white."""
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(colormaps["inferno"](np.linspace(0.05, 0.67, 128)), "shades")
 
 
 @styled
@@ -114,11 +207,6 @@ def image_of(figure: Any, kind: str) -> bytes:
         "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
     }
     buffer = BytesIO()
-    if (engine := figure.get_layout_engine()) is not None:
-        for spine in (spine for axes in figure.axes for spine in axes.spines.values()):
-            spine.set_in_layout(False)  # a tenth of the time, and never farther out than ticks
-        engine.execute(figure)
-        figure.set_layout_engine(None)  # else it is laid out, and drawn, twice
     figure.savefig(buffer, format=kind, metadata=dates[kind])
     if kind != "svg":
         return buffer.getvalue()

@@ -63,7 +63,7 @@ def test_a_picture_names_its_job_and_has_units_and_nothing_outside(name: str, fi
     figure = figures[name]
     assert "SIMULATED BLOCK" in figure.get_suptitle()
     whole = figure.bbox.padded(1.0)
-    for axes in figure.axes:
+    for axes in [one for panel in figure.axes for one in (panel, *panel.child_axes)]:
         assert _UNITS.search(axes.get_xlabel()) and _UNITS.search(axes.get_ylabel())
         box = axes.get_tightbbox()
         assert whole.x0 <= box.x0 and box.x1 <= whole.x1 and whole.y0 <= box.y0 and box.y1 <= whole.y1

@@ -7,7 +7,7 @@ from scipy import stats
 
 from musatpy.geometry.collinearity import attitude_matrix, image
 from musatpy.plots.correlations import correlated, joined
-from musatpy.plots.maps import confidence_ellipses, largest_of_cells, magnification, spacing, view_of
+from musatpy.plots.maps import confidence_ellipses, free_sides, largest_of_cells, magnification, spacing, view_of
 from musatpy.plots.normalised import thinned
 from musatpy.plots.plane import footprints, frames, plane_of, turned
 from musatpy.plots.point_quality import graded, steps
@@ -161,7 +161,18 @@ def test_places_along_a_bent_line() -> None:
     line = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 50.0]])
     distance, offset = along(line, np.array([[30.0, 4.0], [103.0, 20.0], [-5.0, -1.0], [101.0, 60.0]]))
     np.testing.assert_allclose(distance, [30.0, 120.0, np.nan, np.nan])
-    np.testing.assert_allclose(offset, [4.0, 3.0, np.nan, np.nan])
+    np.testing.assert_allclose(offset, [4.0, 3.0, np.inf, np.inf])
+
+
+def test_names_stand_where_there_is_room() -> None:
+    room = np.array([4.0, 1.0])
+    places = np.array([[0.0, 0.0]] * 5 + [[4.0, 0.9], [50.0, 0.0]])
+    sides = free_sides(places, room, np.empty((0, 2)))
+    assert sides.tolist() == [[1, 1], [-1, 1], [1, -1], [-1, -1], [0, 0], [1, 1], [1, 1]]
+    middles = (places + 0.5 * sides * room)[[0, 1, 2, 3, 5, 6]]
+    apart = (np.abs(middles[:, None] - middles) >= room).any(axis=2)
+    assert (apart | np.eye(6, dtype=bool)).all()
+    assert free_sides(places[6:], room, np.array([[52.0, 0.5]])).tolist() == [[-1, 1]]
 
 
 def test_strips_end_where_the_flight_turns_and_where_the_next_is_far() -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.figures import image_of, new_figure
+from musatpy.figures import image_of, lay_out, new_panels, styled
 from musatpy.sea.experiment import Histogram
 from musatpy.sea.pictures import bars
 from studies import collocation, stereo
@@ -23,15 +23,15 @@ _LINES = (
 _AXES = {"period": "period, s", "noise": "noise of the images, um", "guess": "sigmas of the guess, times"}
 
 
+@styled
 def unknown_waves(results: Sequence[tuple[Cell, Summary]]) -> bytes:
     """Return the RMS errors in height of check points under water, one panel for each thing that was varied."""
     names = list(dict.fromkeys(cell.varied for cell, _ in results))
     columns = min(4, len(names))
-    figure = new_figure(3.3 * columns, 3.3 * -(-len(names) // columns))
-    panels = figure.subplots(-(-len(names) // columns), columns, squeeze=False).reshape(-1)
-    for panel in panels[len(names) :]:
-        panel.set_axis_off()
-    for panel, name in zip(panels[: len(names)], names, strict=True):
+    figure, panels = new_panels([2.6] * columns, [2.4] * -(-len(names) // columns))
+    for panel in panels.ravel()[len(names) :]:
+        panel.remove()
+    for panel, name in zip(panels.ravel(), names, strict=False):
         found = [(cell.value, summary) for cell, summary in results if cell.varied == name]
         values = [value for value, _ in found]
         for attribute, label, color, style in _LINES:
@@ -41,11 +41,12 @@ def unknown_waves(results: Sequence[tuple[Cell, Summary]]) -> bytes:
         panel.set_title(name.removeprefix("control, ") if control else f"{name} varied", fontsize="medium")
         panel.set_xlabel("control points in water" if control else _AXES[name])
         panel.set_ylim(bottom=0.0)
-    panels[0].set_ylabel("RMS error in height, m")
-    panels[0].legend(fontsize="x-small")
+    panels[0, 0].set_ylabel("RMS error in height, m")
+    lay_out(figure)
     return image_of(figure, "png")
 
 
+@styled
 def collocation_picture(
     rows: Sequence[
         tuple[str, Sequence[collocation.Outcome], Sequence[collocation.Outcome], Sequence[collocation.Outcome]]
@@ -55,8 +56,7 @@ def collocation_picture(
 
     A row is the name of the sea with the outcomes where number, period and noise of the control points vary.
     """
-    figure = new_figure(12.0, 3.6 * len(rows))
-    plots = np.atleast_2d(figure.subplots(len(rows), 3, sharey=True))
+    figure, plots = new_panels([3.4] * 3, [2.8] * len(rows), sharey=True)
     for row, (name, number, period, noise) in zip(plots, rows, strict=True):
         _removed(row[0], [2.0 * one.spacing / one.wave_length for one in number], number)
         row[0].axvline(1.0, color=_GREY, linewidth=0.8)
@@ -67,7 +67,7 @@ def collocation_picture(
         row[2].set_xlabel("noise of control, m")
         row[0].set_ylabel(f"{name}: part of the RMS removed")
     plots[0, 0].set_ylim(-0.1, 1.05)
-    plots[0, 0].legend(fontsize="x-small")
+    lay_out(figure)
     return image_of(figure, "png")
 
 
@@ -80,13 +80,14 @@ def _removed(plot: Any, at: Sequence[float], outcomes: Sequence[collocation.Outc
     plot.plot(at, theory, ":", color="black", label="theory, J0 known")
 
 
+@styled
 def stereo_picture(families: Sequence[tuple[str, Sequence[stereo.Outcome]]]) -> bytes:
     """Return what is left of the wave error in height, over the spacing of surface points, one panel per sea."""
-    figure = new_figure(4.2 * len(families), 4.0)
-    for plot, (name, outcomes) in zip(np.atleast_1d(figure.subplots(1, len(families))), families, strict=True):
+    figure, (plots,) = new_panels([3.5] * len(families), [3.0])
+    for plot, (name, outcomes) in zip(plots, families, strict=True):
         _panel(plot, name, outcomes)
-    figure.axes[0].set_ylabel("error in height due to the waves, m RMS")
-    figure.axes[0].legend(fontsize="small")
+    plots[0].set_ylabel("error in height due to the waves, m RMS")
+    lay_out(figure)
     return image_of(figure, "png")
 
 
@@ -98,25 +99,25 @@ def _panel(plot: Any, name: str, outcomes: Sequence[stereo.Outcome]) -> None:
         plot.plot(spacing, left, marker="o", markersize=3, color=colour, label=label)
     for part, text in ((2.0, "L/2"), (4.0, "L/4")):
         plot.axvline(shortest / part, color=_RED, linewidth=0.8, linestyle=":")
-        plot.annotate(text, (shortest / part, 1.0), xycoords=("data", "axes fraction"), va="bottom", color=_RED)
+        plot.annotate(text, (shortest / part, 0.94), xycoords=("data", "axes fraction"), color=_RED)
     plot.set_yscale("log")
     plot.set_xlabel("mean spacing of surface points, m")
-    plot.set_title(name, pad=18.0)
+    plot.set_title(name)
 
 
+@styled
 def height_histogram(histogram: Histogram, title: str) -> bytes:
     """Return the histogram of the errors in height alone, as Figures 8 and 9 of Okamoto (1982)."""
-    figure = new_figure(6.0, 4.0)
-    plot = figure.subplots()
+    figure, ((plot,),) = new_panels([5.2], [3.2], title)
     bars(plot, histogram.edges[2], histogram.count[2], "Z")
-    plot.set_title(title)
+    lay_out(figure)
     return image_of(figure, "png")
 
 
+@styled
 def refraction_picture(crossing: Crossing, title: str) -> bytes:
     """Return the section through a wave with all rays from one point, as Figure 7 of Okamoto (1982)."""
-    figure = new_figure(6.4, 5.4)
-    plot = figure.subplots()
+    figure, ((plot,),) = new_panels([5.6], [4.6], title)
     plot.fill_between(crossing.along, crossing.height, crossing.ground[1], color="#d7e8f4")
     plot.plot(crossing.along, crossing.height, color=_BLUE)
     for i, ((x, z), above) in enumerate(zip(crossing.place, crossing.above, strict=True)):
@@ -135,8 +136,5 @@ def refraction_picture(crossing: Crossing, title: str) -> bytes:
     plot.set_aspect("equal")
     plot.set_xlabel("along the wave, m")
     plot.set_ylabel("height, m")
-    plot.set_title(title)
-    handles, labels = plot.get_legend_handles_labels()
-    once = dict(zip(labels, handles, strict=True))
-    figure.legend(list(once.values()), list(once), loc="outside right center", fontsize="small")
+    lay_out(figure)
     return image_of(figure, "png")

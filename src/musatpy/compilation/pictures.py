@@ -9,11 +9,10 @@ import numpy as np
 from musatpy.compilation.bottom import Bottom
 from musatpy.compilation.compiled import Compiled
 from musatpy.compilation.joined_surfaces import Of, Surface
-from musatpy.figures import DRY, GREY, INK, RED, add_legend, image_of, new_figure, set_title, styled
+from musatpy.figures import DRY, GREY, INK, RED, add_bar, image_of, lay_out, new_panels, styled, write_beside
 from musatpy.surfaces.contours import Contour
 
 _PANEL = 6.0  # inches, of the width of a surface
-_ABOVE = 1.5  # inches, of title, numbers and legend
 
 
 @styled
@@ -23,20 +22,20 @@ def contour_pictures(compiled: Compiled, bottom: Bottom) -> dict[str, bytes]:
     of_depth = bottom.of is Of.DEPTH
     z = np.concatenate([tin.z for _, tin in shown] or [np.array([0.0, 1.0])])
     style = {"cmap": "Blues" if of_depth else "terrain", "vmin": float(z.min()), "vmax": float(z.max())}
-    figure = new_figure(_PANEL * max(len(shown), 1) + 1.0, _PANEL)
-    for number, (surface, tin) in enumerate(shown, 1):
-        axes = figure.add_subplot(1, len(shown), number, aspect="equal", xlabel="east, m", ylabel="north, m")
+    title = f"depths below {compiled.datum.title}, m" if of_depth else "heights, m"
+    title = "\n".join([*compiled.deck.titles[:1], title])
+    figure, (panels,) = new_panels([_PANEL] * max(len(shown), 1), [_PANEL], title)
+    for axes, (surface, tin) in zip(panels, shown, strict=False):
+        axes.set(aspect="equal", xlabel="east, m", ylabel="north, m")
         shade = axes.tripcolor(*tin.xy.T, tin.z, triangles=tin.triangles[tin.kept], shading="gouraud", **style)
         axes.plot(*tin.xy.T, ".", color=DRY, markersize=2, label="points")
         _draw_lines(axes, _lines_of(bottom, surface))
         _draw_models(axes, compiled, surface)
     if shown:
         slope = max(float(np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())) for axes in figure.axes)
-        figure.set_figheight(min(_PANEL * slope, 1.5 * _PANEL) + _ABOVE)
-        figure.colorbar(shade, ax=figure.axes, label=f"{bottom.of}, m")
-    what = f"depths below {compiled.datum.title}, m" if of_depth else "heights, m"
-    set_title(figure, *compiled.deck.titles[:1], what)
-    add_legend(figure)
+        axes.get_gridspec().set_height_ratios([_PANEL * min(slope, 1.5)])
+        add_bar(axes, shade, f"{bottom.of}, m")
+    lay_out(figure)
     return {kind: image_of(figure, kind) for kind in ("png", "pdf")}
 
 
@@ -74,8 +73,7 @@ def _draw_models(axes: Any, compiled: Compiled, surface: Surface) -> None:
         stereo, photos = model.stereo, model.stereo.run.block.photos
         base = surface.places(photos.position[list(stereo.photos)][:, :2])
         axes.plot(*base.T, "^-", color=RED, markersize=7, zorder=5, label="base of a model")
-        for row, place in zip(stereo.photos, base, strict=True):
-            axes.annotate(str(photos.ids[row]), place, (4, 5), textcoords="offset points", zorder=5)
+        write_beside(axes, base, photos.ids[list(stereo.photos)], (4, 5), zorder=5)
         half = 0.5 * stereo.camera("format_size").min(axis=0) / stereo.camera("focal_length").mean() * stereo.height
         stations = stereo.stations[:, 0]
         west, east = stations.max() - half[0], stations.min() + half[0]

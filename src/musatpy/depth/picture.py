@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import DepthError, Problem
-from musatpy.figures import INK, add_legend, image_of, new_figure, styled
+from musatpy.figures import INK, add_bar, image_of, lay_out, new_panels, styled
 from musatpy.files import write_files
 
 _LONG, _LEAST = 6.5, 4.0  # inches, of the sides of the map
@@ -39,8 +39,7 @@ def contour_picture(
     sides = np.array([np.ptp(x), np.ptp(y)])
     low, high = np.array([x.min(), y.min()]) - _BORDER * sides, np.array([x.max(), y.max()]) + _BORDER * sides
     size = np.maximum(_LONG * sides / sides.max(), _LEAST)
-    figure = new_figure(size[0] + 2.0, size[1] + 1.5, title)
-    axes = figure.subplots()
+    figure, ((axes,),) = new_panels(size[:1], size[1:], title)
     shown = np.ma.masked_invalid(factor)
     levels = step * np.arange(np.floor(shown.min() / step), np.ceil(shown.max() / step) + 1)
     filled = axes.contourf(x, y, shown, levels=levels, cmap="viridis_r", alpha=0.35)
@@ -50,6 +49,6 @@ def contour_picture(
     if len(near):
         axes.plot(*near.T, "^", color=INK, markersize=7, label="exposure stations")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=f"x{unit}", ylabel=f"y{unit}")
-    add_legend(figure)
-    figure.colorbar(filled, ax=axes, label="depth factor F")
+    add_bar(axes, filled, "depth factor F")
+    lay_out(figure)
     write_files({path: image_of(figure, kind)})

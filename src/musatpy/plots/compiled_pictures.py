@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.figures import GREY, add_legend, shades
+from musatpy.figures import GREY, add_bar, shades
 from musatpy.plots import corrections, normalised, point_quality, profile
 from musatpy.plots.maps import PointMap, dot_size, name_places, new_maps, point_map
 from musatpy.plots.normalised import Residuals
@@ -72,9 +72,8 @@ def _depth_figure(data: CompiledDepths) -> Any:
                     *data.places[rows].T, marker=marker, s=size, facecolors=colour, edgecolors=GREY, linewidths=0.5,
                     label=f"{rows.sum():,} {label}{where}",
                 )  # fmt: skip
-    figure.colorbar(shade, ax=axes, label="depth, m")
+    add_bar(axes, shade, "depth, m")
     name_places(axes, data.places, np.array([f"{depth:z.1f}" for depth in data.depth.tolist()]))
-    add_legend(figure)
     return figure
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.figures import LIGHT, add_legend, shades
+from musatpy.figures import LIGHT, add_bar, shades
 from musatpy.plots.bottom_points import BottomPoints, submerged_points
 from musatpy.plots.maps import add_arrows, dot_size, name_places, new_maps, view_of
 from musatpy.plots.picture import Picture, counted, measure
@@ -44,11 +44,10 @@ def figure(data: BottomPoints) -> Any:
         *places.T, c=-shift[:, 2], s=dot_size(bounds, number) ** 2, cmap=shades(),
         label=counted(number, "submerged point"),
     )  # fmt: skip
-    figure.colorbar(drawn, ax=axes, label="lowered by, m")
+    add_bar(axes, drawn, "lowered by, m")
     add_arrows(axes, places, shift[:, :2], "moved sideways", share=0.35)
     order = np.argsort(-shift[:, 2], kind="stable")  # those that are written have all sizes
     name_places(axes, places[order], np.array([f"{-value:z.1f}" for value in shift[order, 2].tolist()]), _NAMED)
-    add_legend(figure)
     return figure
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.figures import INK, new_figure, shades
+from musatpy.figures import INK, add_bar, name_ticks, new_panels, shades
 from musatpy.plots.picture import Picture, counted
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
 
@@ -98,24 +98,22 @@ def figure(data: Correlations) -> Any:
     """Return the figure of correlations. Raises `MusatError` where matplotlib is missing."""
     number, bars = len(data.names), len(data.inflated)
     side = max(_CELL * number, _LEAST)
-    figure = new_figure(side + (6.5 if bars else 2.0), side + 1.5, "Correlations")
-    axes, *beside = figure.subplots(1, 2 if bars else 1, squeeze=False, width_ratios=[side, 3.0][: 1 + bool(bars)])[
-        0
-    ]
+    figure, ((axes, *beside),) = new_panels([side, 3.0][: 1 + bool(bars)], [side], "Correlations")
     drawn = axes.imshow(np.abs(data.value), cmap=shades(), vmin=0.0, vmax=1.0)
     for (row, column), value in np.ndenumerate(data.value):
-        if np.isfinite(value) and row != column:
+        if np.isfinite(value) and row > column:
             axes.text(column, row, f"{value:+z.2f}", ha="center", va="center", fontsize=7, color="white")
-    axes.set_xticks(range(number), data.names, rotation=90)
+    name_ticks(axes, np.arange(number), data.names)
     axes.set_yticks(range(number), data.names)
     axes.set_title(f"unknowns of photo {data.photo}")
-    figure.colorbar(drawn, ax=axes, label="size of the correlation")
+    add_bar(axes, drawn, "size of the correlation")
     for panel in beside:
         drawn = panel.barh(data.inflated, data.inflation, color="0.7", edgecolor=INK, height=0.5)
         panel.bar_label(drawn, [f"{value:.3g}" for value in data.inflation.tolist()], padding=3)
         panel.set_ylim(max(bars, 4) - 0.5, -0.5)
         panel.set_xscale("log")
-        panel.set_xlim(1.0, 3.0 * max(float(np.nanmax(data.inflation)), 1.0))
+        panel.minorticks_off()
+        panel.set_xlim(1.0, 3.0 * max(float(np.nanmax(data.inflation)), 4.0))
         panel.set_xlabel("variance inflation factor")
         panel.set_title("unknowns of all photos")
     return figure

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.figures import BAND, INK, WET, add_legend, new_figure
+from musatpy.figures import BAND, INK, WET, name_ticks, new_panels
 from musatpy.plots.maps import NORMAL, add_arrows, dress, name_places, view_of
 from musatpy.plots.picture import Picture, counted, measure, rms
 from musatpy.plots.plane import Plane, plane_of, turned
@@ -16,8 +16,7 @@ from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, text
 
 _AXES = ("east", "north", "up")
 _LOCAL = ("X", "Y", "Z")
-_WIDE, _LOW = 8.0, 1.1  # inches: width of all, height of the panel of a component
-_TICKS = 40  # photos that are named, at most
+_WIDE, _LOW = 7.0, 0.9  # inches: width of all, height of the panel of a component
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,9 +78,9 @@ def figure(data: ObservedStations) -> Any:
     """Return the figure of stations. Raises `MusatError` where matplotlib is missing."""
     bounds, _ = view_of(data.places, data.places, keys=True)
     width, height = (bounds[1] - bounds[0]).tolist()
-    tall = max((_WIDE - 1.5) * height / max(width, height), 3.0)
-    figure = new_figure(_WIDE, tall + 3.0 * _LOW + 2.0, "Stations, adjusted minus observed")
-    axes, *components = figure.subplots(4, 1, height_ratios=[tall, _LOW, _LOW, _LOW])
+    tall = _WIDE * height / max(width, height)
+    figure, panels = new_panels([_WIDE], [tall, _LOW, _LOW, _LOW], "Stations, adjusted minus observed")
+    axes, *components = panels[:, 0]
     dress(axes, bounds, data.plane)
     axes.plot(*data.places.T, "o", color=INK, markerfacecolor="white", label="stations")
     name_places(axes, data.places, data.photos)
@@ -94,10 +93,8 @@ def figure(data: ObservedStations) -> Any:
         panel.plot(place, data.difference[:, axis], "o", color=WET, label="difference")
         panel.set_ylabel(f"{name}, m")
         panel.set_xticks([])
-    rows = slice(None, None, -(-len(data.photos) // _TICKS))
-    panel.set_xticks(place[rows], data.photos[rows], rotation=90)
+    name_ticks(panel, place, data.photos)
     panel.set_xlabel("photo")
-    add_legend(figure)
     return figure
 
 

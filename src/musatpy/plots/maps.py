@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.figures import INK, LIGHT, add_legend, new_figure, shades
+from musatpy.figures import INK, LETTER, LIGHT, new_panels, shades, size_of, write_beside
 from musatpy.plots.bottom_points import as_run, is_compilation
 from musatpy.plots.plane import Plane, ground_of, outlines, plane_of
 from musatpy.plots.tables import Tables, numbers, part
@@ -37,6 +37,8 @@ _NOTHING = 1e-6  # m, of vectors that are rounding errors
 _DOTS = (2.0, 6.0)  # points, of the smallest and largest marker
 _STEPS = (1.0, 2.0, 5.0, 10.0)
 _MARKERS = "osD^vPX"  # of classes
+_NOWHERE = np.empty((0, 2))
+_SIDES = np.array([[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 
 
 # --- how large things are ---
@@ -117,15 +119,14 @@ def view_of(core: FloatArray, others: FloatArray, keys: bool = False) -> tuple[F
     return np.array([low - 0.5 * lacking, high + 0.5 * lacking]), seen
 
 
-def new_maps(bounds: FloatArray, plane: Plane, title: str, panels: Sequence[str] = ("",)) -> tuple[Any, list[Any]]:
+def new_maps(bounds: FloatArray, plane: Plane, title: str, panels: Sequence[str] = ("",)) -> tuple[Any, Any]:
     """Return a figure with maps of bounds (2, 2) m side by side, each with a title of its own.
 
     Raises `MusatError` where matplotlib is missing.
     """
     sides = bounds[1] - bounds[0]
     width, height = ((_LONG if len(panels) == 1 else _PANEL) * sides / sides.max()).tolist()
-    figure = new_figure(len(panels) * (width + 0.9), height + 1.7, title)
-    maps = figure.subplots(1, len(panels), squeeze=False)[0].tolist()
+    figure, (maps,) = new_panels([width] * len(panels), [height], title)
     for axes, name in zip(maps, panels, strict=True):
         dress(axes, bounds, plane)
         axes.set_title(name)
@@ -194,12 +195,40 @@ def draw_rings(axes: Any, corners: FloatArray, **style: Any) -> None:
     axes.add_collection(LineCollection(list(rings), colors=LIGHT, **style), autolim=False)
 
 
-def name_places(axes: Any, xy: FloatArray, names: TextArray, most: int = _MOST_NAMES, **style: Any) -> None:
-    """Write names beside places (n, 2) that are in view; of many, every second, third, ... only."""
+def free_sides(places: FloatArray, room: FloatArray, taken: FloatArray) -> FloatArray:
+    """Return on which side (n, 2) of places (n, 2) a name of a size (2,) has room: 1 or -1 along x and along y.
+
+    It is the first of right and left above, right and left below, where no name before it stands, nor one with its
+    middle at `taken` (k, 2); 0, 0 where there is none.
+    """
+    out = np.zeros_like(places)
+    for row, place in enumerate(places):
+        for side in _SIDES:
+            middle = place + 0.5 * side * room
+            if (np.abs(taken - middle) >= room).any(axis=1).all():
+                out[row], taken = side, np.append(taken, [middle], axis=0)
+                break
+    return out
+
+
+def name_places(
+    axes: Any, xy: FloatArray, names: TextArray, most: int = _MOST_NAMES, taken: FloatArray = _NOWHERE, **style: Any
+) -> FloatArray:
+    """Write names beside places (n, 2) that are in view and have room; of many, every second, third, ... only.
+
+    `taken` (k, 2) are the middles of names written before. Returns them with those of these.
+    """
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
     known = np.flatnonzero(((xy >= low) & (xy <= high)).all(axis=1))
-    for row in known[:: -(-len(known) // most) or 1].tolist():
-        axes.annotate(str(names[row]), xy[row], (4, 4), textcoords="offset points", fontsize=7, **style)
+    rows = known[:: -(-len(known) // most) or 1]
+    letters = max((len(name) for name in names[rows].tolist()), default=0)
+    room = np.array([letters + 1, 2]) * LETTER * (high - low) / size_of(axes)
+    sides = free_sides(xy[rows], room, taken)
+    for side in _SIDES:
+        on = rows[(sides == side).all(axis=1)]
+        aligned = {"ha": "left" if side[0] > 0.0 else "right", "va": "bottom" if side[1] > 0.0 else "top"}
+        write_beside(axes, xy[on], names[on], tuple(4.0 * side), **aligned, **style)
+    return np.concatenate([taken, (xy[rows] + 0.5 * sides * room)[sides[:, 0] != 0.0]])
 
 
 # --- the points of a block ---
@@ -232,7 +261,7 @@ def point_map(tables: Tables) -> PointMap:
         around = outlines(tables, plane, ground_of(plane.places(position)))
     places = plane.places(position)[:, :2]
     core = np.concatenate([stations, around.reshape(-1, 2)]) if len(stations) else places
-    bounds, seen = view_of(core, places)
+    bounds, seen = view_of(core, places, keys=not len(stations))
     return PointMap(plane=plane, stations=stations, outlines=around, places=places, seen=seen, bounds=bounds)
 
 
@@ -255,5 +284,4 @@ def class_maps(
             rows = block.seen & (grade == number)
             marker = _MARKERS[number % len(_MARKERS)]
             axes.plot(*block.places[rows].T, marker, color=shade, markersize=size, label=names[number])
-    add_legend(figure, 5)
     return figure

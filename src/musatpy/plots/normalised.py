@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.figures import DRY, INK, WET, add_legend, new_figure
+from musatpy.figures import DRY, INK, WET, new_panels
 from musatpy.plots.maps import NORMAL
 from musatpy.plots.picture import Picture, counted
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
@@ -20,7 +20,7 @@ _BARS = (9, 36)  # least and most
 _DRAWN = 200  # quantiles at most, the ends all
 _ENDS = 20
 _FAR = 3.29  # 99.9 %
-_WIDTH, _HEIGHT = 4.2, 2.3  # inches, of a panel
+_WIDTH, _HEIGHT = 3.5, 1.7  # inches, of a panel
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,24 +81,21 @@ def sentence(data: list[Residuals]) -> str:
 
 def figure(data: list[Residuals]) -> Any:
     """Return the figure of all kinds. Raises `MusatError` where matplotlib is missing."""
-    figure = new_figure(
-        2.0 * _WIDTH, _HEIGHT * len(data) + 1.0, "Normalised residuals beside the normal distribution"
-    )
-    panels = figure.subplots(len(data), 2, sharex="col", squeeze=False)
+    title = "Normalised residuals beside the normal distribution"
+    figure, panels = new_panels([_WIDTH] * 2, [_HEIGHT] * len(data), title, sharex="col")
     for (bars, dots), of_kind in zip(panels, data, strict=True):
         _draw_bars(bars, of_kind)
         _draw_quantiles(dots, of_kind)
     panels[-1, 0].set_xlabel("residual over its own sigma")
     panels[-1, 1].set_xlabel("expected of a normal distribution")
-    add_legend(figure)
     return figure
 
 
 def _draw_bars(axes: Any, of_kind: Residuals) -> None:
     bars = int(np.clip(np.sqrt(len(of_kind.values)), *_BARS))
     edges = np.linspace(-_SPAN, _SPAN, bars + 1)
-    inside = np.clip(of_kind.values, -_SPAN, _SPAN)
-    axes.hist(inside, edges, color="0.8", edgecolor=INK, linewidth=0.5, label="residuals")
+    count, _ = np.histogram(np.clip(of_kind.values, -_SPAN, _SPAN), edges)
+    axes.stairs(count, edges, fill=True, facecolor="0.8", edgecolor=INK, linewidth=0.5, label="residuals")
     x = np.linspace(-_SPAN, _SPAN, 121)
     curve = len(of_kind.values) * (edges[1] - edges[0]) * np.exp(-0.5 * np.square(x)) / np.sqrt(2.0 * np.pi)
     axes.plot(x, curve, "-", color=WET, linewidth=1.4, label="normal distribution")

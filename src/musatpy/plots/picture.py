@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.figures import set_title, styled
+from musatpy.figures import lay_out, styled
 from musatpy.plots.tables import NothingToShowError, Tables, part
 
 N = TypeVar("N")
@@ -36,10 +36,8 @@ class Picture(Generic[N]):
             content = self._numbers(tables)
         except NothingToShowError:
             return None
-        figure = styled(self.figure)(content)
         titles = tables.get("titles") or part(tables, "job").get("titles") or [job]
-        set_title(figure, *filter(None, [figure.get_suptitle(), " ".join(titles[0].split())]))
-        return figure, self.words(content)
+        return self._figure(content, " ".join(titles[0].split())), self.words(content)
 
     def sentence(self, tables: Tables) -> str:
         """Return what the picture says, in numbers: also its alternative text. Of none, the reason."""
@@ -47,6 +45,13 @@ class Picture(Generic[N]):
             return self.words(self._numbers(tables))
         except NothingToShowError as error:
             return str(error)
+
+    @styled
+    def _figure(self, content: N, job: str) -> Any:
+        figure = self.figure(content)
+        figure.suptitle(f"{figure.get_suptitle()}\n{job}".strip())
+        lay_out(figure)
+        return figure
 
     def _numbers(self, tables: Tables) -> N:
         for table in self.needs:

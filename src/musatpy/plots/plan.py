@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.figures import CONTROL, DRY, GREY, INK, WET, add_legend
+from musatpy.figures import CONTROL, DRY, GREY, INK, WET
 from musatpy.plots.maps import (
     MOST_ARROWS,
     add_arrows,
@@ -127,11 +127,10 @@ def figure(plan: BlockPlan) -> Any:
                 *plan.control_places[rows].T, sign, color=CONTROL, fillstyle="none", markersize=8, label=label
             )
     add_arrows(axes, plan.control_places, plan.discrepancy, "control, adjusted minus given", color=CONTROL)
-    name_places(axes, plan.stations, plan.photos)
-    name_places(axes, plan.control_places, plan.control, color=CONTROL)
+    taken = name_places(axes, plan.control_places, plan.control, color=CONTROL)
+    name_places(axes, plan.stations, plan.photos, taken=taken)
     if outside := int((~seen).sum()):
         axes.plot([], [], " ", label=f"{counted(outside, 'point')} outside, or without a place")
-    add_legend(figure)
     return figure
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.figures import BAND, DRY, GREY, INK, WATER, WET, add_legend, new_figure
+from musatpy.figures import BAND, DRY, GREY, INK, WATER, WET, new_panels, write_beside
 from musatpy.geometry.collinearity import wrapped
 from musatpy.plots.bottom_points import BottomPoints, submerged_points
 from musatpy.plots.corrections import CORRECTIONS
@@ -67,7 +67,7 @@ class Profile:
 
 
 def along(vertices: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return how far along a line (v, 2) places (n, 2) lie, and how far from it, m; NaN beyond its ends.
+    """Return how far along a line (v, 2) places (n, 2) lie, and how far from it, m; NaN and inf beyond its ends.
 
     Of the segments of the line the nearest counts.
     """
@@ -80,7 +80,7 @@ def along(vertices: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatAr
         nearer = (s >= 0.0) & (s <= length) & (across < offset)
         distance[nearer], offset[nearer] = begin + s[nearer], across[nearer]
         begin += length
-    return distance, np.where(np.isfinite(distance), offset, np.nan)
+    return distance, offset
 
 
 def strips(stations: FloatArray) -> IntArray:
@@ -123,23 +123,20 @@ def profile(
     no submerged point lies there.
     """
     bottom = submerged_points(tables)
-    known = bottom.submerged & np.isfinite(bottom.shift).all(axis=1)
-    places = bottom.places[known, :2]
-    best = line(bottom.plane) if line else _own_line(tables, bottom, places)
-    offset = along(best.vertices, places)[1]
+    known = np.flatnonzero(bottom.submerged & np.isfinite(bottom.shift).all(axis=1))
+    best = line(bottom.plane) if line else _own_line(tables, bottom, bottom.places[known, :2])
+    distance, offset = along(best.vertices, bottom.places[known, :2])
     half = half_corridor(offset, _length(best)) if within is None else within
-    rows = np.flatnonzero(known)[np.nan_to_num(offset, nan=np.inf) <= half]
-    if not len(rows):
-        raise NothingToShowError(f"no submerged point lies within {half:.0f} m of {best.name}")
-    distance, offset = along(best.vertices, bottom.places[rows, :2])
     order = np.argsort(distance, kind="stable")
-    rows = rows[order]
-    near = offset[order] <= _NEAR * _length(best)
+    order = order[offset[order] <= half]
+    if not len(order):
+        raise NothingToShowError(f"no submerged point lies within {half:.0f} m of {best.name}")
+    rows = known[order]
     sounded, beside = np.empty((0, 3)), half
     if soundings:
         data = soundings(bottom.plane)
-        offset = along(best.vertices, data.places)[1]
-        beside = min(half, half_corridor(offset, _length(best), _SOUNDED)) if within is None else within
+        if within is None:
+            beside = min(half, half_corridor(along(best.vertices, data.places)[1], _length(best), _SOUNDED))
         sounded = _in_corridor(best, beside, data.places, np.column_stack([data.height, data.sigma]))
     water, photos = _water(tables, bottom, best, rows)
     dry = bottom.places[~bottom.submerged]
@@ -147,7 +144,7 @@ def profile(
         line=best,
         half=half,
         distance=distance[order],
-        near=near,
+        near=offset[order] <= _NEAR * _length(best),
         corrected=bottom.places[rows, 2],
         apparent=bottom.apparent[rows, 2],
         sigma=bottom.sigma[rows],
@@ -167,8 +164,7 @@ def _length(line: Line) -> float:
 def _in_corridor(line: Line, half: float, places: FloatArray, values: FloatArray) -> FloatArray:
     """Return distance and values (m, 1 + k) of what lies in the corridor, of places (n, 2), values (n, k)."""
     distance, offset = along(line.vertices, places)
-    inside = np.nan_to_num(offset, nan=np.inf) <= half
-    return np.column_stack([distance, values])[inside]
+    return np.column_stack([distance, values])[offset <= half]
 
 
 def _own_line(tables: Tables, bottom: BottomPoints, wet: FloatArray) -> Line:
@@ -208,8 +204,8 @@ def _water(tables: Tables, bottom: BottomPoints, line: Line, rows: IntArray) -> 
     distance, offset = along(line.vertices, bottom.plane.places(position)[:, :2])
     height = bottom.plane.heights(position, tide)
     flown = bottom.plane.places(position)[:, 2] - height
-    offset = np.where(np.isfinite(height), offset, np.nan) / flown
-    near = np.nan_to_num(offset, nan=np.inf) <= min(_BESIDE, np.nan_to_num(np.nanmin(offset)) + 0.25)
+    offset = np.where(np.isfinite(flown), offset / flown, np.inf)
+    near = offset <= min(_BESIDE, offset.min() + 0.25)
     if not near.any():  # a line beside all stations: their water all the same
         return np.array([[0.0, np.nanmean(height)], [_length(line), np.nanmean(height)]]), np.full(2, "")
     return np.column_stack([distance, height])[near], texts(stations, "photo")[near]
@@ -234,8 +230,7 @@ def sentence(data: Profile) -> str:
 def figure(data: Profile) -> Any:
     """Return the figure of a profile. Raises `MusatError` where matplotlib is missing."""
     title = f"Profile along {data.line.name}, points within {measure(data.half, 'm')}"
-    figure = new_figure(9.5, 5.0, title)
-    axes = figure.subplots()
+    figure, ((axes,),) = new_panels([8.5], [3.6], title)
     axes.set_ylim(*_heights(data))
     rows = data.near & (len(data.distance) <= _JOINED)
     band = NORMAL * np.nan_to_num(data.sigma)
@@ -260,7 +255,6 @@ def figure(data: Profile) -> Any:
     axes.set_xlabel("distance along the line, m")
     axes.set_ylabel("height, m")
     axes.grid()
-    add_legend(figure)
     return figure
 
 
@@ -278,8 +272,7 @@ def _draw_water(axes: Any, data: Profile) -> None:
     label = "water, at each photo" if (data.photos != "").any() else "water"
     axes.plot(*data.water[order].T, "-", color=WATER, linewidth=1.2, label=label)
     if len(data.water) <= 30:
-        for place, name in zip(data.water.tolist(), data.photos.tolist(), strict=True):
-            axes.annotate(name, place, (0, 5), textcoords="offset points", fontsize=7, ha="center")
+        write_beside(axes, data.water, data.photos, (0, 5), ha="center")
 
 
 def profile_picture(

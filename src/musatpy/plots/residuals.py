@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.figures import DRY, GREY, INK, WET, add_legend, new_figure
+from musatpy.figures import DRY, GREY, INK, WET, add_bar, new_panels
 from musatpy.plots.maps import add_key, draw_rings, magnification, quiver, spacing
 from musatpy.plots.picture import Picture, counted, measure, rms
 from musatpy.plots.plane import frames
@@ -20,8 +20,9 @@ CELLS = (24, 16)  # of a photo, along x and y
 _LIMIT = 2.448  # sigmas of 95 % in two dimensions
 _MEDIAN = 0.6745  # of the magnitude of a standard normal variable
 _LEAST = 3  # images of a cell whose mean is drawn
+_MEAN_SHARE = 0.6  # of the distance of cells, which are neighbours in rows: what nine in ten means are drawn as
 _PHOTOS, _COLUMNS = 20, 4  # photos at most, and how many of them side by side
-_PANEL, _WIDE, _MEANS = 3.6, 11.0, 5.0  # inches, of a photo at most, of all photos, and of the means of a camera
+_PANEL, _WIDE, _MEANS = 3.2, 10.0, 4.5  # inches, of a photo at most, of all photos, and of the means of a camera
 _BORDER, _KEY = 0.04, 0.14  # of a format, around it, and for the key below
 _KINDS = ((False, True, ".", DRY), (True, True, "x", WET), (False, False, "o", "none"), (True, False, "D", "none"))
 NEEDS = {
@@ -113,9 +114,8 @@ def _draw_photos(plates: PlateResiduals) -> Any:
     length = np.linalg.norm(plates.residual[np.isin(plates.photo, shown)], axis=1)
     factor = magnification(length, spacing(extent, len(length) // len(shown))) or 1.0
     width = min(_PANEL, _WIDE / columns)
-    size = max(width * columns, 6.0), (width * extent[1] / extent[0] + 0.3) * rows + 1.0
-    figure = new_figure(*size, "Plate residuals, adjusted minus measured")
-    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    size = [width] * columns, [width * _slope(extent)] * rows
+    figure, panels = new_panels(*size, "Plate residuals, adjusted minus measured")
     for axes, photo in zip(panels.ravel(), shown.tolist(), strict=False):
         _set_format(axes, corners)
         draw_rings(axes, plates.corners[photo][None])
@@ -123,7 +123,6 @@ def _draw_photos(plates: PlateResiduals) -> Any:
         _draw_images(axes, plates, plates.photo == photo, factor)
     for axes in panels.ravel()[len(shown) :]:
         axes.remove()
-    add_legend(figure)
     return figure
 
 
@@ -138,6 +137,11 @@ def _draw_images(axes: Any, plates: PlateResiduals, of_photo: BoolArray, factor:
             drawn = quiver(axes, plates.xy[rows], plates.residual[rows], factor, color=style["color"], width=0.006)
     if of_photo.any():
         add_key(axes, drawn, factor, "um")
+
+
+def _slope(extent: FloatArray) -> float:
+    """Return height over width of the axes of formats of an extent (2,), as `_set_format` bounds them."""
+    return float(extent[1] / extent[0] * (1.0 + 2.0 * _BORDER + _KEY) / (1.0 + 2.0 * _BORDER))
 
 
 def _set_format(axes: Any, corners: FloatArray) -> None:
@@ -256,17 +260,16 @@ def _draw_means(means: list[CellMeans]) -> Any:
     rows = -(-len(means) // columns)
     extent = np.max([np.ptp(cells.corners, axis=0) for cells in means], axis=0)
     lengths = np.concatenate([np.linalg.norm(cells.mean, axis=2)[cells.drawn] for cells in means])
-    factor = magnification(lengths, spacing(extent, max(int(cells.drawn.sum()) for cells in means))) or 1.0
-    size = _MEANS * columns + 1.0, (_MEANS * extent[1] / extent[0] + 0.5) * rows + 0.8
-    figure = new_figure(*size, "Mean residuals, adjusted minus measured")
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    apart = spacing(extent, max(int(cells.drawn.sum()) for cells in means))
+    factor = magnification(lengths, apart, _MEAN_SHARE) or 1.0
+    size = [_MEANS] * columns, [_MEANS * _slope(extent)] * rows
+    figure, panels = new_panels(*size, "Mean residuals, adjusted minus measured")
     most = max(int(cells.count.max()) for cells in means)
-    for axes, cells in zip(panels, means, strict=False):
+    for axes, cells in zip(panels.ravel(), means, strict=False):
         shade = _draw_cells(axes, cells, factor, most)
-    for axes in panels[len(means) :]:
+    for axes in panels.ravel()[len(means) :]:
         axes.remove()
-    figure.colorbar(shade, ax=figure.axes, label="images in a cell", shrink=0.8)
-    add_legend(figure)
+    add_bar(panels[0, -1], shade, "images in a cell")
     return figure
 
 

@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.figures import BAND, GREY, INK, WET, add_legend, new_figure
+from musatpy.figures import BAND, GREY, INK, WET, name_ticks, new_panels
 from musatpy.plots.maps import NORMAL
 from musatpy.plots.picture import Picture, counted, measure
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
 
 _BARS = 60  # exposures with error bars, at most; of more there is a band
-_NAMES = 30  # of photos on the axis, at most
-_UPRIGHT = 12  # of them that have room side by side
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,8 +78,7 @@ def sentence(data: Tides) -> str:
 
 def figure(data: Tides) -> Any:
     """Return the figure of tides. Raises `MusatError` where matplotlib is missing."""
-    figure = new_figure(8.0, 4.0, "Water at the exposures")
-    axes = figure.subplots()
+    figure, ((axes,),) = new_panels([7.2], [2.8], "Water at the exposures")
     _draw_given(axes, data)
     if np.nanmax(np.abs(data.correction), initial=0.0) > 0.0 or not np.isfinite(data.given).any():
         axes.plot(data.at, data.adjusted, "x", color=WET, markersize=6, label="adjusted")
@@ -89,12 +86,10 @@ def figure(data: Tides) -> Any:
     if data.timed:
         axes.set_xlabel("time of the exposure, s")
     else:
-        rows = slice(None, None, -(-len(data.photos) // _NAMES))
-        axes.set_xticks(data.at[rows], data.photos[rows], rotation=90 if len(data.photos) > _UPRIGHT else 0)
+        name_ticks(axes, data.at, data.photos)
         axes.set_xlabel("photo")
     axes.set_ylabel("height of the water, m")
     axes.grid()
-    add_legend(figure)
     return figure
 
 

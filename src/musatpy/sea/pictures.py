@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.figures import BLUE, GREY, INK, RED, add_legend, image_of, new_figure, styled
+from musatpy.figures import BLUE, GREY, INK, RED, add_bar, image_of, lay_out, new_panels, styled
 
 if TYPE_CHECKING:
     from musatpy.sea.experiment import Histogram
@@ -17,7 +17,14 @@ if TYPE_CHECKING:
     from musatpy.sea.study import Trials, WaveStudy
 
 _COORDINATES = ("X", "Y", "Z")
+_LONG, _LEAST = 4.0, 2.4  # inches, of the sides of a map
 _GRID = 121  # places along the longer side of a map
+
+
+def _sides(places: FloatArray) -> FloatArray:
+    """Return width and height (inches) of a map of places (n, 2 or more), not too narrow for its title."""
+    extent = np.ptp(places[:, :2], axis=0)
+    return np.maximum(_LONG * extent / max(float(extent.max()), 1e-9), _LEAST)
 
 
 # --- wave experiments ---
@@ -36,9 +43,10 @@ def error_maps(study: WaveStudy) -> bytes:
     """Return maps of the errors over the model, one per coordinate, contoured; cameras as triangles."""
     shape = study.spec.area.numbers
     points, error = study.errors.points.reshape(*shape, 3), study.errors.error.reshape(*shape, 3)
-    figure = new_figure(11.0, 6.0, study.spec.title)
     cameras = np.array(study.spec.stereo.cameras)
-    for axis, plot in enumerate(figure.subplots(1, 3, sharey=True)):
+    wide, tall = _sides(study.errors.points)
+    figure, (plots,) = new_panels([wide] * 3, [tall], study.spec.title, sharey=True)
+    for axis, plot in enumerate(plots):
         reach = max(float(np.abs(error[..., axis]).max()), 1e-6)
         levels = np.linspace(-reach, reach, 17)
         filled = plot.contourf(points[..., 0], points[..., 1], error[..., axis], levels=levels, cmap="RdBu_r")
@@ -47,18 +55,19 @@ def error_maps(study: WaveStudy) -> bytes:
         plot.plot(*cameras[:, :2].T, "^", color=INK, markersize=5, clip_on=False, label="cameras")
         plot.set(title=f"error in {_COORDINATES[axis]}: sigma {study.spread.sigma[axis]:.3f} m", xlabel="x, m")
         plot.set_aspect("equal")
-        figure.colorbar(filled, ax=plot, orientation="horizontal", format="{x:z.2g}", ticks=levels[::4], label="m")
-    figure.axes[0].set_ylabel("y, m")
-    add_legend(figure)
+        add_bar(plot, filled, "m", format="{x:z.2g}", ticks=levels[::4])
+    plots[0].set_ylabel("y, m")
+    lay_out(figure)
     return image_of(figure, "png")
 
 
 @styled
 def histograms(histogram: Histogram, title: str) -> bytes:
     """Return the histograms of the three coordinates side by side."""
-    figure = new_figure(11.0, 3.6, title)
-    for axis, plot in enumerate(figure.subplots(1, 3)):
+    figure, (plots,) = new_panels([3.0] * 3, [2.5], title)
+    for axis, plot in enumerate(plots):
         bars(plot, histogram.edges[axis], histogram.count[axis], _COORDINATES[axis])
+    lay_out(figure)
     return image_of(figure, "png")
 
 
@@ -73,9 +82,9 @@ def bars(plot: Any, edges: FloatArray, count: IntArray, name: str) -> None:
 @styled
 def dependence(studies: Sequence[Trials], title: str) -> bytes:
     """Return how standard error and maximum depend on what was varied, one panel each."""
-    figure = new_figure(3.7 * max(2, len(studies)), 4.2, title)
+    figure, (plots,) = new_panels([3.2] * len(studies), [3.0], title)
     signs = (("s", BLUE), ("v", BLUE), ("o", RED))
-    for plot, trials in zip(figure.subplots(1, len(studies), squeeze=False)[0], studies, strict=True):
+    for plot, trials in zip(plots, studies, strict=True):
         done = [(trial.value, trial.spread) for trial in trials.trials if trial.spread is not None]
         value = [value for value, _ in done]
         for axis, (name, (marker, color)) in enumerate(zip(_COORDINATES, signs, strict=True)):
@@ -85,7 +94,7 @@ def dependence(studies: Sequence[Trials], title: str) -> bytes:
             plot.plot(value, largest, ":", marker=marker, color=color, label=f"maximum {name}")
         plot.set(xlabel=f"{trials.name.lower()}, {trials.unit}", ylabel="error, m")
         plot.set_ylim(bottom=0.0)
-    add_legend(figure, 6)
+    lay_out(figure)
     return image_of(figure, "png")
 
 
@@ -95,9 +104,10 @@ def dependence(studies: Sequence[Trials], title: str) -> bytes:
 @styled
 def interpolation_picture(interpolation: Interpolation) -> bytes:
     """Return a map of the predicted errors with the control points, one of their sigmas, and the covariances."""
-    figure = new_figure(12.0, 5.0, "Errors of heights, interpolated between control points")
-    left, middle, right = figure.subplots(1, 3)
     place, used = interpolation.observed.place, interpolation.used
+    title = "Errors of heights, interpolated between control points"
+    wide, tall = _sides(place)
+    figure, ((left, middle, right),) = new_panels([wide] * 3, [tall], title)
     low, high = place.min(axis=0), place.max(axis=0)
     step = max(float((high - low).max()), 1e-9) / (_GRID - 1)
     x, y = (np.arange(low[axis], high[axis] + step, step) for axis in range(2))
@@ -109,22 +119,22 @@ def interpolation_picture(interpolation: Interpolation) -> bytes:
         for values in (predicted.value, interpolation.sigma(predicted))
     )
     reach = max(float(np.abs(interpolation.observed.value[used]).max()), 1e-6)
-    _draw_map(figure, left, (x, y, value), "predicted error, m", cmap="RdBu_r", vmin=-reach, vmax=reach)
-    _draw_map(figure, middle, (x, y, sigma), "sigma of corrected heights, m", cmap="viridis", vmin=0.0)
+    _draw_map(left, (x, y, value), "predicted error, m", cmap="RdBu_r", vmin=-reach, vmax=reach)
+    _draw_map(middle, (x, y, sigma), "sigma of corrected heights, m", cmap="viridis", vmin=0.0)
     for plot in (left, middle):
         plot.plot(*place[used].T, ".", color=INK, label="control")
         if not used.all():
             plot.plot(*place[~used].T, "x", color=RED, markersize=7, label="outlier")
     _draw_covariances(right, interpolation)
-    add_legend(figure)
+    lay_out(figure)
     return image_of(figure, "png")
 
 
-def _draw_map(figure: Any, plot: Any, grid: tuple[FloatArray, ...], title: str, **scale: Any) -> None:
+def _draw_map(plot: Any, grid: tuple[FloatArray, ...], title: str, **scale: Any) -> None:
     """Draw values (ny, nx) at x, y of a grid, with a bar."""
     drawn = plot.pcolormesh(*grid, shading="nearest", **scale)
     plot.set(title=title, xlabel="x, m", ylabel="y, m", aspect="equal")
-    figure.colorbar(drawn, ax=plot)
+    add_bar(plot, drawn, "")
 
 
 def _draw_covariances(plot: Any, interpolation: Interpolation) -> None:
@@ -156,14 +166,14 @@ def surface_picture(fit: SurfaceFit, title: str) -> bytes:
     known = fitted.covers(xy)
     height = np.where(known, fitted.surface.relief(xy).height, np.nan)
     sigma = np.where(known, height_sigma(fitted, xy), np.nan)
-    figure = new_figure(11.0, 6.0, title)
-    left, right = figure.subplots(1, 2)
+    wide, tall = _sides(place)
+    figure, ((left, right),) = new_panels([wide] * 2, [tall], title)
     grid = x + fitted.origin[0], y + fitted.origin[1]
-    _draw_map(figure, left, (*grid, height), "height of the water, m", cmap="viridis")
-    _draw_map(figure, right, (*grid, sigma), "its sigma, m", cmap="magma")
+    _draw_map(left, (*grid, height), "height of the water, m", cmap="viridis")
+    _draw_map(right, (*grid, sigma), "its sigma, m", cmap="magma")
     for plot in (left, right):
         plot.plot(*points[fit.kept, :2].T, ".", color=GREY, markersize=1.5, label="points")
         if not fit.kept.all():
             plot.plot(*points[~fit.kept, :2].T, "x", color=RED, markersize=6, label="rejected")
-    add_legend(figure)
+    lay_out(figure)
     return image_of(figure, "png")

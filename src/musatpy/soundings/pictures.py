@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.figures import BLUE, GREY, INK, RED, add_legend, new_figure, styled
+from musatpy.figures import BLUE, GREY, INK, RED, add_bar, new_panels, styled
 from musatpy.soundings.differences import Differences, regression
 
-_WIDTH, _HEIGHT = 16.0, 5.2  # inches
+_SIDE = 4.2  # inches, of each of three panels
 _LEAST_BINS, _MOST_BINS = 8, 60
 _DOTS = 24.0  # points squared, of a marker
 _SHADES = "PuOr"  # two sides of a pale zero, alike to every eye
@@ -19,17 +19,15 @@ _MOST = 98.0  # percentile of the sizes of differences that have shades of their
 
 @styled
 def difference_figure(differences: Differences, xy: FloatArray, title: str) -> Any:
-    """Return the figure of differences at places xy (k, 2) m; blunders are crosses.
+    """Return the figure of differences at places xy (k, 2) m, to be laid out; blunders are crosses.
 
     Raises `MusatError` where matplotlib is missing.
     """
-    figure = new_figure(_WIDTH, _HEIGHT, title)
-    against, by_size, on_map = figure.subplots(1, 3)
+    figure, ((against, by_size, on_map),) = new_panels([_SIDE] * 3, [_SIDE], title)
     blunders = differences.blunders
     _draw_depths(against, differences, blunders)
     _draw_histogram(by_size, differences, blunders)
-    _draw_map(figure, on_map, differences.difference, xy, blunders)
-    add_legend(figure, 5)
+    _draw_map(on_map, differences.difference, xy, blunders)
     return figure
 
 
@@ -59,7 +57,7 @@ def _draw_histogram(axes: Any, differences: Differences, blunders: BoolArray) ->
     axes.set_ylabel("soundings")
 
 
-def _draw_map(figure: Any, axes: Any, difference: FloatArray, xy: FloatArray, blunders: BoolArray) -> None:
+def _draw_map(axes: Any, difference: FloatArray, xy: FloatArray, blunders: BoolArray) -> None:
     """Draw differences in their places; triangles point up where the compiled bottom is shoaler, else down."""
     most = max(float(np.percentile(np.abs(difference[~blunders]), _MOST)), 1e-9)
     for deeper, marker, label in ((False, "^", "compiled shoaler"), (True, "v", "compiled deeper")):
@@ -71,6 +69,6 @@ def _draw_map(figure: Any, axes: Any, difference: FloatArray, xy: FloatArray, bl
         axes.plot([], [], marker, color=GREY, markersize=5, label=label)  # the legend has no shade
     if blunders.any():
         axes.plot(*xy[blunders].T, "x", color=INK, markersize=7, label="blunders")
-    figure.colorbar(shade, ax=axes, label="compiled less sounded, m", extend="both")
+    add_bar(axes, shade, "compiled less sounded, m", extend="both")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="east, m", ylabel="north, m")

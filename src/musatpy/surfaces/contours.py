@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SurfaceError
-from musatpy.figures import new_figure
+from musatpy.figures import check_matplotlib
 from musatpy.surfaces.tin import Tin
 
 _MOST_LEVELS = 2000
@@ -82,14 +83,16 @@ def kept(lines: Iterable[tuple[float, FloatArray]], index: Sequence[float], shor
 
 def _traced(tin: Tin, levels: Sequence[float]) -> Iterator[tuple[float, FloatArray]]:
     """Yield the lines of each level."""
-    figure = new_figure(1.0, 1.0)
+    check_matplotlib()
+    from matplotlib.figure import Figure
     from matplotlib.tri import Triangulation
 
     mesh = Triangulation(tin.xy[:, 0], tin.xy[:, 1], tin.triangles, mask=~tin.kept)
     reached = [level for level in levels if tin.z.min() < level < tin.z.max()]
     if not reached or not tin.kept.any():
         return
-    drawn = figure.add_subplot().tricontour(mesh, tin.z, levels=reached)
+    axes: Any = Figure().add_subplot()
+    drawn = axes.tricontour(mesh, tin.z, levels=reached)
     for level, path in zip(reached, drawn.get_paths(), strict=True):
         path.should_simplify = False  # vertices would be left out, as if metres were pixels
         for xy in path.to_polygons(closed_only=False):

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.figures import BAND, BLUE, GREY, INK, RED, add_legend, image_of, new_figure, styled
+from musatpy.figures import BAND, BLUE, GREY, INK, RED, add_bar, image_of, lay_out, name_ticks, new_panels, styled
 from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS, paper_partials
 from musatpy.orientation.twomedia.oriented import LIMIT, Oriented
 from musatpy.orientation.twomedia.rays import WATER
 from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, Basins, Precision
 
 _OUTCOMES = (("this solution", BLUE, "o"), ("another solution", RED, "x"), ("no solution", GREY, "."))
-_UPRIGHT = 12  # photos whose names have room side by side
 _STRONG = 0.95  # correlation from which its number is printed
 
 
@@ -30,24 +29,23 @@ def correlation_picture(oriented: Oriented) -> bytes:
     unknown = np.diagonal(covariance) > 0.0
     sigma = np.sqrt(np.diagonal(covariance)[unknown])
     matrix = covariance[np.ix_(unknown, unknown)] / np.outer(sigma, sigma)
-    size = 1.8 + 0.42 * len(matrix)
-    figure = new_figure(size + 0.8, size, f"{oriented.method.name}: correlations (numbers from {_STRONG:g})")
-    plot = figure.subplots()
+    size, title = 0.5 + 0.42 * len(matrix), f"{oriented.method.name}: correlations (numbers from {_STRONG:g})"
+    figure, ((plot,),) = new_panels([size], [size], title)
     drawn = plot.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
     for row, column in np.argwhere((np.abs(matrix) >= _STRONG) & ~np.eye(len(matrix), dtype=bool)):
         label = f"{matrix[row, column]:.3f}".replace("0.", ".")
         plot.text(column, row, label, ha="center", va="center", color="white", fontsize=7)
-    plot.set_xticks(range(len(matrix)), symbols[unknown], rotation=90)
+    name_ticks(plot, np.arange(len(matrix)), symbols[unknown])
     plot.set_yticks(range(len(matrix)), symbols[unknown])
-    figure.colorbar(drawn, ax=plot)
+    add_bar(plot, drawn, "")
+    lay_out(figure)
     return image_of(figure, "png")
 
 
 @styled
 def basins_picture(basins: Basins, title: str = "") -> bytes:
     """Return the shares of the starts that lead to the solution, elsewhere and nowhere, and where they lie."""
-    figure = new_figure(10.0, 4.2, title)
-    left, right = figure.subplots(1, 2)
+    figure, ((left, right),) = new_panels([4.2] * 2, [2.8], title)
     places, shares = np.arange(len(basins.levels)), 100.0 * basins.shares
     below = np.cumsum(shares, axis=1) - shares
     for case, (label, colour, _) in enumerate(_OUTCOMES):
@@ -59,7 +57,7 @@ def basins_picture(basins: Basins, title: str = "") -> bytes:
     )
     left.set_ylabel("starts, %")
     _starts(right, basins)
-    add_legend(figure)
+    lay_out(figure)
     return image_of(figure, "png")
 
 
@@ -85,8 +83,7 @@ def precision_picture(precision: Precision, title: str = "", limit: float = LIMI
 
     Under the dashed line it is less than `limit` of the mean depth: there the water is determined.
     """
-    figure = new_figure(6.4, 5.2, title)
-    plot = figure.subplots()
+    figure, ((plot,),) = new_panels([5.6], [4.0], title)
     for share, marker, sigma in zip(precision.shares, cycle("os^Dv"), precision.sigma.T, strict=False):
         plot.loglog(precision.depths, sigma, f"{marker}-", color=BLUE, label=f"{100 * share:.0f} % dry")
     label = f"{100 * limit:g} % of the depth"
@@ -95,23 +92,22 @@ def precision_picture(precision: Precision, title: str = "", limit: float = LIMI
     plot.set_xlabel("mean depth / height of the cameras over the water")
     plot.set_ylabel("sigma of the level / height of the cameras over the water")
     plot.grid(which="both")
-    add_legend(figure)
+    lay_out(figure)
     return image_of(figure, "png")
 
 
 @styled
 def strip_picture(photos: TextArray, sigma: FloatArray, differences: FloatArray | None, title: str = "") -> bytes:
     """Return the sigmas (m, 3) of stations along a strip, with differences (m, 3) from another solution."""
-    figure = new_figure(10.0, 5.4, title)
+    figure, panels = new_panels([9.0], [1.2] * 3, title, sharex=True)
     place = np.arange(len(photos))
-    for axis, (plot, name) in enumerate(zip(figure.subplots(3, 1, sharex=True), "XYZ", strict=True)):
+    for axis, (plot, name) in enumerate(zip(panels[:, 0], "XYZ", strict=True)):
         plot.fill_between(place, -sigma[:, axis], sigma[:, axis], label="one sigma", **BAND)
         if differences is not None:
             plot.plot(place, differences[:, axis], color=RED, marker=".", linewidth=1.0, label="strip less IIIA")
         plot.axhline(0.0, color=INK, linewidth=0.5)
         plot.set_ylabel(f"{name}, m")
-    step = max(1, len(photos) // 20)
-    plot.set_xticks(place[::step], photos[::step], rotation=90 if len(photos) > _UPRIGHT else 0)
+    name_ticks(plot, place, photos)
     plot.set_xlabel("photo")
-    add_legend(figure)
+    lay_out(figure)
     return image_of(figure, "png")
