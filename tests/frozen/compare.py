@@ -40,14 +40,14 @@ def main() -> int:
         commits = [_commit(name) for name in (given.before, given.after)]
         sources = [_checkout(commit, folder / commit) for commit in commits]
         if not (folder / "decks").exists():
-            _ended([_python(sources[0], "frozen.inputs", folder / "decks")])
+            _ended([_python(sources[0], sources[0].parent / "tests", "frozen.inputs", folder / "decks")])
         outputs = [folder / f"{commit}_outputs" for commit in commits]
         made = {out: out.with_suffix(".part") for out in outputs if not out.exists()}
         for part in made.values():
             shutil.rmtree(part, ignore_errors=True)
         _ended(
             [
-                _python(source, "frozen.outputs", folder / "decks", made[out], str(given.every))
+                _python(source, ROOT / "tests", "frozen.outputs", folder / "decks", made[out], str(given.every))
                 for source, out in zip(sources, outputs, strict=True)
                 if out in made
             ]
@@ -77,8 +77,9 @@ def _checkout(commit: str, folder: Path) -> Path:
     return folder / "src"
 
 
-def _python(source: Path, script: str, *arguments: Path | str) -> subprocess.Popen[bytes]:
-    path = f"{source}{os.pathsep}{ROOT / 'tests'}"
+def _python(source: Path, tests: Path, script: str, *arguments: Path | str) -> subprocess.Popen[bytes]:
+    """Start a script of `tests`: those of the version itself make the decks, as they enter by its modules."""
+    path = f"{source}{os.pathsep}{tests}"
     environment = os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     return subprocess.Popen([sys.executable, "-m", script, *arguments], env=environment)
 
