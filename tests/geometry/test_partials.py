@@ -44,10 +44,10 @@ def image_case() -> Case:
         return collinearity.image(v_, attitude_matrix(attitude), F, PP)
 
     M, dM = attitude_matrix(ATTITUDE), attitude_matrix_partials(ATTITUDE)
-    by_v, by_attitude = collinearity.image_partials(v, M, dM, F)
-    alone = collinearity.image_by_vector(v, M, F, PP)
-    np.testing.assert_array_equal(alone[0], collinearity.image(v, M, F, PP))  # the same operations
-    np.testing.assert_array_equal(alone[1], by_v)
+    image, by_v, by_attitude = collinearity.image_partials(v, M, dM, F, PP)
+    np.testing.assert_array_equal(image, collinearity.image(v, M, F, PP))  # the same operations
+    for alone, together in zip(collinearity.image_by_vector(v, M, F, PP), (image, by_v), strict=True):
+        np.testing.assert_array_equal(alone, together)
     return Case(function, np.concatenate([v, ATTITUDE]), np.hstack([by_v, by_attitude]), True)
 
 
@@ -59,7 +59,8 @@ def ray_case() -> Case:
         return collinearity.ray(xy_, attitude_matrix(attitude), F, PP)
 
     M, dM = attitude_matrix(ATTITUDE), attitude_matrix_partials(ATTITUDE)
-    by_attitude, by_xy = collinearity.ray_partials(xy, M, dM, F, PP)
+    ray, by_attitude, by_xy = collinearity.ray_partials(xy, M, dM, F, PP)
+    np.testing.assert_array_equal(ray, collinearity.ray(xy, M, F, PP))
     return Case(function, np.concatenate([ATTITUDE, xy]), np.hstack([by_attitude, by_xy]), False)
 
 

@@ -242,14 +242,14 @@ def point_normals(
     rays = group.rays
     X = np.repeat(ground[:, None], rays.shape[1], axis=1)
     images = sightings.images(network, state, rays, X, stations)
-    residual = images.xy - network.xy[rays]
+    residual = images.xy - network.xy.take(rays, axis=0)
     W = group.weights(network.weight)
     priors = prior_rows(network, state, group.point, ground) if group.known else None
-    axes, B = np.broadcast_to(np.eye(3), (len(ground), 3, 3)), images.by_ground
+    axes, rows = np.broadcast_to(np.eye(3), (len(ground), 3, 3)), images.by_ground.reshape(len(ground), -1, 3)
     if priors is not None:
         axes = priors.axes
-        B = B @ np.swapaxes(axes, -1, -2)[:, None] * priors.free[:, None, None, :]
-    rows, weighted = B.reshape(len(ground), -1, 3), residual * W
+        rows = rows @ np.swapaxes(axes, 1, 2) * priors.free[:, None]
+    weighted = residual * W
     matrix = np.swapaxes(rows, 1, 2) @ (rows * W.reshape(len(ground), -1, 1))
     rhs = -np.einsum("kri,kr->ki", rows, weighted.reshape(len(ground), -1))
     objective = np.einsum("kma,kma->k", residual, weighted)
@@ -267,7 +267,7 @@ def point_normals(
     return PointNormals(
         images=images,
         residual=residual,
-        B=B,
+        B=rows.reshape(images.by_ground.shape),
         matrix=matrix,
         rhs=rhs,
         axes=axes,
@@ -380,5 +380,6 @@ def _unless_behind(
 ) -> FloatArray:
     """Return the squares (k,) of points X (k, m, 3), infinite where one is behind a camera."""
     photo = network.photo[rays]
-    seen = collinearity.in_front(X - state.position[photo], state.M[photo]).all(axis=1)
+    camera, M = state.position.take(photo, axis=0), state.M.take(photo, axis=0)
+    seen = collinearity.in_front(X - camera, M).all(axis=1)
     return np.where(seen & np.isfinite(squares), squares, np.inf)

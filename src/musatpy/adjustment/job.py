@@ -200,16 +200,16 @@ class Job:
 
     def water_groups(self) -> tuple[PointGroup, ...]:
         """Return the submerged points with the rays that give their positions."""
-        network, enter = self.network, self.part.status == PointStatus.TRIANGULATED
-        solved = group_points(network.photo, network.point, self.part.used, self.bathymetric & enter)
-        return *solved, *self._submerged_left_out()
-
-    def _submerged_left_out(self) -> list[PointGroup]:
-        return [part for group in self.network.left_out for part in group.some(self.bathymetric[group.point])]
+        network, status = self.network, self.part.status
+        giving = self.part.used | (status == PointStatus.INTERSECTED)[network.point]
+        submerged = self.bathymetric & (status != PointStatus.NOT_DETERMINED)
+        return group_points(network.photo, network.point, giving, submerged)
 
     def with_left_out(self, network: Network, state: State, submerged: bool = False) -> State:
         """Return the state with the points that took no part intersected as well: all, or the `submerged` ones."""
-        groups = self._submerged_left_out() if submerged else network.left_out
+        groups = network.left_out
+        if submerged:
+            groups = tuple(part for group in groups for part in group.some(self.bathymetric[group.point]))
         return ground_points.intersect_freely(network, state, groups) if groups else state
 
     def reason(self, network: Network, outcome: Outcome, passes: tuple[WaterPass, ...]) -> str:

@@ -50,7 +50,7 @@ class PointGroup:
 
     def weights(self, weight: FloatArray) -> FloatArray:
         """Return the weights (k, m, 2) of the rays, of those of all measurements (r, 2)."""
-        own = weight[self.rays]
+        own = weight.take(self.rays, axis=0)
         return own if self.counts is None else own * self.counts[..., None]
 
 

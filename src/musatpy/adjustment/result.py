@@ -85,7 +85,7 @@ def solution(
     block, part, measured = job.block, job.part, job.network
     line = problem(network, state).linearise(state)
     bent = line if refracted is network else problem(refracted, state).linearise(state)
-    factor, idle, every = factor_of(bent.matrix), _idle_photos(network, part), measured.groups + measured.left_out
+    factor, idle = factor_of(bent.matrix), _idle_photos(network, part)
     dof = (counts := count(network, len(idle), free.count if free else 0)).degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
     part, state = _without_unmet(network, part, state, sigma0)
@@ -115,7 +115,7 @@ def solution(
         stations=_stations(block, network, state, known, idle),
         points=points,
         plates=plates,
-        bathymetric=bathymetric_points(block, measured, stated, every, np.sqrt(known.depths)),
+        bathymetric=bathymetric_points(block, measured, stated, job.water_groups(), np.sqrt(known.depths)),
         levels=state.levels,
         level_sigmas=np.where(np.isnan(state.levels), np.nan, level_sigmas),
         measured=measured_values(block, network, state),

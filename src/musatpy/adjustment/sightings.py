@@ -50,7 +50,7 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
     Without `stations` there are no partials by these, nor by the water: (..., 2, 0) and None.
     """
     photo = network.photo[rays]
-    camera, M = state.position[photo], state.M[photo]
+    camera, M, f, pp = _of_photos(network, state, photo)
     v, v_by_camera, v_by_ground = ground - camera, None, None
     wet = network.refracted[rays]
     waves = network.border.count(ObservationKind.WAVE)
@@ -63,26 +63,18 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
         v[wet], v_by_camera[wet], v_by_ground[wet] = bent.v, bent.by_camera, bent.by_ground
         if v_by_water is not None:
             v_by_water[wet] = _by_water(network, over, bent, camera[wet], ground[wet])
-    f = network.focal_length[photo]
     if not stations:
-        xy, by_v = collinearity.image_by_vector(v, M, f, network.principal_point[photo])
-        return Images(
-            xy=xy,
-            by_station=np.zeros((*v.shape[:-1], 2, 0)),
-            by_ground=by_v if v_by_ground is None else by_v @ v_by_ground,
-            by_water=None,
-        )
-    by_v, by_attitude = collinearity.image_partials(v, M, state.dM[photo], f)
-    by_camera = -by_v if v_by_camera is None else by_v @ v_by_camera
-    axes = np.swapaxes(network.axes[photo], -1, -2)
-    by_water = None if v_by_water is None else by_v @ v_by_water
-    own_level = () if by_water is None or not network.water.per_photo else (by_water[..., :1],)
-    return Images(
-        xy=collinearity.image(v, M, f, network.principal_point[photo]),
-        by_station=np.concatenate([by_camera @ axes, by_attitude, *own_level], axis=-1),
-        by_ground=by_v if v_by_ground is None else by_v @ v_by_ground,
-        by_water=by_water,
-    )
+        xy, by_v = collinearity.image_by_vector(v, M, f, pp)
+        by_station, by_water = np.zeros((*v.shape[:-1], 2, 0)), None
+    else:
+        xy, by_v, by_attitude = collinearity.image_partials(v, M, state.dM.take(photo, axis=0), f, pp)
+        by_camera = -by_v if v_by_camera is None else by_v @ v_by_camera
+        axes = np.swapaxes(network.axes.take(photo, axis=0), -1, -2)
+        by_water = None if v_by_water is None else by_v @ v_by_water
+        own_level = () if by_water is None or not network.water.per_photo else (by_water[..., :1],)
+        by_station = np.concatenate([by_camera @ axes, by_attitude, *own_level], axis=-1)
+    by_ground = by_v if v_by_ground is None else by_v @ v_by_ground
+    return Images(xy=xy, by_station=by_station, by_ground=by_ground, by_water=by_water)
 
 
 def image_coordinates(network: Network, state: State, rays: IntArray, ground: FloatArray) -> FloatArray:
@@ -105,8 +97,8 @@ def index_partials(network: Network, state: State, rays: IntArray) -> FloatArray
     """Return the partials (r, 2) mm of the images of wet `rays` (r,) by the index of the water: of `images`."""
     photo, ground = network.photo[rays], state.ground[network.point[rays]]
     _, bent = _incidence(network, state, photo, state.position[photo], ground)
-    f, pp = network.focal_length[photo], network.principal_point[photo]
-    _, by_v = collinearity.image_by_vector(bent.v, state.M[photo], f, pp)
+    _, M, f, pp = _of_photos(network, state, photo)
+    _, by_v = collinearity.image_by_vector(bent.v, M, f, pp)
     return np.asarray((by_v @ bent.by_index[..., None])[..., 0])
 
 
@@ -184,11 +176,9 @@ def condition_rays(network: Network, state: State, rays: IntArray, xy: FloatArra
     ground point only says where the water surface and its vertical are.
     """
     photo = network.photo[rays]
-    camera, M, dM = state.position[photo], state.M[photo], state.dM[photo]
-    f, pp = network.focal_length[photo], network.principal_point[photo]
-    direction = collinearity.ray(xy, M, f, pp)
-    by_attitude, direction_by_xy = collinearity.ray_partials(xy, M, dM, f, pp)
-    axes = np.swapaxes(network.axes[photo], -1, -2)
+    camera, M, f, pp = _of_photos(network, state, photo)
+    dM, axes = state.dM.take(photo, axis=0), np.swapaxes(network.axes.take(photo, axis=0), -1, -2)
+    direction, by_attitude, direction_by_xy = collinearity.ray_partials(xy, M, dM, f, pp)
     shape = direction.shape[:-1]
     by_station = np.zeros((*shape, 6, 6))
     by_station[..., :3, :3] = axes

@@ -153,7 +153,7 @@ def with_departure(
     block, step = solution.block, factor.solve(line.rhs)
     of_stations = step[: refracted.pattern.order].reshape(refracted.photos, -1)[:, :6]
     of_points = np.zeros((refracted.points, 3))
-    for group in (*refracted.groups, *refracted.left_out):
+    for group in together((*refracted.groups, *refracted.left_out)):
         follow = eliminate(refracted, state, group).follow(group)
         axes, local = refracted.frame.axes(state.ground[group.point]), follow.step(refracted, step)
         of_points[group.point] = np.einsum("kij,klj,kl->ki", axes, follow.axes, local)

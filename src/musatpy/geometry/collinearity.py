@@ -44,15 +44,16 @@ def image_by_vector(
 
 
 def image_partials(
-    v: FloatArray, M: FloatArray, dM: FloatArray, focal_length: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the partial derivatives of the image by v, (..., 2, 3) mm/m, and by attitude, (..., 2, 3) mm/rad.
+    v: FloatArray, M: FloatArray, dM: FloatArray, focal_length: FloatArray, principal_point: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what `image_by_vector` does, and the partial derivatives by attitude, (..., 2, 3) mm/rad.
 
     `dM` (..., 3, 3, 3) holds dM/d(omega, phi, kappa), the angle on the third axis from the end.
     """
     UVS, scale = _projection(v, M, focal_length)
     dUVS = np.einsum("...aij,...j->...ia", dM, v)
-    return _differential(M, UVS, scale), _differential(dUVS, UVS, scale)
+    image = scale * UVS[..., :2] + principal_point
+    return image, _differential(M, UVS, scale), _differential(dUVS, UVS, scale)
 
 
 def _projection(v: FloatArray, M: FloatArray, focal_length: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -83,8 +84,8 @@ def ray(xy: FloatArray, M: FloatArray, focal_length: FloatArray, principal_point
 
 def ray_partials(
     xy: FloatArray, M: FloatArray, dM: FloatArray, focal_length: FloatArray, principal_point: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the partial derivatives of the unit ray by attitude, (..., 3, 3), and by xy, (..., 3, 2) 1/mm."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what `ray` does, and the partial derivatives by attitude, (..., 3, 3), and by xy, (..., 3, 2) 1/mm."""
     M = np.asarray(M)
     c = image_vector(xy, focal_length, principal_point)
     r = np.einsum("...ji,...j->...i", M, c)
@@ -93,7 +94,7 @@ def ray_partials(
     across = (np.eye(3) - u * np.swapaxes(u, -1, -2)) / length
     by_attitude = across @ np.einsum("...aji,...j->...ia", dM, c)
     by_xy = across @ np.swapaxes(M[..., :2, :], -1, -2)
-    return by_attitude, by_xy
+    return u[..., 0], by_attitude, by_xy
 
 
 def image_vector(xy: FloatArray, focal_length: FloatArray, principal_point: FloatArray) -> FloatArray:

@@ -118,9 +118,9 @@ def sections(statistics: Statistics, page_of: PageOf) -> list[Section]:
 
 def all_reasons(statistics: Statistics) -> list[Section]:
     """Return every reason and note of the verdict, where page 1 has no room for them all."""
-    _, whole = _laid_out(_Answer(statistics, lambda section: _LONGEST_PAGE))
     verdict = statistics.verdict
     lines = wrapped([reason.text for reason in verdict.reasons], lead="- ") + wrapped(verdict.notes, lead=_NOTE)
+    whole = not lines or _laid_out(_Answer(statistics, lambda section: _LONGEST_PAGE))[1]
     return [] if whole else [Section(title=ALL_REASONS, lines=lines)]
 
 

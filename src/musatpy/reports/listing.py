@@ -157,11 +157,13 @@ def _header(statistics: Statistics, date: datetime.date | None) -> Callable[[int
 
 
 def _pages(statistics: Statistics, sections: Sequence[Section]) -> list[list[str]]:
-    """Return the pages: the answer, the index, the sections. Where these begin, first the answer does not know."""
+    """Return the pages: the answer, the index, the sections. The first have as many lines wherever these begin."""
     body, starts = laid_out(sections)
     names = [section.title.split("\n")[0] for section in sections]
-    front = _front(statistics, names, starts)
-    return [*_front(statistics, names, [len(front) + start for start in starts]), *body]
+    count = _FRONT_PAGES
+    while len(front := _front(statistics, names, [count + start for start in starts])) != count:
+        count = len(front)
+    return [*front, *body]
 
 
 def _front(statistics: Statistics, names: Sequence[str], starts: Sequence[int]) -> list[list[str]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -322,7 +323,7 @@ class FlagTests(Table):
         """(t,) sigmas on the wrong side of the water."""
         return self.wrong_side / self.sigma
 
-    @property
+    @cached_property
     def doubted(self) -> IntArray:
         """Rows of the points that contradict their flags, the worst first."""
         rows = np.flatnonzero(self.sigmas > self.limit)

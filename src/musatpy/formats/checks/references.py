@@ -66,8 +66,11 @@ def _keys(draft: Draft, role: str, path: str) -> Iterator[tuple[IntArray, TextAr
         yield np.where(np.isnan(values), -1, values).astype(np.int64), values
         return
     table = next((table for table in ("cameras", "photos", "points") if naming(table).get(role) == path), None)
-    inverse = np.unique(values, return_inverse=True)[1].reshape(values.shape)
-    numbers = draft.links(table)[role] if table else np.where(values == "", -1, inverse)
+    if table:
+        numbers = draft.links(table)[role]
+    else:
+        inverse = np.unique(values, return_inverse=True)[1].reshape(values.shape)
+        numbers = np.where(values == "", -1, inverse)
     numbers, texts = (column.reshape(len(values), math.prod(values.shape[1:])) for column in (numbers, values))
     order = np.argsort(numbers, axis=1)
     yield from zip(np.take_along_axis(numbers, order, 1).T, np.take_along_axis(texts, order, 1).T, strict=True)

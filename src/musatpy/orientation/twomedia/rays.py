@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.geometry.collinearity import attitude_matrix, attitude_matrix_partials, ray, ray_partials
+from musatpy.geometry.collinearity import attitude_matrix, attitude_matrix_partials, ray_partials
 from musatpy.geometry.collinearity import image as image_at
 from musatpy.refraction.flat import incidence, refracted_ray
 
@@ -111,8 +111,7 @@ def image_rays(at: Orientation, photo: IntArray, image: FloatArray, wet: BoolArr
     station = at.station[:, photo]
     M, dM = attitude_matrix(at.attitude)[:, photo], attitude_matrix_partials(at.attitude)[:, photo]
     tangents, centre = np.ones(()), np.zeros(2)
-    air = ray(image, M, tangents, centre)
-    by_attitude, by_image = ray_partials(image, M, dM, tangents, centre)
+    air, by_attitude, by_image = ray_partials(image, M, dM, tangents, centre)
     secant = np.sqrt(1.0 + np.sum(np.square(at.slope), axis=-1))[:, None, None]
     up = np.concatenate([-at.slope, np.ones_like(at.level)[:, None]], axis=-1)[:, None] / secant
     over = station.copy()  # above a point of the plane that stays when it is tilted
