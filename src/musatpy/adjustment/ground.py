@@ -245,8 +245,10 @@ def point_normals(
     residual = images.xy - network.xy.take(rays, axis=0)
     W = group.weights(network.weight)
     priors = prior_rows(network, state, group.point, ground) if group.known else None
-    axes, rows = np.broadcast_to(np.eye(3), (len(ground), 3, 3)), images.by_ground.reshape(len(ground), -1, 3)
-    if priors is not None:
+    rows = images.by_ground.reshape(len(ground), -1, 3)
+    if priors is None:
+        axes = np.broadcast_to(np.eye(3), (len(ground), 3, 3))
+    else:
         axes = priors.axes
         rows = rows @ np.swapaxes(axes, 1, 2) * priors.free[:, None]
     weighted = residual * W

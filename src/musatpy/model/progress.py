@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from musatpy.model.solution import Iteration
 
@@ -20,7 +20,6 @@ class Phase:
     total: int = 0
 
 
-@runtime_checkable
 class Watcher(Protocol):
     """A callback of iterations that is told of phases too."""
 
@@ -35,5 +34,5 @@ class Watcher(Protocol):
 
 def begin(progress: Progress | None, name: str, number: int = 0, total: int = 0) -> None:
     """Tell whoever watches that a phase begins."""
-    if isinstance(progress, Watcher):
-        progress.phase(Phase(name=name, number=number, total=total))
+    if (phase := getattr(progress, "phase", None)) is not None:  # which a `Watcher` has
+        phase(Phase(name=name, number=number, total=total))

@@ -112,6 +112,8 @@ def edited(descriptor: str, values: Iterable[Any]) -> list[str]:
     Raises `FieldError` where `descriptor` is none.
     """
     column = values if isinstance(values, np.ndarray) else list(values)
+    if sexagesimal := _SEXAGESIMAL.fullmatch(descriptor):
+        return _angles(np.asarray(column, dtype=float), *map(int, sexagesimal.groups()))
     one, numbers = _editing_of(descriptor), np.asarray(column) if len(column) >= MANY else np.zeros(0)
     if descriptor[0] == "F" and numbers.dtype.kind in "fiu" and len(numbers):
         return _at_once(parse_edit(descriptor), numbers, one)
@@ -135,9 +137,6 @@ def _at_once(edit: Edit, values: NDArray[Any], one: Callable[[Any], str]) -> lis
 @lru_cache
 def _editing_of(descriptor: str) -> Callable[[Any], str]:
     """Return the function that edits one value; raises `FieldError` where `descriptor` is none."""
-    sexagesimal = _SEXAGESIMAL.fullmatch(descriptor)
-    if sexagesimal:
-        return partial(_angle, width=int(sexagesimal[1]), decimals=int(sexagesimal[2]))
     edit = parse_edit(descriptor)
     if edit.letter == "A":
         return f"%-{edit.width}.{edit.width}s".__mod__
@@ -188,11 +187,14 @@ def _without_zero(text: str) -> str:
     return _LEADING_ZERO.sub("", text).rjust(len(text))
 
 
-def _angle(angle: float, width: int, decimals: int) -> str:
+def _angles(angles: NDArray[Any], width: int, decimals: int) -> list[str]:
     """Edit rad as degrees, minutes, seconds in fields of their own; the sign sits on the degrees, zero included."""
-    if not math.isfinite(angle):
-        return (" " if math.isnan(angle) else "*") * width
-    d, m, s = (float(part) for part in dms_from_radians(angle, decimals))
-    sign = "-" if math.copysign(1.0, d) < 0.0 and (d or m or s) else ""
-    text = f"{sign}{abs(d):.0f}{m:3.0f}{_number(s, Edit(letter='F', width=decimals + 4, decimals=decimals))}"
-    return text.rjust(width) if len(text) <= width else "*" * width
+    texts, seconds = [], Edit(letter="F", width=decimals + 4, decimals=decimals)
+    parts = dms_from_radians(np.where(np.isfinite(angles), angles, 0.0), decimals)
+    for angle, d, m, s in zip(angles.tolist(), *(part.tolist() for part in parts), strict=True):
+        sign = "-" if math.copysign(1.0, d) < 0.0 and (d or m or s) else ""
+        text = f"{sign}{abs(d):.0f}{m:3.0f}{_number(s, seconds)}".rjust(width)
+        if not math.isfinite(angle):
+            text = (" " if math.isnan(angle) else "*") * width
+        texts.append(text if len(text) <= width else "*" * width)
+    return texts

@@ -15,7 +15,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -97,7 +97,7 @@ class Field(Node[Source]):
         """Return its value, or of a table its values."""
         return getattr(source, self.name) if self.values is None else self.values(source)
 
-    @property
+    @cached_property
     def width(self) -> int:
         """Columns of print: as many as the descriptor or the longer heading line needs."""
         return max(field_width(str(self.edit)), *(len(line) for line in str(self.heading).split("\n")))
