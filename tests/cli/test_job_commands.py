@@ -299,4 +299,4 @@ def test_a_family_that_does_not_name_its_photos_is_said(tmp_path):
     stations.write_text(stations.read_text().replace('target = "photos.ids"', 'target = ""', 1))
     result = musat("convert", tmp_path / "job.hbi", tmp_path / "o.crd", "--from", "harbour", "--formats", nameless)
     assert result.exit_code == 1
-    assert "no field has the target photos.ids, which names each" in result.stderr
+    assert "no field has the target photos.ids, which names the rows of attitudes" in result.stderr

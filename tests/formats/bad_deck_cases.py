@@ -156,7 +156,7 @@ CASES: list[Case] = [
         deck(add("FID RC8  1      106.00000  106.00000", "FMS 841      2      106.000000  106.000000")),
         "~49 FID [] 1 card carried and listed, not applied",
         "~50 FMS [] 1 card carried and listed, not applied",
-        "50 FMS.mark [2] mark 2 is no calibrated mark (FID) of camera RC8",
+        "50 FMS.mark [2] camera RC8 has no calibrated mark 2 (FID)",
     ),
     case(deck(drop(10)), "7 STA.photo [842] photo 842 has no attitude card (ATT)"),
     case(

@@ -36,7 +36,7 @@ def utm(definition: str) -> list[str]:
 CASES: list[Case] = [
     case(
         deck(add("SYS IN  GEOG", "SYS IN  GEOC", "SYF OUT         1.0000", "SYT OUT GEOID some.gtx")),
-        "50 SYS.role [IN] a second SYS card for IN; the first is on line 49",
+        "50 SYS.role [IN] what is stated for IN is already given on line 49",
         "51 SYF.role [OUT] no SYS card for OUT, which this one goes with",
         "52 SYT.role [OUT] no SYS card for OUT, which this one goes with",
     ),
@@ -71,7 +71,7 @@ CASES: list[Case] = [
     ),
     case(
         deck(add("MAT 841      1  1.0000000000000  0.0000000000000  0.0000000000000")),
-        "49 MAT [] a matrix, and no SYS card for IN that says MATR; the angles of photo 841 are on line 9",
+        "49 MAT [] a matrix, and no SYS card for IN that says MATR",
     ),
     case(
         deck(add(*(line for line in MATRICES if line[:7] == "MAT 841")), drop(9)),
@@ -79,7 +79,7 @@ CASES: list[Case] = [
     ),
     case(
         deck(add(GOOD[9]), lines=MATRICES),
-        "56 ATT [] attitudes are stated as matrices; the matrix of photo 842 is on line 13",
+        "56 ATT [] angles, where attitudes are stated as matrices",
     ),
     case(
         deck(add(GOOD[9]), lines=[line for line in MATRICES if line[:7] != "MAT 842"]),

@@ -128,20 +128,20 @@ RAW_CASES: list[Case] = [
             )
         ),
         "~93 PLT.photo [22] photo 22, like 1 more, has no measured crosses",
-        "141 RSM.cross [B07] cross B07 is no calibrated cross (RSC) of camera RC8",
-        "142 FMS.mark [9] mark 9 is no calibrated mark (FID) of camera RC8",
+        "141 RSM.cross [B07] camera RC8 has no calibrated cross B07 (RSC)",
+        "142 FMS.mark [9] camera RC8 has no calibrated mark 9 (FID)",
     ),
     # one problem for the 3 x 16 readings of marks of a camera that has none, one for those of a mark that it lacks
     case(
         bad(drop(*range(14, 22)), replace(3, "AFFINE   ", "NONE     ")),
-        "23 FMS.mark [1] camera RC8 has no calibrated mark (FID), and 48 cards measure one (FMS, lines 23, 24,",
+        "23 FMS.mark [1] camera RC8 has no calibrated mark at all (FID) (47 more cards name it)",
     ),
     case(
         bad(drop(14)),
-        "30 FMS.mark [1] mark 1 is no calibrated mark (FID) of camera RC8 (6 cards name it, lines 30, 38, 46,",
+        "30 FMS.mark [1] camera RC8 has no calibrated mark 1 (FID) (5 more cards name it)",
     ),
     case(
         bad(add(CROSS_OF_22)),
-        "137 RSM.cross [A01] camera RC8 has no calibrated cross (RSC), and 1 card measures one (RSM, line 137)",
+        "137 RSM.cross [A01] camera RC8 has no calibrated cross at all (RSC)",
     ),
 ]

@@ -170,16 +170,16 @@ def test_what_cannot_be_held_is_counted(tmp_path):
     lines = bingo.dump_one(replace(block, plates=plates), tmp_path)
     assert lines == (
         "bingo holds no titles: 1 left out",
-        "bingo holds no option cards: 1 left out",
-        "bingo holds no water cards: 1 left out",
+        "bingo holds no options: 1 left out",
+        "bingo holds no water: 1 left out",
         "bingo holds no cameras: 1 left out",
         "bingo holds no tides: 3 left out",
         "bingo holds no measurements kept out of the solution: 2 left out",
-        "bingo holds no submerged flag of plate measurements: 6 left out",
+        "bingo holds no submerged flag of plates: 6 left out",
         "bingo holds no such horizontal control: 1 left out",
         "bingo holds no such vertical control: 2 left out",
-        "bingo holds no standard deviations of control points: 5 left out",
-        "bingo holds no equal elevation cards: 1 left out",
+        "bingo holds no standard deviations of control: 5 left out",
+        "bingo holds no equal elevations: 1 left out",
         "bingo holds no air bases: 1 left out",
     )
     assert len((tmp_path / "image.dat").read_text().splitlines()) == 27 - 2 + 2 * 3

@@ -246,8 +246,8 @@ def test_what_is_given_twice_and_what_is_no_rotation_is_found(tmp_path):
     good = f"{station}\n{first}\n{second}\n"
     with pytest.raises(DeckError) as caught:
         read("patb", tmp_path, job_ori=f"{good}{good}")
-    assert "job.ori:6: station 841 is given twice" in str(caught.value)
-    assert "attitude 841 is given twice" in str(caught.value)
+    assert "job.ori:6: stations: 841 is given twice" in str(caught.value)
+    assert "attitudes: 841 is given twice" in str(caught.value)
     with pytest.raises(DeckError, match="ori:3: the nine elements are no rotation"):
         read("patb", tmp_path, job_ori=good.replace("0.600000000000\n", "0.500000000000\n"))
     with pytest.raises(DeckError, match="no rotation"):

@@ -93,7 +93,7 @@ def test_two_of_period_length_and_speed_say_the_third(given: dict[str, float]) -
 def test_the_family_says_what_it_cannot_hold() -> None:
     left = families()["bingo"].render(parts.parts_of(read()), Path("x"), "x").left_out
     assert "bingo holds no waves: 2 left out" in left
-    assert "bingo holds no wave origins: 1 left out" in left
+    assert "bingo holds no wave origin: 1 left out" in left
 
 
 def test_a_family_of_cards_without_waves_reads_its_decks(tmp_path: Path) -> None:

@@ -23,40 +23,28 @@ from musatpy.units import AngleUnit
 
 def block_of(draft: Draft) -> model.Block:
     """Return the block that a deck describes. The draft must have passed the cross checks."""
-    parts: dict[str, Any] = {name: _part(draft, name, kind) for name, kind in parts_of_block().items()}
+    by_photo = {name: about.role for name, about in columns(model.Photos).items() if about.role and not about.link}
+    photos = {name: draft.by_photo(role, f"photos.{name}") for name, role in by_photo.items()}
+    parts: dict[str, Any] = {
+        "options": draft.options,
+        "reduction": draft.reduction,
+        "water": _water(draft),
+        "photos": model.Photos(ids=draft.photo_ids, camera=draft.camera_of_photo, **photos),
+        "points": model.Points(ids=draft.point_ids, bathymetric=draft.bathymetric, dry=draft.flagged("points.dry")),
+        "equal_elevations": _equal_elevations(draft),
+        "waves": waves_of(draft),
+    }
+    for name, kind in parts_of_block().items():
+        if name in parts or (name == "ellipsoid" and draft.system is model.CoordinateSystem.LOCAL):
+            continue
+        rows = draft.rows[name]
+        if not issubclass(kind, tables.Table):
+            parts[name] = mapping.single_of(name, rows.values)
+            continue
+        links = {column: draft.links(about.link)[name] for column, about in columns(kind).items() if about.link}
+        parts[name] = kind(**links, **{one: rows[f"{name}.{one}"] for one in columns(kind) if one not in links})
     titles = tuple(draft.rows["titles"]["titles"].tolist())
     return model.Block(titles=titles, given_in=draft.given_in, stated_in=draft.stated_in, **parts)
-
-
-def _part(draft: Draft, name: str, kind: type[Any]) -> Any:
-    """Return a part of the block, as its cards say it."""
-    match name:
-        case "options":
-            return draft.options
-        case "reduction":
-            return draft.reduction
-        case "ellipsoid" if draft.system is model.CoordinateSystem.LOCAL:
-            return None
-        case "water":
-            return _water(draft)
-        case "photos":
-            return _photos(draft)
-        case "points":
-            return model.Points(ids=draft.point_ids, bathymetric=draft.bathymetric, dry=draft.flagged("points.dry"))
-        case "equal_elevations":
-            return _equal_elevations(draft)
-        case "waves":
-            return waves_of(draft)
-    if issubclass(kind, tables.Table):
-        return _rows(draft, name)
-    return mapping.single_of(name, draft.rows[name].values)
-
-
-def _rows(draft: Draft, table: str) -> Any:
-    """Return the table of the model that the cards of the same role fill, row by row."""
-    kind, rows = mapping.TABLES[table], draft.rows[table]
-    links = {name: draft.links(about.link)[table] for name, about in columns(kind).items() if about.link}
-    return kind(**links, **{name: rows[f"{table}.{name}"] for name in columns(kind) if name not in links})
 
 
 def _water(draft: Draft) -> model.Water | None:
@@ -68,12 +56,6 @@ def _water(draft: Draft) -> model.Water | None:
 
     water = mapping.single_of("water", draft.rows["water"].values) or model.Water()
     return replace(water, index=index_of(conditions), conditions=conditions)
-
-
-def _photos(draft: Draft) -> model.Photos:
-    others = {name: about.role for name, about in columns(model.Photos).items() if about.role and not about.link}
-    values = {name: draft.by_photo(role, f"photos.{name}") for name, role in others.items()}
-    return model.Photos(ids=draft.photo_ids, camera=draft.camera_of_photo, **values)
 
 
 def waves_of(draft: Draft) -> model.Waves:
@@ -114,22 +96,16 @@ def values_of_cards(block: model.Block, family: Family) -> Iterator[tuple[CardSp
     """Yield the same cards with what they say by model attribute, and the radians of their unit of angles."""
     given_in = block.given_in
     block, stating = in_words(block)
-    return _cards(tables_of(block, family) | stating, family, block.options.system, given_in)
+    return cards_of_tables(tables_of(block, family) | stating, family, block.options.system, given_in)
 
 
 def cards_of_tables(
-    tables: Tables, family: Family, system: model.CoordinateSystem | None
-) -> Iterator[tuple[CardSpec, Table]]:
-    """Yield the cards that say tables, of which any may be missing, in words of the adjustment."""
-    said = {role: table for role, table in tables.items() if role not in system_rows.TABLES}
-    for spec, values, angle in _cards(said, family, system):
-        yield spec, mapping.scatter(spec, values, angle)
-
-
-def _cards(
     tables: Tables, family: Family, system: str | None, given_in: model.SystemSpec | None = None
 ) -> Iterator[tuple[CardSpec, Table, float]]:
-    """Yield the cards of tables: of several for one thing those of the system, or of how the deck is stated."""
+    """Yield the cards of tables, of which any may be missing, with their values and radians.
+
+    Of several cards for one thing they are those of the system, or of how the deck is stated.
+    """
     unit = AngleUnit.DMS if given_in is None else given_in.unit
     matrices = given_in is not None and given_in.angles == system_rows.MATRICES
     geographic = (system if given_in is None else given_in.kind) == model.CoordinateSystem.GEOGRAPHIC
@@ -173,7 +149,9 @@ def _table_of(block: model.Block, role: str, spec: CardSpec) -> Table:
         case "titles":
             return {"titles": np.array(part, dtype=str)}
         case "more_options":
-            return _options_off_default(block.options, spec)
+            values, default = (single_values(options, table) for options in (part, model.Options()))
+            off = any(values[slot.path] != default[slot.path] for slot in mapping.slots(spec))
+            return values if off else {}
         case "equal_elevations":
             return _equal_elevation_values(block, spec)
         case "stations" | "attitudes" | "tides":
@@ -191,12 +169,6 @@ def single_values(part: Any, table: str) -> Table:
         return {}
     values = {name: getattr(part, name) for name in mapping.names_of(table)}
     return {f"{table}.{name}": np.array([np.nan if value is None else value]) for name, value in values.items()}
-
-
-def _options_off_default(options: model.Options, spec: CardSpec) -> Table:
-    """Return all options if one that the card gives is off its default, else nothing."""
-    values, default = single_values(options, "options"), single_values(model.Options(), "options")
-    return values if any(values[slot.path] != default[slot.path] for slot in mapping.slots(spec)) else {}
 
 
 def _photos_with(photos: model.Photos, role: str) -> IntArray:

@@ -114,15 +114,15 @@ class BlockBuilder:
             self.add("stations", ids=photo, camera=camera, position=position, position_sigma=position_sigma)
         if attitude is not None:
             self.add("attitudes", ids=photo, attitude=attitude, attitude_sigma=attitude_sigma)
-        water = {
+        tides = {
             "tide": tide,
             "tide_sigma": tide_sigma,
             "tide_group": tide_group,
             "tide_day": tide_day,
             "time": time,
         }
-        if any(value is not None and value != "" for value in water.values()):
-            self.add("tides", ids=photo, **water)
+        if any(value is not None and value != "" for value in tides.values()):
+            self.add("tides", ids=photo, **tides)
 
     def add_images(
         self,
@@ -181,14 +181,8 @@ class BlockBuilder:
         east, north = (None, None) if tilt is None else np.asarray(tilt, dtype=float).tolist()
         if conditions is not None:
             self._take("water_conditions", assembly.single_values(conditions, "water_conditions"))
-        given = {
-            "index": index,
-            "sigma": sigma,
-            "tilt_east": east,
-            "tilt_north": north,
-            "tilt_sigma": tilt_sigma,
-            "liquid": liquid,
-        }
+        tilts = {"tilt_east": east, "tilt_north": north, "tilt_sigma": tilt_sigma}
+        given = {"index": index, "sigma": sigma, "liquid": liquid} | tilts
         if any(value is not None for value in given.values()) or conditions is None:
             self.add("water", **given)
 
@@ -213,19 +207,20 @@ class BlockBuilder:
 
         Values are of one row, or (k, ...) of k rows; what is left out is blank, as on a card.
         """
-        known = {path.rpartition(".")[2]: path for path in nothing(role)} if role in ROLES else {}
-        if role in system_rows.TABLES or not known:
-            self._slip(f"add({role!r})", f"nothing is called so{nearest_or_all(role, ROLES)}")
+        call = _CALLS.get(role, f"add({role!r})")
+        if role not in ROLES or role in system_rows.TABLES:
+            self._slip(call, f"nothing is called so{nearest_or_all(role, ROLES)}")
             return
+        known = {path.rpartition(".")[2]: path for path in nothing(role)}
         values: Table = {}
         for name, value in columns.items():
             if name not in known:
-                self._slip(_CALLS.get(role, f"add({role!r})"), f"no '{name}' here{nearest_or_all(name, known)}")
+                self._slip(call, f"no '{name}' here{nearest_or_all(name, known)}")
             elif value is not None:
                 try:
                     values[known[name]] = _column(role, known[name], value)
                 except (ValueError, TypeError) as error:
-                    self._slip(_CALLS.get(role, f"add({role!r})"), f"{name}: {error}")
+                    self._slip(call, f"{name}: {error}")
                     return
         self._take(role, values)
 
@@ -282,23 +277,19 @@ class BlockBuilder:
         return draft, tuple(replace(problem, line=None) for problem in in_order(problems))
 
     def _draft(self) -> Draft:
-        options = assembly.single_values(self._options, "options")
-        of_options = ({path: options[path] for path in nothing(role)} for role in _OF_OPTIONS)
-        first = np.array([_OPTIONS])
-        given = [Rows.of(role, (), one, first) for role, one in zip(_OF_OPTIONS, of_options, strict=True)]
+        options, first = assembly.single_values(self._options, "options"), np.array([_OPTIONS])
+        given = [Rows.of(role, (), {path: options[path] for path in nothing(role)}, first) for role in _OF_OPTIONS]
         given += self._given
         flags = flags_of((one.role, one.values) for one in given)
         rows: dict[str, Rows] = {}
         for role, specs in roles_of(card_family()).items():
             of_role = [one for one in given if one.role == role]
-            if not of_role:
-                rows[role] = Rows.of(
-                    role, specs if role in system_rows.TABLES else (self._spec(role),), nothing(role)
-                )
-                continue
-            values = {path: _stacked([one[path] for one in of_role]) for path in nothing(role)}
-            lines = np.concatenate([one.lines for one in of_role])
-            rows[role] = Rows.of(role, (self._spec(role),), with_flags(role, values, flags), lines)
+            values = {
+                path: _stacked([one[path] for one in of_role] or [none]) for path, none in nothing(role).items()
+            }
+            lines = np.concatenate([first[:0], *(one.lines for one in of_role)])
+            cards = specs if role in system_rows.TABLES else (self._spec(role),)
+            rows[role] = Rows.of(role, cards, with_flags(role, values, flags), lines)
         deck = CardDeck(file="", tables={}, lines={}, problems=(), images=card_images(b"\n" * self._next()))
         return draft_of_rows(rows, deck, self._label)
 
@@ -320,9 +311,8 @@ class BlockBuilder:
         if rows is None:
             return _CALLS["options"]
         about = attributes(rows.role).items()
-        ids = [path for path, one in about if one.identity or one.key] or [path for path, one in about if one.link][
-            :1
-        ]
+        links = [path for path, one in about if one.link]
+        ids = [path for path, one in about if one.identity or one.key] or links[:1]
         names = [str(name) for path in ids for name in np.ravel(rows[path][line - rows.lines[0]])]
         call = _CALLS.get(rows.role, _ANY)
         names = [rows.role, *names] if call == _ANY else names

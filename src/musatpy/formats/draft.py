@@ -199,11 +199,10 @@ def _slots(spec: CardSpec, path: str, component: int | None) -> list[mapping.Slo
 def draft_of(deck: CardDeck, family: Family, flags: Flags | None = None) -> Draft:
     """Return the draft of a deck, whatever is wrong with it; its points have `flags` besides those of the cards."""
     roles = roles_of(family)
-    statements = {role: _rows(role, roles.get(role, ()), deck) for role in system_rows.STATING}
-    given_in, _ = _statements(statements)
+    rows = {role: _rows(role, roles.get(role, ()), deck) for role in system_rows.STATING}
+    given_in = system_rows.spec_of(system_rows.IN, rows)
     angle = system_rows.radians_of(given_in.unit if given_in else "")
-    others = {role: _rows(role, roles.get(role, ()), deck, angle) for role in ROLES if role not in statements}
-    rows = statements | others
+    rows |= {role: _rows(role, roles.get(role, ()), deck, angle) for role in ROLES if role not in rows}
     if len(rows["matrices"]) and not len(rows["attitudes"]):
         rows["attitudes"] = _by_matrices(rows["attitudes"], rows["matrices"])
     if flags:
@@ -211,31 +210,28 @@ def draft_of(deck: CardDeck, family: Family, flags: Flags | None = None) -> Draf
     return draft_of_rows(rows, deck)
 
 
-def _statements(rows: dict[str, Rows]) -> tuple[model.SystemSpec | None, model.SystemSpec | None]:
-    """Return how the cards state what they say, and how the answer is to be stated."""
-    return system_rows.spec_of(system_rows.IN, rows), system_rows.spec_of(system_rows.OUT, rows)
-
-
 def draft_of_rows(rows: dict[str, Rows], deck: CardDeck, call: Callable[[int], str] | None = None) -> Draft:
     """Return the draft that the rows of every role make; `deck` is where their lines stand, or `call` says what."""
-    given_in, stated_in = _statements(rows)
-    camera_ids, camera = _link(naming("cameras"), rows)
-    photo_ids, photo = _link(naming("photos"), rows)
-    point_ids, point = _link(naming("points"), rows)
+    given_in = system_rows.spec_of(system_rows.IN, rows)
     options = model.Options(**mapping.said_of("options", rows["options"].values | rows["more_options"].values))
+    if given_in is not None:  # the adjustment is geographic where it knows no such system
+        known = (
+            given_in.kind if given_in.kind in list(model.CoordinateSystem) else model.CoordinateSystem.GEOGRAPHIC
+        )
+        options = replace(options, system=model.CoordinateSystem(known))
+    named: dict[str, Any] = {}
+    for table in ("camera", "photo", "point"):
+        paths = naming(f"{table}s")
+        named[f"{table}_ids"], links = _first_appearance([rows[role][path] for role, path in paths.items()])
+        named[table] = dict(zip(paths, links, strict=True))
     return Draft(
         deck=deck,
         rows=rows,
-        camera_ids=camera_ids,
-        photo_ids=photo_ids,
-        point_ids=point_ids,
-        camera=camera,
-        photo=photo,
-        point=point,
-        options=_in_system(options, given_in),
+        **named,
+        options=options,
         reduction=mapping.single_of("reduction", rows["reduction"].values),
         given_in=given_in,
-        stated_in=stated_in,
+        stated_in=system_rows.spec_of(system_rows.OUT, rows),
         call=call,
     )
 
@@ -257,12 +253,6 @@ def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float =
     return Rows(role=role, specs=specs, kind=kind[order], lines=lines[order], values=values)
 
 
-def _link(paths: Mapping[str, str], rows: dict[str, Rows]) -> tuple[TextArray, dict[str, IntArray]]:
-    """Return the identifications of several roles in the order of first appearance, and the links of each role."""
-    ids, links = _first_appearance([rows[role][path] for role, path in paths.items()])
-    return ids, dict(zip(paths, links, strict=True))
-
-
 def _first_appearance(columns: list[TextArray]) -> tuple[TextArray, list[IntArray]]:
     """Return the different texts of several columns in the order of first appearance, and links; -1 for blank."""
     texts = np.concatenate([column.ravel() for column in columns])
@@ -277,27 +267,19 @@ def _first_appearance(columns: list[TextArray]) -> tuple[TextArray, list[IntArra
 
 def _by_matrices(attitudes: Rows, matrices: Rows) -> Rows:
     """Return the cards of the attitudes where matrices stand for them: the first of each photo, the angles open."""
-    photos = matrices["matrices.photo"]
-    names, first = np.unique(photos, return_index=True)
-    first = np.sort(first[names != ""])
-    sigma = np.full((len(first), 3), np.nan)
-    row = matrices["matrices.row"]
-    for at, photo in enumerate(photos[first]):
-        of_photo = np.flatnonzero((photos == photo) & (row >= 1) & (row <= 3))
-        sigma[at, row[of_photo].astype(int) - 1] = matrices["matrices.sigma"][of_photo]
+    photos, row = matrices["matrices.photo"], matrices["matrices.row"]
+    names, first, which = np.unique(photos, return_index=True, return_inverse=True)
+    sigma = np.full((len(names), 3), np.nan)
+    of_row = np.flatnonzero((row >= 1) & (row <= 3))
+    sigma[which[of_row], row[of_row].astype(int) - 1] = matrices["matrices.sigma"][of_row]
+    order = np.argsort(first)
+    order = order[names[order] != ""]
+    first = first[order]
     values = {path: mapping.blanks(path, column, len(first)) for path, column in attitudes.values.items()}
     return replace(
         attitudes,
         specs=matrices.specs,
         kind=matrices.kind[first],
         lines=matrices.lines[first],
-        values=values | {"photos.ids": photos[first], "photos.attitude_sigma": sigma},
+        values=values | {"photos.ids": photos[first], "photos.attitude_sigma": sigma[order]},
     )
-
-
-def _in_system(options: model.Options, given_in: model.SystemSpec | None) -> model.Options:
-    """Return the options with the system that a SYS card says, of the adjustment where it knows no such one."""
-    if given_in is None:
-        return options
-    known = given_in.kind if given_in.kind in list(model.CoordinateSystem) else model.CoordinateSystem.GEOGRAPHIC
-    return replace(options, system=model.CoordinateSystem(known))

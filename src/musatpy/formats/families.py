@@ -19,7 +19,7 @@ from musatpy.files import write_files
 from musatpy.formats import musat, parts, system_rows
 from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder
-from musatpy.formats.job_tables import KEYS, Table, Tables, card_family, is_said, noun_of, noun_of_role, size
+from musatpy.formats.job_tables import KEYS, Table, Tables, attributes, card_family, is_said, size, words_of
 from musatpy.formats.records.files import read_records, write_records
 from musatpy.formats.records.frames import JobFrame
 from musatpy.formats.records.layout import FileSpec, is_record_folder, load_files
@@ -221,7 +221,8 @@ class RecordSet:
                     contents[place] = write_records(spec, rows, str(place))
             except DeckError as error:
                 problems += error.problems
-        if parts.is_raw(given) and "plates" in held(self.files) and "fiducial_measurements" not in held(self.files):
+        raw = model.Plates.RAW in given.get("reduction", {}).get("reduction.plates", ())
+        if raw and "plates" in held(self.files) and "fiducial_measurements" not in held(self.files):
             message = f"the plate coordinates are comparator readings (RED), and {self.name} holds refined ones"
             problems.append(Problem(message=message))
         if not problems and not contents:
@@ -271,9 +272,8 @@ class RecordSet:
 
     def _losses(self, role: str, table: Table, given: Tables, holds: set[str]) -> Iterator[tuple[str, int]]:
         """Yield what of a table the files cannot hold, which `holds` of its attributes, and how many of that."""
-        noun = noun_of_role(role)
         if not holds:
-            yield f"{noun}s", size(table)
+            yield words_of(role), size(table)
             return
         if role == "plates" and "plates.triangulated" not in holds:
             yield "measurements kept out of the solution", int((~table["plates.triangulated"].astype(bool)).sum())
@@ -292,7 +292,8 @@ class RecordSet:
                 yield f"such {kind.name.lower()} control", int((~fits & (table["control.kind"] == kind)).sum())
         for path, column in table.items():
             if path not in (*holds, *KEYS.get(role, ()), "plates.triangulated", "control.kind"):
-                yield f"{noun_of(path)} of {noun}s", int(is_said(path, column).sum())
+                name = attributes(role)[path].noun or path.partition(".")[2].replace("_", " ")
+                yield f"{name} of {words_of(role)}", int(is_said(path, column).sum())
 
 
 def _frame(given: Tables) -> JobFrame:

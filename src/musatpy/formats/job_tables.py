@@ -74,7 +74,8 @@ def attributes(role: str) -> Mapping[str, Column]:
         return {"titles": Column()}
     meanings = columns(mapping.TABLES[table])
     names = [name for name in mapping.names_of(table) if meanings[name].role in ("", role)]
-    flags = dict.fromkeys(POINT_FLAGS, Column()) if role in ("plates", "control") else {}
+    points = columns(mapping.TABLES["points"]) if role in ("plates", "control") else {}
+    flags = {path: points[path.partition(".")[2]] for path in POINT_FLAGS if points}
     return {f"{table}.{name}": meanings[name] for name in names} | flags
 
 
@@ -240,34 +241,6 @@ def role_of(path: str, paths: Iterable[str]) -> str:
     return columns(mapping.TABLES[table])[name].role or ("stations" if table == "photos" else table)
 
 
-def noun_of(path: str) -> str:
-    """Return what an attribute is called where it cannot be held."""
-    table, _, name = path.partition(".")
-    return columns(mapping.TABLES[table])[name].noun or name.replace("_", " ")
-
-
-def noun_of_role(role: str) -> str:
-    """Return what a row of a role is called."""
-    return _NOUNS.get(role, role.replace("_", " ").removesuffix("s"))
-
-
-# Where it is not the name of the role.
-_NOUNS = {
-    "options": "option card",
-    "more_options": "card of further options",
-    "water": "water card",
-    "water_conditions": "card of water conditions",
-    "wave_sigmas": "wave sigma card",
-    "distortion": "distortion record",
-    "fiducials": "calibrated fiducial mark",
-    "plates": "plate measurement",
-    "control": "control point",
-    "equal_elevations": "equal elevation card",
-    "reduction": "reduction card",
-    "orientation": "orientation card",
-    "comparator": "comparator card",
-    "lenses": "lens record",
-    "mark_distances": "calibrated mark distance",
-    "reseau": "calibrated reseau mark",
-    "cross_measurements": "reseau measurement",
-}
+def words_of(role: str) -> str:
+    """Return what the rows of a role are called: `plates`, `height differences`."""
+    return role.replace("_", " ")

@@ -280,7 +280,7 @@ def _decode(path: str, values: Array) -> Array:
 
 
 def factor(slot: Slot, angle: float) -> float:
-    """Return the unit of a slot of one field in the unit of the model; `angle` is that of the SYS card, rad."""
+    """Return the unit of a slot, degrees of three fields, in that of the model; `angle` is that of the SYS card."""
     unit = slot.fields[0].unit
     return angle if unit == STATED_UNIT else _UNITS[unit]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -9,9 +10,10 @@ import numpy as np
 
 from musatpy import model
 from musatpy.errors import DeckError, Problem
-from musatpy.formats import assembly, system_rows
+from musatpy.formats import assembly, mapping, system_rows
 from musatpy.formats.cards.deck import read_cards
-from musatpy.formats.cards.spec import Family
+from musatpy.formats.cards.spec import CardSpec, Family
+from musatpy.formats.checks.systems import statements
 from musatpy.formats.draft import draft_of, draft_of_rows
 from musatpy.formats.job_tables import (
     KEYS,
@@ -28,7 +30,7 @@ from musatpy.formats.job_tables import (
     size,
     with_flags,
 )
-from musatpy.formats.statements import entered_draft, statement_problems
+from musatpy.formats.statements import entered_draft
 
 if TYPE_CHECKING:
     from musatpy.formats.draft import Draft
@@ -60,35 +62,25 @@ def deck_parts(path: Any) -> Tables:
     deck = read_cards(path, family)
     missing = [one for one in deck.problems if one.line is None and one.card]  # cards that a whole deck must have
     errors = [one for one in deck.problems if one.severity == "error" and one not in missing]
-    if errors:
-        raise DeckError(errors)
     draft = draft_of(deck, family)
-    draft = _entered(draft)
+    if errors := errors or list(statements(draft)):
+        raise DeckError(errors)
+    if draft.given_in is not None and any(len(draft.rows[role]) for role in _STATED):
+        draft, _, problems = entered_draft(draft, _linked(draft, "a deck with SYS IN must be whole"))
+        if any(problem.severity == "error" for problem in problems):
+            raise DeckError(problems)
     stated = {role: rows for role, rows in draft.rows.items() if role not in system_rows.TABLES}
     parts = {role: dict(rows.values) for role, rows in stated.items() if len(rows)}
     parts |= _stating(draft.given_in, draft.stated_in)
     return parts | {"options": assembly.single_values(draft.options, "options")}
 
 
-def _entered(draft: Draft) -> Draft:
-    """Return a draft, which need not be whole, in the words of the adjustment. Raises `DeckError`."""
-    specs = {system_rows.IN: draft.given_in, system_rows.OUT: draft.stated_in}
-    problems = [
-        one for role, spec in specs.items() if spec is not None for one in statement_problems(draft, role, spec)
-    ]
-    if problems:
-        raise DeckError(problems)
-    if draft.given_in is None or not any(len(draft.rows[role]) for role in _STATED):
-        return draft
+def _linked(draft: Draft, needed: str) -> model.Block:
+    """Return the block of a draft; raises `DeckError` with what is `needed` for a link to what is not there."""
     try:
-        block = assembly.block_of(draft)
-    except ValueError as error:  # a link to what is not there
-        message = f"a deck with SYS IN must be whole where it has stations, attitudes, tides or control: {error}"
-        raise DeckError([Problem(message=message)]) from error
-    draft, _, problems_found = entered_draft(draft, block)
-    if any(problem.severity == "error" for problem in problems_found):
-        raise DeckError(problems_found)
-    return draft
+        return assembly.block_of(draft)
+    except ValueError as error:
+        raise DeckError([Problem(message=f"{needed}: {error}")]) from error
 
 
 def _stating(given_in: model.SystemSpec | None, stated_in: model.SystemSpec | None) -> Tables:
@@ -116,9 +108,11 @@ def statement_of(parts: Tables) -> Statement | None:
     return statement_on(spec, ellipsoid_of(parts))
 
 
-def cards_of_parts(parts: Tables, family: Family) -> Any:
-    """Yield the cards that say the parts (see `assembly.cards_of`)."""
-    return assembly.cards_of_tables(parts, family, system_of(parts))
+def cards_of_parts(parts: Tables, family: Family) -> Iterator[tuple[CardSpec, Table]]:
+    """Yield the cards that say the parts, in words of the adjustment (see `assembly.cards_of`)."""
+    said = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
+    for spec, values, angle in assembly.cards_of_tables(said, family, system_of(parts)):
+        yield spec, mapping.scatter(spec, values, angle)
 
 
 def system_of(parts: Tables) -> model.CoordinateSystem | None:
@@ -129,21 +123,10 @@ def system_of(parts: Tables) -> model.CoordinateSystem | None:
 
 def ellipsoid_of(parts: Tables) -> model.EllipsoidSpec | None:
     """Return the ellipsoid of the job, None where none is known."""
-    table = parts.get("ellipsoid")
-    if table is None:
-        return None
-    name, axis, flattening = (
-        table[f"ellipsoid.{name}"][0].item() for name in ("name", "semi_major_axis", "inverse_flattening")
+    spec: model.EllipsoidSpec | None = mapping.single_of(
+        "ellipsoid", parts.get("ellipsoid") or nothing("ellipsoid")
     )
-    if name:
-        return model.EllipsoidSpec(name=name)
-    return model.EllipsoidSpec(semi_major_axis=axis, inverse_flattening=flattening)
-
-
-def is_raw(parts: Tables) -> bool:
-    """Return whether the plate coordinates are comparator readings."""
-    table = parts.get("reduction", {})
-    return any(str(plates) == model.Plates.RAW for plates in table.get("reduction.plates", ()))
+    return spec
 
 
 def missing_parts(parts: Tables) -> list[Problem]:
@@ -165,18 +148,12 @@ def missing_parts(parts: Tables) -> list[Problem]:
 def block_of(parts: Tables) -> model.Block:
     """Return the block that the parts make; raises `DeckError` for what they lack."""
     family = card_family()
-    problems = missing_parts(parts)
-    if problems:
+    if problems := missing_parts(parts):
         raise DeckError(problems)
     said = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
     rows = {role: Rows.of(role, roles_of(family)[role], said.get(role) or nothing(role)) for role in ROLES}
-    draft = draft_of_rows(rows, read_cards(b"", family))
-    try:
-        block = assembly.block_of(draft)
-    except ValueError as error:  # a link to what is not there
-        raise DeckError([Problem(message=str(error))]) from error
-    given_in, stated_in = spec_of(parts, system_rows.IN), spec_of(parts, system_rows.OUT)
-    return replace(block, given_in=given_in, stated_in=stated_in)
+    block = _linked(draft_of_rows(rows, read_cards(b"", family)), "the parts do not go together")
+    return replace(block, given_in=spec_of(parts, system_rows.IN), stated_in=spec_of(parts, system_rows.OUT))
 
 
 def merged(given: Tables, read: Tables) -> Tables:

@@ -20,7 +20,6 @@ from musatpy.units import ARC_SECOND
 
 if TYPE_CHECKING:
     from musatpy.formats.draft import Draft
-    from musatpy.geometry.systems import System
 
 OF_SYSTEM = "SYST"  # sigmas are those of the coordinates and attitudes as stated
 _ROUNDING = 1e-14  # rad: an angle of zero comes back from a rotation with a sign, which cards would show
@@ -130,19 +129,12 @@ def answer_problems(draft: Draft, block: Block) -> tuple[Problem, ...]:
     if unreached:
         return (_of_statement(draft, system_rows.OUT, axes[0]),) if axes else unreached
     places = np.concatenate([block.photos.position, block.control.position])
-    known = places[np.isfinite(places).all(axis=1)]
-    return _outside(draft, statement.system, job_system.level(known))
-
-
-def _outside(draft: Draft, system: System, level: FloatArray) -> tuple[Problem, ...]:
-    """Return a warning of places outside the area of the system of the answer, at its SYS card."""
-    number = int(np.count_nonzero(system.outside(level)))
-    if not number:
-        return ()
-    message = f"{number} of the {len(level)} stations and control points lie outside the area of {system.text}"
-    return (
-        _of_statement(draft, system_rows.OUT, Problem(message=message, field="definition", severity="warning")),
-    )
+    level = job_system.level(places[np.isfinite(places).all(axis=1)])
+    number = int(np.count_nonzero(statement.system.outside(level)))
+    area = f"outside the area of {statement.system.text}"
+    message = f"{number} of the {len(level)} stations and control points lie {area}"
+    outside = Problem(message=message, field="definition", severity="warning")
+    return (_of_statement(draft, system_rows.OUT, outside),) if number else ()
 
 
 def _with_sigmas(block: Block, spec: SystemSpec, scaled: Callable[[FloatArray, FloatArray], FloatArray]) -> Block:

@@ -79,6 +79,9 @@ class FieldSpec:
     bound: tuple[str, float, str] | None = key(
         None, '`[">" or ">=", number, message]`: what a number must be, in inside units'
     )
+    most: tuple[float, str] | None = key(
+        None, "`[number, message]`: beyond which it cannot be, in the unit of the field; angles in degrees"
+    )
     doc: str = key("", "what the field means", required=True)
 
     @property

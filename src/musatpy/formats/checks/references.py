@@ -15,7 +15,6 @@ from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import naming, table_of
 
 _READ_AGAIN = ("plates", "fiducial_measurements")  # of raw plates, whose readings are no measurements
-_SHOWN = 5  # lines that the message of a problem of many cards names
 Table = Literal["cameras", "photos", "points"]
 Need = tuple[Table, Iterable[str], tuple[str, ...], str, Literal["error", "warning"]]
 
@@ -149,46 +148,25 @@ def _needed(draft: Draft) -> Iterator[Need]:
 def undefined_marks(draft: Draft) -> Iterator[Problem]:
     """Yield each measured fiducial mark, and each measured cross, that the camera of its photo does not have.
 
-    Of a mark distances alone may be known.
+    Of a mark distances alone may be known. It is one problem for all cards that name one, and for all of a camera
+    without any.
     """
-    distances = draft.rows["mark_distances"]["mark_distances.marks"].T
-    marks = [*_of_cameras(draft, "fiducials", draft.rows["fiducials"]["fiducials.ids"])]
-    marks += [name for end in distances for name in _of_cameras(draft, "mark_distances", end)]
-    yield from _uncalibrated(draft, "fiducial_measurements", set(marks), "mark", draft.cards("fiducials"))
-    crosses = _of_cameras(draft, "reseau", draft.rows["reseau"]["reseau.ids"])
-    yield from _uncalibrated(draft, "cross_measurements", set(crosses), "cross", draft.cards("reseau"))
-
-
-def _of_cameras(draft: Draft, role: str, names: TextArray) -> Iterator[tuple[int, str]]:
-    """Return (camera, name) of what the cards of a role name."""
-    return zip(draft.camera[role].tolist(), names.tolist(), strict=True)
-
-
-def _uncalibrated(draft: Draft, role: str, known: set[tuple[int, str]], noun: str, cards: str) -> Iterator[Problem]:
-    """Yield the names on cards of a role of measurements that are not `known` of the camera of their photo.
-
-    That is one problem for all cards that name it, and one for all of a camera without any calibrated marks.
-    """
-    rows = draft.rows[role]
-    camera = draft.camera_of_photo[draft.photo[role]] if len(rows) else np.zeros(0, dtype=np.int64)
-    calibrated = {link for link, name in known if name}
-    found: dict[tuple[int, str], list[int]] = {}  # "": whatever the name, the camera has none
-    for row, (link, mark) in enumerate(zip(camera.tolist(), rows[f"{role}.ids"].tolist(), strict=True)):
-        if link >= 0 and mark and draft.photo[role][row] >= 0 and (link, mark) not in known:
-            found.setdefault((link, mark if link in calibrated else ""), []).append(row)
-    for (link, mark), named in found.items():
-        name, lines = f"camera {draft.camera_ids[link]}", _lines(rows.lines[named].tolist())
-        if mark:
-            message = f"{noun} {mark} is no calibrated {noun} ({cards}) of {name}"
-            message += f" ({len(named)} cards name it, {lines})" if len(named) > 1 else ""
-        else:
-            measure = f"{len(named)} cards measure" if len(named) > 1 else "1 card measures"
-            message = f"{name} has no calibrated {noun} ({cards}), and {measure} one ({draft.cards(role)}, {lines})"
-        yield draft.problem(role, named[0], message, path=f"{role}.ids")
-
-
-def _lines(numbers: list[int]) -> str:
-    """Return the first of some lines in words, and how many more there are."""
-    shown = ", ".join(str(number) for number in numbers[:_SHOWN])
-    more = f" and {len(numbers) - _SHOWN} more" if len(numbers) > _SHOWN else ""
-    return f"line{'s' if len(numbers) > 1 else ''} {shown}{more}"
+    for role, noun, calibrated in (
+        ("fiducial_measurements", "mark", (("fiducials", "ids"), ("mark_distances", "marks"))),
+        ("cross_measurements", "cross", (("reseau", "ids"),)),
+    ):
+        known: set[tuple[int, str]] = set()
+        for one, name in calibrated:
+            names = draft.rows[one][f"{one}.{name}"]
+            for column in names.reshape(len(names), math.prod(names.shape[1:])).T:
+                known.update(zip(draft.camera[one].tolist(), column.tolist(), strict=True))
+        with_names = {camera for camera, name in known if name}
+        measured, photo = draft.rows[role][f"{role}.ids"].tolist(), draft.photo[role]
+        named: dict[tuple[int, str], list[int]] = {}  # "": whatever the name, the camera has none
+        for row, (camera, name) in enumerate(zip(draft.camera_of_photo[photo].tolist(), measured, strict=True)):
+            if camera >= 0 and name and photo[row] >= 0 and (camera, name) not in known:
+                named.setdefault((camera, name if camera in with_names else ""), []).append(row)
+        cards = draft.cards(calibrated[0][0])
+        for (camera, name), rows in named.items():
+            message = f"camera {draft.camera_ids[camera]} has no calibrated {noun} {name or 'at all'} ({cards})"
+            yield draft.problem(role, rows[0], message + _others(len(rows) - 1), path=f"{role}.ids")

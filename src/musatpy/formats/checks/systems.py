@@ -25,20 +25,13 @@ _HIGHEST = 100e3  # m, no local rectangular job has its vertical coordinates bey
 
 @check()
 def system_cards(draft: Draft) -> Iterator[Problem]:
-    """Yield second SYS, SYO and SYF cards of a role, and cards that go with a SYS card that is not there."""
-    stated = set(draft.rows["systems"]["systems.role"].tolist())
-    for role in system_rows.STATING:
-        rows, path, first = draft.rows[role], f"{role}.role", dict[str, int]()
-        for row, word in enumerate(rows[path].tolist()):
-            if not word:
-                continue
-            again = first.setdefault(word, row) != row
-            if again and role != "system_texts":
-                message = f"a second {rows.spec(row).mnemonic} card for {word}; the first is on line"
-                yield draft.problem(role, row, f"{message} {rows.lines[first[word]]}", path=path)
-            elif not again and word not in stated:
-                message = f"no {draft.cards('systems')} card for {word}, which this one goes with"
-                yield draft.problem(role, row, message, path=path)
+    """Yield the first card of a role that goes with a SYS card which is not there."""
+    for role in system_rows.STATING[1:]:
+        words = draft.rows[role][f"{role}.role"]
+        first = np.isin(np.arange(len(words)), np.unique(words, return_index=True)[1])
+        alone = first & (words != "") & ~np.isin(words, draft.rows["systems"]["systems.role"])
+        message = f"no {draft.cards('systems')} card for {{}}, which this one goes with"
+        yield from draft.problems(role, alone, message, words, path=f"{role}.role")
 
 
 @check(needs="options")
@@ -80,28 +73,14 @@ def matrices(draft: Draft) -> Iterator[Problem]:
     """Yield attitudes that are not in the form of the SYS card, and matrices without their three rows."""
     stated = draft.given_in is not None and draft.given_in.angles == system_rows.MATRICES
     rows, links, angles = draft.rows["matrices"], draft.photo["matrices"], draft.rows["attitudes"]
-    # where no card gives angles matrices may stand in their rows
-    of_angles = draft.photo["attitudes"] if angles.specs != rows.specs else np.zeros(0, dtype=np.int64)
     if draft.unread("systems", "systems.angles").any():
         return
     if len(rows) and not stated:
         message = f"a matrix, and no {draft.cards('systems')} card for IN that says {system_rows.MATRICES}"
-        of_photo = np.flatnonzero(of_angles == links[0])
-        if links[0] >= 0 and of_photo.size:
-            line = angles.lines[of_photo[0]]
-            message += f"; the angles of photo {draft.photo_ids[links[0]]} are on line {line}"
         yield draft.problem("matrices", 0, message)
         return
-    if stated and len(of_angles):
-        row, also = 0, ""
-        both = np.flatnonzero((of_angles >= 0) & np.isin(of_angles, links))
-        if both.size:
-            row, link = int(both[0]), of_angles[both[0]]
-            more = len(np.unique(of_angles[both])) - 1
-            others = f", and {more} more photo{'s have' if more > 1 else ' has'} both" if more else ""
-            line = rows.lines[np.flatnonzero(links == link)[0]]
-            also = f"; the matrix of photo {draft.photo_ids[link]} is on line {line}{others}"
-        yield draft.problem("attitudes", row, f"angles, where attitudes are stated as matrices{also}")
+    if stated and len(angles) and angles.specs != rows.specs:  # matrices may stand in rows of the angles
+        yield draft.problem("attitudes", 0, "angles, where attitudes are stated as matrices")
     numbers, unread = rows["matrices.row"], draft.unread("matrices", "matrices.row")
     for link in np.unique(links[links >= 0]).tolist():
         of_photo = np.flatnonzero(links == link)

@@ -14,34 +14,21 @@ from musatpy.formats import mapping
 from musatpy.formats.cards.spec import FieldSpec
 from musatpy.formats.checks.check import check
 from musatpy.formats.draft import Draft
-from musatpy.formats.job_tables import ROLES, table_of
+from musatpy.formats.job_tables import table_of
 from musatpy.formats.system_rows import radians_of
 from musatpy.model import ControlKind, CoordinateSystem
-from musatpy.units import ARC_SECOND, DEGREE
+from musatpy.units import DEGREE
 
 _FOCAL_LENGTHS = (10.0, 3000.0)  # mm: from small formats to reconnaissance cameras
 _WITHIN = {">": np.greater, ">=": np.greater_equal}
-_LOOSEST_LIMITS = (
-    ("options.rotation_limit", 60.0, ARC_SECOND, "seconds of arc"),
-    ("options.translation_limit", 1.0, 1.0, "m"),
-    ("options.water_limit", 1.0, 1.0, "m"),
-)
 _LARGEST = {"": 1e9, "m": 1e8, "mm": 1e8, "um": 1e9, "m/s": 1e4}  # by the unit of a field, whatever it means
 _SMALLEST_SIGMA = 1e-9  # in any unit: what is as good as that can only be a slip
+_ROUNDING = 1e-9  # of limits: they are not beyond themselves, whatever their unit
 _COMPONENTS = {
     CoordinateSystem.GEOGRAPHIC: ("latitude", "longitude", "height"),
     CoordinateSystem.GEOCENTRIC: ("X", "Y", "Z"),
     CoordinateSystem.LOCAL: ("X", "Y", "Z"),
 }
-
-
-@check(of_card=True)
-def options(draft: Draft) -> Iterator[Problem]:
-    """Yield limits of the option card that any run can meet. Its plate sigma is one of the sigmas."""
-    for path, largest, unit, word in _LOOSEST_LIMITS:
-        limit = draft.rows["options"][path] / unit
-        message = f"a limit of {{:g}} {word} would call any run converged: {largest:g} {word} at most"
-        yield from draft.problems("options", limit > largest * (1.0 + 1e-9), message, limit, path=path)
 
 
 @check(of_card=True)
@@ -111,22 +98,10 @@ def _numbers(draft: Draft) -> Iterator[tuple[str, int, mapping.Slot, FloatArray]
 @check(of_card=True, of_job=True)
 def attitudes(draft: Draft) -> Iterator[Problem]:
     """Yield tilts beyond 90 degrees and headings beyond 360."""
-    yield from _beyond(draft, "attitudes", "photos.attitude", ((90, "tilt"), (90, "tilt"), (360, "heading")))
-
-
-@check(of_card=True)
-def geographic_positions(draft: Draft) -> Iterator[Problem]:
-    """Yield latitudes beyond 90 degrees and longitudes beyond 360."""
-    for role in ("stations", "control", "wave_origin"):
-        yield from _beyond(draft, role, ROLES[role], ((90, "latitude"), (360, "longitude")))
-
-
-def _beyond(draft: Draft, role: str, path: str, limits: tuple[tuple[float, str], ...]) -> Iterator[Problem]:
-    """Yield the angles of the first components of `path` that are beyond these limits (degrees)."""
-    for component, (limit, name) in enumerate(limits):
+    role, path = "attitudes", "photos.attitude"
+    for component, (limit, name) in enumerate(((90, "tilt"), (90, "tilt"), (360, "heading"))):
         angle = draft.rows[role][path][:, component] / DEGREE
-        # The limit itself is not beyond it, whatever the rounding of its radians.
-        beyond = draft.is_angular(role, path) & (np.abs(angle) > limit + 1e-9)
+        beyond = draft.is_angular(role, path) & (np.abs(angle) > limit + _ROUNDING)
         message = f"a {name} of {{:.4f}} degrees is beyond {limit}"
         yield from draft.problems(role, beyond, message, angle, path=path, component=component)
 
@@ -151,12 +126,18 @@ def distortion(draft: Draft) -> Iterator[Problem]:
 
 @check(of_card=True)
 def bounds(draft: Draft) -> Iterator[Problem]:
-    """Yield limits, scales, lengths and numbers that cannot be, as the card formats say."""
+    """Yield limits, scales, lengths and angles that cannot be, as the card formats say."""
     for role, kind, slot, value in _numbers(draft):
-        if slot.fields[0].bound is not None:
-            relation, bound, message = slot.fields[0].bound
-            beyond = (draft.rows[role].kind == kind) & ~np.isnan(value) & ~_WITHIN[relation](value, bound)
+        field, given = slot.fields[0], (draft.rows[role].kind == kind) & ~np.isnan(value)
+        if field.bound is not None:
+            relation, bound, message = field.bound
+            beyond = given & ~_WITHIN[relation](value, bound)
             yield from draft.problems(role, beyond, message, value, path=slot.path, component=slot.component)
+        if field.most is not None:
+            most, message = field.most
+            size = value / mapping.factor(slot, DEGREE)
+            beyond = given & (np.abs(size) > most + _ROUNDING)
+            yield from draft.problems(role, beyond, message, size, path=slot.path, component=slot.component)
 
 
 @check(of_card=True)

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from musatpy.arrays import IntArray
 from musatpy.errors import DeckError, Problem, in_order
-from musatpy.formats.records.fields import RecordField
 from musatpy.formats.records.layout import START, FileSpec, RecordSpec, Value, record_line, record_values
 
 _END_OF_FILE = "\x1a"
@@ -214,10 +213,17 @@ class _Writer:
         """Add the rows that end with `leaf`."""
         chain = self.spec.chain(leaf)
         count = len(next(iter(columns.values())))
-        texts = {field.name: self._column(field, columns, count) for one in chain for field in one.fields}
-        heads = [one.name for record in chain[:-1] for one in record.fields]
+        texts: dict[str, list[Value]] = {}
+        for field in (field for one in chain for field in one.fields):
+            blank: Value = math.nan if field.edit.is_number else ""  # what the model does not have, or says again
+            column = columns.get(field.same_as or field.name)
+            texts[field.name] = [blank] * count if column is None else column.tolist()
+        heads = list(zip(*(texts[one.name] for record in chain[:-1] for one in record.fields), strict=True))
+        places: dict[tuple[Value, ...], int] = {}
+        ranks = [places.setdefault(head, len(places)) for head in heads]
+        order = np.argsort(ranks, kind="stable").tolist() if heads else range(count)
         shared: dict[str, tuple[Value, ...]] = {}  # the values under which a record was last written
-        for row in self._order([texts[name] for name in heads], count):
+        for row in order:  # equal heads together
             values = {name: column[row] for name, column in texts.items()}
             again = False
             for record in chain:
@@ -229,54 +235,29 @@ class _Writer:
                     self._add(record, values)
                     shared[record.name] = content
 
-    @staticmethod
-    def _column(field: RecordField, columns: Columns, count: int) -> list[Value]:
-        """Return the values of a field; one that the model does not have is blank, or says another again."""
-        name = field.same_as or field.name
-        if name in columns:
-            values: list[Value] = columns[name].tolist()
-            return values
-        return [math.nan if field.edit.is_number else ""] * count
-
     def _many(self, head: RecordSpec, leaf: RecordSpec) -> bool:
         """Return whether several rows may follow one `head`: its members may follow one another."""
         chain = self.spec.chain(leaf)
         member = chain[chain.index(head) + 1]
         return any(one.name in member.follows for one in chain[chain.index(member) :])
 
-    @staticmethod
-    def _order(heads: Sequence[Sequence[Value]], count: int) -> list[int]:
-        """Return the rows with equal heads together, in order of first appearance."""
-        ranks: dict[tuple[Value, ...], int] = {}
-        keys = [tuple(column[row] for column in heads) for row in range(count)]
-        order = [ranks.setdefault(key, len(ranks)) for key in keys]
-        rows: list[int] = np.argsort(order, kind="stable").tolist() if heads else list(range(count))
-        return rows
-
     def _add(self, record: RecordSpec, values: Mapping[str, Value]) -> None:
         self._bridge([record.name])
         try:
             line = record_line(record, values, self.spec.free)
-            self._check_first_word(record, line)
             self.lines.append(line)
+            word = line.split()[0] if self.spec.free and not record.mark else ""
+            if word in self.marks or self.spec.is_comment(word):  # a reader would take it for one
+                message = f"'{word}' begins another kind of line in this file"
+                self.problems.append(Problem(file=self.file, card=record.name, message=message, found=word))
         except DeckError as error:
             named = " ".join(str(value) for value in values.values() if isinstance(value, str) and value)
             for problem in error.problems:
                 message = f"{named}: '{problem.found}' is not {problem.expected}"
                 columns = None if self.spec.free else problem.columns
-                self.problems.append(
-                    replace(problem, message=message, file=self.file, card=record.name, columns=columns)
-                )
+                problem = replace(problem, message=message, columns=columns)
+                self.problems.append(replace(problem, file=self.file, card=record.name))
         self.before = record.name
-
-    def _check_first_word(self, record: RecordSpec, line: str) -> None:
-        """Complain of a line without mark whose first word a reader would take for a mark or a comment."""
-        if record.mark or not self.spec.free:
-            return
-        word = line.split()[0]
-        if word in self.marks or self.spec.is_comment(word):
-            message = f"'{word}' begins another kind of line in this file"
-            self.problems.append(Problem(file=self.file, card=record.name, message=message, found=word))
 
     def finish(self) -> None:
         """Add the records that must stand at the end."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from musatpy.errors import CardFormatError, DeckError, Problem
 from musatpy.formats import mapping, parts
-from musatpy.formats.job_tables import KEYS, Table, Tables, blank, noun_of_role, repeated, role_of, size
+from musatpy.formats.job_tables import KEYS, Table, Tables, blank, repeated, role_of, size, words_of
 from musatpy.formats.records.fields import JOB_UNIT, PACKED, RecordField
 from musatpy.formats.records.files import Columns, RecordFile
 from musatpy.formats.records.frames import JobFrame
@@ -35,26 +35,27 @@ def resolved(file: FileSpec, frame: JobFrame) -> FileSpec:
     Raises `DeckError` where the file has such units and the system is not known, and where its other units cannot
     be those of the system.
     """
-    jobs = any(field.unit == JOB_UNIT for record in file.records for field in record.fields)
-    if jobs and frame.system is None:
-        message = f"the units of {file.title} are those of the job; give a deck with its options (OPT card)"
-        raise DeckError([Problem(message=message)])
+    if frame.system is None:
+        if any(field.unit == JOB_UNIT for record in file.records for field in record.fields):
+            message = f"the units of {file.title} are those of the job; give a deck with its options (OPT card)"
+            raise DeckError([Problem(message=message)])
+        return file
     geographic = frame.geographic and frame.statement is None
-    file = _with_units(file, geographic) if jobs else file
-    wrong = () if frame.system is None else _wrong_units(file, geographic)
-    if faults := [f"{fault} in a {frame.system} job" for fault in wrong]:
-        raise DeckError(Problem(file=file.stated_in, message=fault) for fault in faults)
+    file = _with_units(file, geographic)
+    if faults := list(_wrong_units(file, geographic)):
+        wrong = f"in a {frame.system} job"
+        raise DeckError(Problem(file=file.stated_in, message=f"{fault} {wrong}") for fault in faults)
     return file
 
 
 def _with_units(file: FileSpec, geographic: bool) -> FileSpec:
     """Return a file with the units of a geographic job or another in place of those of the job."""
     unit = PACKED if geographic and not file.rectangular else "m"
-    records = tuple(
-        replace(one, fields=tuple(replace(f, unit=unit) if f.unit == JOB_UNIT else f for f in one.fields))
-        for one in file.records
-    )
-    return replace(file, records=records)
+
+    def of_job(field: RecordField) -> RecordField:
+        return replace(field, unit=unit) if field.unit == JOB_UNIT else field
+
+    return replace(file, records=tuple(replace(one, fields=tuple(map(of_job, one.fields))) for one in file.records))
 
 
 def _wrong_units(file: FileSpec, geographic: bool) -> Iterator[str]:
@@ -125,13 +126,12 @@ def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Tables, list[Probl
         problems += _no_rotations(file, leaf)
         for role, table in _tables(file, leaf, frame).items():
             for path in (key for key in KEYS.get(role, ()) if key not in table):
-                message = f"no field has the target {path}, which names each {noun_of_role(role)}"
+                message = f"no field has the target {path}, which names the rows of {words_of(role)}"
                 raise CardFormatError(f"{file.spec.family}, {file.spec.file}: {message}")
             if not file.spec.fiducials or role != "plates":  # a mark may have the name of a point
                 for row in repeated(role, table):
                     known = " ".join(str(table[path][row]) for path in KEYS[role])
-                    message = f"{noun_of_role(role)} {known} is given twice"
-                    problems.append(file.problem(lines[row], message))
+                    problems.append(file.problem(lines[row], f"{words_of(role)}: {known} is given twice"))
             tables_of.setdefault(role, []).append(table)
     result = {role: joined(role, tables) for role, tables in tables_of.items()}
     if "control.position" in result.get("control", {}) and frame.joins_control(file.spec):
@@ -231,28 +231,19 @@ def joined(role: str, tables: list[Table]) -> Table:
 
 
 def _joined_control(table: Table) -> Table:
+    """Return control points whose horizontal and vertical part are one row, at the place of the first."""
     kinds = mapping.CODES[_KIND]
-    first: dict[str, int] = {}
-    keep: list[int] = []  # in an order that both parts have, where there is one
-    full = []
-    place = 0
     columns = {path: column.copy() for path, column in table.items()}
-    for row, point in enumerate(table["control.point"].tolist()):
-        other = first.get(point)
-        if other is not None and {table[_KIND][other], table[_KIND][row]} == {kinds["H"], kinds["V"]}:
-            for path in ("control.position", "control.sigma"):
-                if path in columns:
-                    here = np.isnan(columns[path][other])
-                    columns[path][other][here] = columns[path][row][here]
-            full.append(other)
-            place = keep.index(other) + 1
+    first: dict[str, int] = {}
+    keep = np.ones(size(table), dtype=bool)
+    for row, (point, kind) in enumerate(zip(table["control.point"].tolist(), table[_KIND].tolist(), strict=True)):
+        other = first.setdefault(point, row)
+        if {table[_KIND][other], kind} != {kinds["H"], kinds["V"]}:
             continue
-        if table[_KIND][row] != table[_KIND][row - 1]:
-            place = 0 if table[_KIND][row] == kinds["V"] else len(keep)
-        first[point] = row
-        keep.insert(place, row)
-        place += 1
-    columns[_KIND][full] = kinds["F"]
+        for path in {"control.position", "control.sigma"} & columns.keys():
+            blank_there = np.isnan(columns[path][other])
+            columns[path][other][blank_there] = columns[path][row][blank_there]
+        columns[_KIND][other], keep[row] = kinds["F"], False
     return {path: column[keep] for path, column in columns.items()}
 
 
@@ -443,10 +434,8 @@ def _column(table: Mapping[str, Array], path: str) -> list[Any]:
 def said_by(file: FileSpec, leaf: RecordSpec) -> dict[str, set[str]]:
     """Return the model attributes that a kind of row says, by role."""
     paths = paths_of(file, leaf)
-    by_role: dict[str, set[str]] = {}
-    for path in paths:
-        by_role.setdefault(role_of(path, paths), set()).add(path)
-    return by_role
+    roles = {path: role_of(path, paths) for path in paths}
+    return {role: {path for path in paths if roles[path] == role} for role in roles.values()}
 
 
 def held(files: Iterable[FileSpec]) -> dict[str, set[str]]:
