@@ -6,9 +6,9 @@ laspy, the extra `las`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import partial
+from itertools import tee
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.depth.correction import NO_POINTS, Correction, Progress, Tally, in_order, unreached
 from musatpy.errors import DepthError, Problem, SystemsError
-from musatpy.pointfiles.las_files import rewrite
+from musatpy.pointfiles.las_files import coordinates, rewritten
 from musatpy.refraction.apparent import Fault, TruePoints
 from musatpy.units import DEGREE
 
@@ -36,12 +36,7 @@ _ADDED = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Corrected:
-    """What came of some points."""
-
-    points: TruePoints
-    bits: Any  # (n, words) uint64
+_Corrected = tuple[TruePoints, Any]  # n points, and the cameras that see them as bits (n, words) uint64
 
 
 def correct_las(
@@ -49,23 +44,23 @@ def correct_las(
 ) -> Tally:
     """Correct the points of a file; `progress` is told of points.
 
-    Raises `DepthError` without laspy, for a file that is none or that cannot hold the true points, for points that
-    their system does not reach, and where no camera sees any; `OSError`.
+    Raises `InterchangeError` without laspy, for a file that is none or that cannot hold the true points,
+    `DepthError` for points that their system does not reach, and where no camera sees any; `OSError`.
     """
     count = -(-len(correction.cameras.names) // _WORD)
     bits = {f"camera_bits_{word}": ("u8", "which see it, in their order") for word in range(count)}
     tally = NO_POINTS
-
-    def work(chunks: Iterator[FloatArray]) -> Iterator[_Corrected]:
-        nonlocal tally
-        for done in in_order(partial(_correct_points, correction, count, str(source)), chunks, jobs):
+    with rewritten(source, target, _ADDED | bits) as (chunks, write):
+        given, waiting = tee(chunks)  # these stay in this process
+        work = in_order(partial(_correct_points, correction, count, str(source)), map(coordinates, waiting), jobs)
+        for points, done in zip(given, work, strict=True):
             if isinstance(done, Problem):
                 raise DepthError([done])
-            tally = tally + Tally.of(done.points)
-            yield done
+            tally = tally + Tally.of(done[0])
+            write(points, _values(points, *done))
+            if progress:
+                progress(len(points))
         correction.require_sight(tally, source)
-
-    rewrite(source, target, _ADDED | bits, work, _values, "true points", progress)
     return tally
 
 
@@ -77,23 +72,21 @@ def _correct_points(correction: Correction, count: int, source: str, apparent: F
         return unreached(source, error)
     full = np.zeros((len(seen), count * _WORD), dtype=bool)
     full[:, : seen.shape[1]] = seen
-    bits = np.packbits(full, axis=1, bitorder="little").view("<u8")
-    return _Corrected(points=points, bits=bits)
+    return points, np.packbits(full, axis=1, bitorder="little").view("<u8")
 
 
-def _values(given: Any, done: _Corrected) -> Iterator[tuple[str, Any]]:
-    """Yield coordinates and dimensions of given points and what they get."""
-    points = done.points
+def _values(given: Any, points: TruePoints, bits: Any) -> Mapping[str, Any]:
+    """Return coordinates and dimensions of given points."""
     good = points.fault == Fault.NONE
-    yield "apparent_z", given.z
-    for axis, name in enumerate("xyz"):
-        yield name, np.where(good, points.position[:, axis], given[name])
-    yield "depth", points.depth
-    yield "factor", points.factor
-    yield "cameras", points.cameras
-    yield "spread", points.spread
-    yield "incidence", points.incidence / DEGREE
-    yield "largest_incidence", points.largest_incidence / DEGREE
-    yield "reason", points.fault
-    for word in range(done.bits.shape[1]):
-        yield f"camera_bits_{word}", done.bits[:, word]
+    return {
+        "apparent_z": given.z,
+        **{name: np.where(good, points.position[:, axis], given[name]) for axis, name in enumerate("xyz")},
+        "depth": points.depth,
+        "factor": points.factor,
+        "cameras": points.cameras,
+        "spread": points.spread,
+        "incidence": points.incidence / DEGREE,
+        "largest_incidence": points.largest_incidence / DEGREE,
+        "reason": points.fault,
+        **{f"camera_bits_{word}": bits[:, word] for word in range(bits.shape[1])},
+    }

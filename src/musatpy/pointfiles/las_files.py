@@ -1,4 +1,4 @@
-"""LAS and LAZ files: written again with other coordinates and more dimensions, or read and written as columns.
+"""LAS and LAZ files (ASPRS, LAS 1.4 R15): read by chunks, and written again with other coordinates and dimensions.
 
 Of one that is written again all else is kept: header, coordinate system, records behind the points, dimensions.
 Needs the package laspy, the extra `las`.
@@ -6,52 +6,62 @@ Needs the package laspy, the extra `las`.
 
 from __future__ import annotations
 
-import datetime
-import io
-import uuid
+import os
+import struct
 import warnings
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from itertools import chain
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray
-from musatpy.errors import DepthError, Problem
+from musatpy.arrays import FloatArray
+from musatpy.errors import InterchangeError, Problem
 from musatpy.files import whole_file
-from musatpy.pointfiles.las_headers import Headed, checked_head, name_all
 
 SUFFIXES = (".las", ".laz")
 CHUNK = 16384  # points at a time
-_AXES = ("x", "y", "z")
-_OCTREE = "copc"  # user of the records of cloud-optimised files
-_EXTENDED = (1, 4)  # version from which a file has records behind its points
-_NEW = {"version": "1.4", "point_format": 6}  # the plainest form that says its system as WKT
-_FIRST_DAY = datetime.date(2011, 11, 14)  # of LAS 1.4; equal points make equal files
-Done = TypeVar("Done")
+_OCTREE = "copc"  # user of the records of cloud-optimised files: where the points were
+# The length of a record before the points, and behind them
+_RECORD, _RECORD_BEHIND = struct.Struct("<20xH32x"), struct.Struct("<20xQ32x")
+_COMPRESSED = 0xC0  # bits of the point format
+_DENSEST = 10_000  # compressed points in a byte: more than any are alike
 
 
 @contextmanager
 def opened(source: Path) -> Iterator[Any]:
-    """Open a file for reading; whatever its bytes upset in the packages that read it ends as a problem.
+    """Open a file for reading by a reader of laspy; whatever its bytes upset in packages ends as a problem.
 
-    Raises `DepthError` without laspy and for a file that is none; `OSError`.
+    Raises `InterchangeError` without laspy and for a file that is none; `OSError`.
     """
-    laspy = _laspy()
+    laspy = package()
     with source.open("rb") as file:
-        try:
-            head = checked_head(file)
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of what laspy puts right by itself
-                reader = laspy.open(io.BufferedReader(Headed(file, head)), closefd=False)
-        except Exception as error:  # of several packages, and of no common kind
-            raise _unusable(source, f"is no LAS file: {error}") from error
-        name_all(reader.header)
+        with upsets(source, "is no LAS file"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of what laspy puts right by itself
+            _require_room(file)
+            reader = laspy.open(file, closefd=False)
+            if not np.isfinite(reader.header.offsets).all() or not (np.abs(reader.header.scales) < np.inf).all():
+                raise ValueError("its scales or offsets are no numbers")
         with reader:
             yield reader
+
+
+def chunks(reader: Any, source: Path) -> Iterator[Any]:
+    """Yield the points of an open file, `CHUNK` at a time. Raises `InterchangeError` where it ends before them."""
+    left = int(reader.header.point_count)
+    while left:
+        with upsets(source, "its points cannot be read"):
+            points = reader.read_points(min(CHUNK, left))
+        if not len(points):
+            raise _unusable(source, f"the file ends {left} points before its end")
+        left -= len(points)
+        yield points
+
+
+def coordinates(points: Any) -> FloatArray:
+    """Return the coordinates (n, 3) of points."""
+    return np.column_stack([points.x, points.y, points.z])
 
 
 def point_count(source: Path) -> int:
@@ -62,217 +72,133 @@ def point_count(source: Path) -> int:
 
 def crs_definition(source: Path) -> str:
     """Return the coordinate system that a file states, as WKT, '' where it states none. Raises as `opened`."""
-    with opened(source) as reader:
-        try:
-            crs = reader.header.parse_crs()
-        except Exception as error:  # of pyproj, and of whatever its texts upset in laspy
-            raise _unusable(source, f"its coordinate system cannot be read: {error}; --crs says it") from error
-    return "" if crs is None else str(crs.to_wkt())
-
-
-def rewrite(
-    source: Path,
-    target: Path,
-    added: Mapping[str, tuple[str, str]],
-    work: Callable[[Iterator[FloatArray]], Iterator[Done]],
-    values: Callable[[Any, Done], Iterable[tuple[str, Any]]],
-    what: str,
-    progress: Callable[[int], None] | None = None,
-    kept: Callable[[Done], BoolArray] | None = None,
-) -> None:
-    """Write a file anew, its points with other coordinates and the dimensions `added`: name -> type, description.
-
-    `work` yields what comes of coordinates (n, 3), chunk by chunk in their order; `kept` tells which (n,) of the
-    points stay, all without it; `values` names coordinates and dimensions of these and what they get by it.
-    `progress` is told of points. Raises `DepthError` without laspy, for a file that is none, has such a dimension
-    already or cannot hold the coordinates (`what` they are); `OSError`.
-    """
-    with opened(source) as reader, whole_file(target) as file:
-        header = _extended_header(reader.header, added, source)
-        with _opened_for_writing(file, header, target) as writer:
-            records: deque[Any] = deque()  # those at work: they stay in this process
-
-            def coordinates() -> Iterator[FloatArray]:
-                for record in _chunks(reader, CHUNK, source):
-                    records.append(record)
-                    yield np.column_stack([np.asarray(record[name]) for name in _AXES])
-
-            for done in work(coordinates()):
-                read = records.popleft()
-                given = read if kept is None else read[kept(done)]
-                record = _copied(header, given)
-                try:
-                    for name, value in values(given, done):
-                        if name in _AXES:
-                            setattr(record, name, value)
-                        else:
-                            record[name] = value
-                    writer.write_points(record)
-                except OverflowError as error:
-                    raise _unusable(source, f"{what} do not fit its scale and offset") from error
-                if progress:
-                    progress(len(read))
-            _write_last_records(reader, writer)
-
-
-Table = tuple[FloatArray, dict[str, tuple[Any, str]]]  # coordinates (n, 3); column -> values (n,) and description
-
-
-def read_chunks(source: Path, size: int) -> Iterator[Table]:
-    """Yield the coordinates of so many points at a time and their extra dimensions of one number.
-
-    Raises as `opened`.
-    """
-    with opened(source) as reader:
-        extra = [d for d in reader.header.point_format.extra_dimensions if d.num_elements == 1]
-        for record in _chunks(reader, size, source):
-            columns = {d.name: (np.array(record[d.name]), d.description) for d in extra}
-            yield np.column_stack([np.asarray(record[name]) for name in _AXES]), columns
-
-
-def write_chunks(
-    target: Path,
-    chunks: Iterable[Table],
-    scales: tuple[float, float, float],
-    crs: Any = None,
-    records: Mapping[str, bytes] | None = None,
-) -> None:
-    """Write a new file of chunks of points with the same columns, coordinates to their `scales`.
-
-    `crs`: of pyproj; `records`: further ones before the points, by their users. The same points give the same
-    bytes. Raises `DepthError` without laspy, and for what a file cannot hold; `OSError`.
-    """
-    rest = iter(chunks)
-    first = next(rest)
-    with _refused(target, "cannot hold the points"):
-        header = _new_header(first, scales, crs, records or {})
-    with whole_file(target) as file, _opened_for_writing(file, header, target) as writer:
-        for coordinates, columns in chain([first], rest):
-            with _refused(target, "cannot hold the points"):
-                record = _new_points(header, coordinates, columns)
-            writer.write_points(record)
-
-
-def _new_header(table: Table, scales: tuple[float, float, float], crs: Any, records: Mapping[str, bytes]) -> Any:
-    """Return the header of a file that begins with some points."""
-    laspy, (coordinates, columns) = _laspy(), table
-    header = laspy.LasHeader(**_NEW)
-    header.creation_date, header.uuid = _FIRST_DAY, uuid.UUID(int=0)
-    header.system_identifier, header.generating_software = "OTHER", "musatpy"
-    header.scales = np.array(scales)
-    header.offsets = np.floor(coordinates.min(axis=0)) if len(coordinates) else np.zeros(3)
-    kinds = {name: np.asarray(values).dtype.str[1:] for name, (values, _) in columns.items()}
-    header.add_extra_dims(
-        [laspy.ExtraBytesParams(name=name, type=kinds[name], description=columns[name][1]) for name in columns]
-    )
-    if crs is not None:
-        header.add_crs(crs)
-    header.vlrs.extend(laspy.VLR(user, 1, record_data=data) for user, data in records.items())
-    return header
-
-
-def _new_points(header: Any, coordinates: FloatArray, columns: Mapping[str, tuple[Any, str]]) -> Any:
-    """Return points in the form of a header."""
-    points = _laspy().ScaleAwarePointRecord.zeros(len(coordinates), header=header)
-    for name, values in zip(_AXES, coordinates.T, strict=True):
-        setattr(points, name, values)
-    for name, (values, _) in columns.items():
-        points[name] = values
-    for name in ("return_number", "number_of_returns"):
-        points[name] = np.ones(len(coordinates), dtype=np.uint8)
-    return points
+    with opened(source) as reader, upsets(source, "its coordinate system cannot be read; --crs says it"):
+        crs = reader.header.parse_crs()
+        return "" if crs is None else str(crs.to_wkt())
 
 
 @contextmanager
-def _refused(path: Path, what: str) -> Iterator[None]:
-    """Turn what laspy raises over names, kinds and coordinates, of no common kind, into a `DepthError`."""
-    try:
-        yield
-    except DepthError:
-        raise
-    except Exception as error:
-        raise _unusable(path, f"{what}: {error}") from error
+def rewritten(
+    source: Path, target: Path, added: Mapping[str, tuple[str, str]]
+) -> Iterator[tuple[Iterator[Any], Callable[[Any, Mapping[str, Any]], None]]]:
+    """Give the points of a file by chunks, and what writes them into `target` with other values by their names.
 
-
-def record_of(source: Path, user: str) -> bytes:
-    """Return the first record of a user before the points of a file, empty for none. Raises as `opened`."""
-    with opened(source) as reader:
-        records = [record.record_data_bytes() for record in reader.header.vlrs if record.user_id == user]
-    return records[0] if records else b""
-
-
-def _opened_for_writing(file: BinaryIO, header: Any, target: Path) -> Any:
-    """Return a writer into an open file that is to be `target`, compressed where its name says so.
-
-    Raises `DepthError`.
+    These are x, y, z and the dimensions `added`: name -> type, description (32 characters). Raises
+    `InterchangeError` without laspy, for a file that is none, has such a dimension already or cannot hold the
+    coordinates; `OSError`. Then there is no target.
     """
-    compress = target.suffix.lower() == SUFFIXES[1]
-    laspy = _laspy()
-    try:
-        return laspy.open(file, mode="w", header=header, do_compress=compress, closefd=False)
-    except Exception as error:  # a compressor that the header upsets
-        raise _unusable(target, f"cannot be written with the header of its source: {error}") from error
+    laspy = package()
+    with opened(source) as reader, whole_file(target) as file:
+        header = _extended(reader.header, added, source)
+        with written(file, header, target) as writer:
+
+            def write(given: Any, values: Mapping[str, Any]) -> None:
+                with upsets(source, "cannot have more dimensions"):
+                    points = laspy.ScaleAwarePointRecord.zeros(len(given), header=header)
+                    for name in given.array.dtype.names:
+                        points.array[name] = given.array[name]
+                    with upsets(source, "the coordinates do not fit its scale and offset"):
+                        for name, value in values.items():
+                            setattr(points, name, value)
+                    writer.write_points(points)
+
+            yield chunks(reader, source), write
+            if reader.evlrs:
+                kept = [record for record in reader.evlrs if record.user_id != _OCTREE]
+                writer.write_evlrs(laspy.vlrs.vlrlist.VLRList(kept))
 
 
-def _chunks(reader: Any, size: int, source: Path) -> Iterator[Any]:
-    """Yield the points of a file, so many at a time. Raises `DepthError` where it ends too soon."""
-    left = int(reader.header.point_count)
-    while left:
-        try:
-            record = reader.read_points(min(size, left))
-        except Exception as error:  # of several packages, and of no common kind
-            raise _unusable(source, f"its points cannot be read: {error}") from error
-        if not len(record):
-            raise _unusable(source, f"the file ends {left} points before its end")
-        left -= len(record)
-        yield record
+def written(file: BinaryIO, header: Any, target: Path) -> Any:
+    """Return a writer of laspy into an open file that is to be `target`, compressed where its name says so.
 
-
-def _extended_header(given: Any, added: Mapping[str, tuple[str, str]], source: Path) -> Any:
-    """Return a header like a given one with more dimensions: name -> type and description.
-
-    Raises `DepthError` where one of them is there already.
+    Raises `InterchangeError`.
     """
-    laspy = _laspy()
-    existing = set(given.point_format.dimension_names) & set(added)
-    if existing:
+    with upsets(target, "cannot be written with this header"):  # which a compressor may not know
+        compress = target.suffix.lower() == SUFFIXES[1]
+        how = {"do_compress": compress, "closefd": False, "encoding_errors": "ignore"}  # names as they are
+        return package().open(file, mode="w", header=header, **how)
+
+
+def _extended(given: Any, added: Mapping[str, tuple[str, str]], source: Path) -> Any:
+    """Return a header with more dimensions than a given one, none of which is there already."""
+    if existing := {*given.point_format.dimension_names} & added.keys():
         raise _unusable(source, f"there is a dimension {', '.join(sorted(existing))} already")
-    more = [laspy.ExtraBytesParams(name=name, type=kind, description=text) for name, (kind, text) in added.items()]
-    try:
+    extra = package().ExtraBytesParams
+    with upsets(source, "cannot have more dimensions"):  # beside those without a size
         header = given.copy()
-        # the octree of a cloud-optimised file is that of the points where they were
-        header.vlrs = [vlr for vlr in header.vlrs if vlr.user_id != _OCTREE]
-        header.add_extra_dims(more)
-    except Exception as error:  # of dimensions without a size, and of no common kind
-        raise _unusable(source, f"cannot have more dimensions: {error}") from error
+        header.vlrs = [record for record in header.vlrs if record.user_id != _OCTREE]
+        header.add_extra_dims([extra(name=name, type=kind, description=of) for name, (kind, of) in added.items()])
     return header
 
 
-def _copied(header: Any, given: Any) -> Any:
-    """Return a record of given points with room for the dimensions that a header has besides."""
-    record = _laspy().ScaleAwarePointRecord.zeros(len(given), header=header)
-    for name in given.array.dtype.names:
-        record.array[name] = given.array[name]
-    return record
+def _require_room(file: BinaryIO) -> None:
+    """Raise `ValueError` where a header counts more than fits into its file: laspy believes it, and goes on."""
+    size = file.seek(0, os.SEEK_END)
+    file.seek(0)
+    header = file.read(375).ljust(375, b"\0")  # of LAS 1.4
+    header_size, points, records, form, length, count = struct.unpack_from("<HIIBHI", header, 94)
+    _require(points <= size, "its header", size)
+    _require_records(file, header_size, records, _RECORD, points, "records before its points")
+    if header[25] >= 4:
+        place, behind, count = struct.unpack_from("<QIQ", header, 235)
+        _require_records(file, place * (behind > 0), behind, _RECORD_BEHIND, size, "records behind its points")
+    if form & _COMPRESSED:
+        _require_chunks(file, points, size, count)
+    else:
+        _require(points + count * length <= size, f"{count} points of {length} bytes", size)
+    file.seek(0)
 
 
-def _write_last_records(reader: Any, writer: Any) -> None:
-    """Write the records behind the points, among which that of the coordinate system may be."""
-    version = reader.header.version
-    if (version.major, version.minor) >= _EXTENDED and reader.evlrs:
-        kept = [record for record in reader.evlrs if record.user_id != _OCTREE]
-        writer.write_evlrs(_laspy().vlrs.vlrlist.VLRList(kept))
+def _require_records(file: BinaryIO, place: int, count: int, head: struct.Struct, end: int, what: str) -> None:
+    """Raise `ValueError` where so many records from a place on do not end before another."""
+    for _ in range(count):
+        _require(place + head.size <= end, f"{count} {what}", end)
+        file.seek(place)
+        place += head.size + head.unpack(file.read(head.size))[0]
+    _require(place <= end, what, end)
 
 
-def _unusable(source: Path, message: str) -> DepthError:
-    """Return the error of a file that cannot be used."""
-    return DepthError([Problem(file=str(source), message=message)])
+def _require_chunks(file: BinaryIO, points: int, size: int, count: int) -> None:
+    """Raise `ValueError` where the table of the chunks of compressed points would not fit into a file."""
+    file.seek(points)
+    (table,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
+    if table == -1:  # it was not known yet when they were written
+        file.seek(-8, os.SEEK_END)
+        (table,) = struct.unpack("<q", file.read(8))
+    _require(points <= table <= size - 8, "the table of its chunks", size)
+    file.seek(table + 4)
+    (number,) = struct.unpack("<I", file.read(4))
+    _require(number <= size and count <= size * _DENSEST, f"{count} points in {number} chunks", size)
 
 
-def _laspy() -> Any:
+def _require(fits: bool, what: str, size: int) -> None:
+    if not fits:
+        raise ValueError(f"{what} would not fit into {size} bytes")
+
+
+@contextmanager
+def upsets(path: Path, what: str) -> Iterator[None]:
+    """Turn what packages raise over a file, errors of no common kind, into an `InterchangeError`.
+
+    Errors of the system (`OSError` with its number) stay.
+    """
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, InterchangeError) or (isinstance(error, OSError) and error.errno is not None):
+            raise
+        raise _unusable(path, f"{what}: {error}") from error
+
+
+def _unusable(path: Path, message: str) -> InterchangeError:
+    return InterchangeError([Problem(file=str(path), message=message)])
+
+
+def package() -> Any:
+    """Return laspy. Raises `InterchangeError` where it is missing."""
     try:
         import laspy
     except ImportError as error:
         message = "LAS files need the package laspy: pip install 'musatpy[las]'"
-        raise DepthError([Problem(message=message)]) from error
+        raise InterchangeError([Problem(message=message)]) from error
     return laspy

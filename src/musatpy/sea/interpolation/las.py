@@ -5,17 +5,14 @@ A point that is not corrected keeps its height, and has 1 as the reason. Needs t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
 from musatpy.geometry.crs import Plan
-from musatpy.pointfiles.las_files import rewrite
+from musatpy.pointfiles.las_files import coordinates, rewritten
 from musatpy.sea.interpolation.interpolate import Interpolation
-from musatpy.sea.interpolation.mapped_points import Corrected, Progress, Tally, correct
+from musatpy.sea.interpolation.mapped_points import Progress, Tally, correct
 
 # Extra dimension -> type and what it is, in the 32 characters that a file has for it
 _ADDED = {
@@ -36,27 +33,23 @@ def correct_las(
 ) -> Tally:
     """Correct the heights of a file; `progress` is told of points.
 
-    Raises `DepthError` without laspy, for a file that is none, has an extra dimension already or cannot hold the
-    heights; `OSError`.
+    Raises `InterchangeError` without laspy, for a file that is none, has an extra dimension already or cannot hold
+    the heights; `OSError`.
     """
     tally = Tally()
-
-    def work(chunks: Iterator[FloatArray]) -> Iterator[Corrected]:
-        nonlocal tally
-        for mapped in chunks:
-            corrected, part = correct(interpolation, mapped, plan)
+    with rewritten(source, target, _ADDED) as (chunks, write):
+        for given in chunks:
+            corrected, part = correct(interpolation, coordinates(given), plan)
+            good = np.array([not reason for reason in corrected.reason])
+            values = {
+                "mapped_z": given.z,
+                "reason": ~good,
+                "correction": np.where(good, corrected.correction, 0.0),
+                "sigma": np.where(good, corrected.sigma, 0.0),
+                "z": np.where(good, corrected.z, given.z),
+            }
+            write(given, values)
             tally += part
-            yield corrected
-
-    rewrite(source, target, _ADDED, work, _values, "corrected heights", progress)
+            if progress:
+                progress(len(given))
     return tally
-
-
-def _values(given: Any, corrected: Corrected) -> Iterator[tuple[str, Any]]:
-    """Yield dimensions of given points and what they get."""
-    good = np.array([not reason for reason in corrected.reason])
-    yield "mapped_z", given.z
-    yield "reason", ~good
-    yield "correction", np.where(good, corrected.correction, 0.0)
-    yield "sigma", np.where(good, corrected.sigma, 0.0)
-    yield "z", np.where(good, corrected.z, given.z)
