@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal
-from functools import cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from musatpy.errors import Problem, RecordError
 from musatpy.json_files import known_of
 from musatpy.listings.findings import Difference, RuleUse
 from musatpy.listings.lines import CUT, CannotCompareError, Line, paper_of
-from musatpy.listings.records import read_json
+from musatpy.listings.records import is_number, read_json
 from musatpy.listings.rules import Rules
 from musatpy.listings.sections import Row, Section, numbered, sections_of, squeezed
 from musatpy.listings.tokens import Placed, tokens_of
@@ -38,16 +38,18 @@ Record = Mapping[str, Any]
 
 def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *, listing: int) -> Difference:
     """Return what differs between a listing and a record; `listing` says which of the two is the listing."""
+    from musatpy.reports.listing import statements  # two listings need them not
+
     uses, texts, name = [RuleUse(rule) for rule in rules.rules], (a, b), names[1 - listing]
     content = _record_of(texts[1 - listing], name)
+    stated = [one for one in statements() if not isinstance(one, Report) or one.place]
     found, notes = [], []
     for section in sections_of(paper_of(texts[listing], rules.layout), rules.layout):
-        stated = next((one for one in stated_sections() if re.fullmatch(_title(one), section.title)), None)
-        table = str(getattr(stated, "place", "") or getattr(stated, "table", ""))
-        if stated is None or (content.get("content") == "tables" and at(content, table) is None):
+        known = [one for one in stated if re.fullmatch(_title(one), section.title)]
+        if not known or _is_left_out(known[0], content):
             notes.append(section.title or "lines before the first title")
             continue
-        printed = _Printed(section, stated, content)
+        printed = _Printed(section, known[0], content)
         both = printed.sections()
         found.append(compare_rows(uses, *(both if listing == 0 else both[::-1])))
         if printed.unknown:
@@ -60,7 +62,7 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
 
 def _record_of(text: str, name: str) -> Record:
     """Return a record, all observations in one table; raises `CannotCompareError` unless it obeys its schema."""
-    from musatpy.reports.listing import documents  # two listings need them not
+    from musatpy.reports.listing import documents
 
     content = read_json(text, name)
     of_others = (one for one in documents() if isinstance(content, dict) and one.name in content)
@@ -71,12 +73,14 @@ def _record_of(text: str, name: str) -> Record:
         raise CannotCompareError(error.problems) from error
 
 
-@cache
-def stated_sections() -> tuple[Any, ...]:
-    """Return what the reports state of all sections with numbers of the record."""
-    from musatpy.reports.listing import statements  # two listings need them not
+def _title(stated: Any) -> str:
+    return getattr(stated, "pattern", "") or re.escape(stated.title)
 
-    return tuple(one for one in statements() if not isinstance(one, Report) or one.place)
+
+def _is_left_out(stated: Any, content: Record) -> bool:
+    """Tell whether a record was written without the table of a section."""
+    table = str(getattr(stated, "place", "") or getattr(stated, "table", ""))
+    return content.get("content") == "tables" and at(content, table) is None
 
 
 class _Printed:
@@ -106,22 +110,28 @@ class _Printed:
         listed.id_columns, listed.blank = self.section.id_columns, self.section.blank
         return listed, recorded
 
+    @cached_property
     def values(self) -> Values:
-        """Return the rows of the table of a section."""
+        """The rows of the table of a section."""
         system = at(self.content, "options.system") or at(self.content, "job.system")
         values: Values = self.stated.read(self.content, str(system or ""))
         return values
 
+    def printed(self, column: Field[Any]) -> list[Any]:
+        """Return what a column prints."""
+        values = column.printed(self.values) if self.values.count else ()
+        return plain(values) if isinstance(values, np.ndarray) else list(values)
+
     def table(self) -> Section:
         """Print a table with a row for each entry."""
-        values = self.values()
+        values = self.values
         columns = list(self.stated.side_by_side(values)) if values.count else []
         headings = {column.heading for column in columns}
         all_columns = (part for column in self.stated.stated() for part in column.columns(values.system))
         columns += [column for column in all_columns if column.heading not in headings]
         table = Table[Any](tuple(columns))
-        recorded = Section(self.section.title, head=_lines(table.head()))
-        recorded.lines = [(line, 0) for line in _lines(table.lines(values) if values.count else [])]
+        recorded = Section(self.section.title, head=[Line(text, 0, 0) for text in table.head()])
+        recorded.lines = [(Line(text, 0, 0), 0) for text in (table.lines(values) if values.count else ())]
         names, known = (numbered([head.name for head in one.columns]) for one in (self.section, recorded))
         if not names:
             self.unknown["rows without headings"] += len(self.section.lines)
@@ -132,11 +142,11 @@ class _Printed:
         if ids := {name for name, column in zip(known, columns, strict=True) if column.is_id and name in names}:
             for section, heads in ((self.section, names), (recorded, known)):
                 section.id_columns = tuple([n for n, name in enumerate(heads) if name in ids])
-        is_cut, in_note, there = self.stated.some, False, {row.ids for row in recorded.rows}
+        is_cut = self.stated.some or any(CUT.match(row.line.text) for row in self.section.rows)
+        in_note, there = False, {row.ids for row in recorded.rows}
         for row in self.section.rows:
-            is_last = CUT.match(row.line.text) is not None
-            in_note = is_last or self.section.is_note(row.line.text) or (in_note and row.ids not in there)
-            is_cut = is_cut or is_last
+            begins_note = CUT.match(row.line.text) or self.section.is_note(row.line.text)
+            in_note = bool(begins_note) or (in_note and row.ids not in there)
             if in_note:
                 self.unknown["notes"] += 1
             else:
@@ -151,123 +161,90 @@ class _Printed:
 
     def grid(self) -> None:
         """Print a table with a column for each entry, or with rows X, Y, Z for each."""
-        values, of_points = self.values(), self.stated.layout == "xyz"
-        columns = {str(column.heading): column for column in self.stated.stated()}
-        printed = {heading: _printed(column, values) for heading, column in columns.items()}
+        of_points = self.stated.layout == "xyz"
+        printed = {str(column.heading): self.printed(column) for column in self.stated.stated()}
         heads = [head.name for head in self.section.columns]
-        names = [heading for heading, one in columns.items() if one.name in ("photo", "point") and one.is_id]
-        entries = {str(name): entry for entry, name in enumerate(printed[names[0]] if names else range(len(heads)))}
+        of_names = (column for column in self.stated.stated() if column.is_id and column.name in ("photo", "point"))
+        entries = [str(name) for column in of_names for name in self.printed(column)] or heads
+        # ids of a row -> value by heading
+        shown: dict[tuple[str, ...], dict[str, Any]] = {} if of_points else {(heading,): {} for heading in printed}
+        for heading, values in printed.items():
+            for entry, value in zip(entries, values, strict=False):
+                if of_points:
+                    for axis, part in zip("XYZ", value if isinstance(value, list) else [None] * 3, strict=True):
+                        shown.setdefault((entry, axis), {})[heading] = part
+                else:
+                    shown[heading,][entry] = value
         for row in self.section.rows:
-            name, axis = row.ids[0], "XYZ".find(row.ids[-1] or "-")
-            if of_points and name in entries and axis >= 0:
-                texts = {n: printed[head][entries[name]] for n, head in enumerate(heads) if head in printed}
-                self.reprint(row, {n: _entry(text, axis) for n, text in texts.items()})
-            elif not of_points and name in printed:
-                places = {n: entries.get(head if names else str(n), -1) for n, head in enumerate(heads)}
-                known = {n: printed[name][at] for n, at in places.items() if 0 <= at < values.count}
-                self.reprint(row, known)
-                self.unknown.update(f"column {head}" for n, head in enumerate(heads) if n not in known)
+            known = shown.get((row.ids[0], row.ids[-1]) if of_points else row.ids[:1])
+            if known is not None:
+                cells = dict(self.section.cells(row.line.text, angles=self.section.angles))
+                places = [(n, known[head]) for n, head in enumerate(heads) if head in known]
+                self.take(row, [(cells.get(n, []), self.section.columns[n].end, value) for n, value in places])
+                self.unknown.update(f"column {head}" for head in heads if not of_points and head not in known)
             elif any(placed.token.kind == "number" for placed in tokens_of(row.line.text)):
                 self.listed.append(row)
             else:
                 self.unknown["notes"] += 1
 
-    def reprint(self, row: Row, shown: Mapping[int, Any]) -> None:
-        """Take a row, with what the record has of some of its columns."""
-        cells = dict(self.section.cells(row.line.text, angles=self.section.angles))
-        pieces = []
-        for n, value in shown.items():
-            placed, end = cells.get(n, []), self.section.columns[n].end
-            text = _reprinted(placed, value)
-            if placed or text:
-                pieces.append((placed[0].start if placed else end, placed[-1].end if placed else end, text))
-        self.take(row, pieces)
-
-    def take(self, row: Row, pieces: Sequence[tuple[int, int, str]]) -> None:
-        """Take a row of the listing; the record prints it with these texts between these columns of print."""
-        text = row.line.text
-        for start, end, piece in sorted(pieces, reverse=True):
-            before, longer = text[:start].ljust(start), len(piece) - (end - start)
-            if longer > 0 and before.endswith(" " * (longer + 1)):
-                before = before[:-longer]
-            text = f"{before}{piece:>{end - start}}{text[end:]}"
-        self.listed.append(row)
-        self.recorded.append(row._replace(line=Line(text.rstrip(), 0, 0)))
-
     def labels(self) -> None:
         """Print lines of a label and a value, or more."""
-        found = self.stated.numbers(self.content)
+        known = self.stated.numbers(self.content)
         for row in self.section.rows:
             label = row.ids[0]
             numbers = [placed for placed in tokens_of(row.line.text) if placed.token.kind in ("number", "overflow")]
-            if not numbers or label not in found:
+            if not numbers or label not in known:
                 self.unknown[label if numbers else "words"] += 1
                 continue
-            if len(numbers) > len(found[label]):
-                most = len(found[label])
+            if len(numbers) > (most := len(known[label])):
                 self.unknown[f"{label}, all but the first {most} number{'s' * (most > 1)}"] += 1
-            pairs = zip(numbers, found[label], strict=False)
-            self.take(row, [(at.start, at.end, _reprinted([at], value)) for at, value in pairs])
+            self.take(row, [([at], at.end, value) for at, value in zip(numbers, known[label], strict=False)])
+
+    def take(self, row: Row, values: Sequence[tuple[Sequence[Placed], int, Any]]) -> None:
+        """Take a row of the listing, and what the record prints: its values in place of what stands in the row.
+
+        A value has the tokens of its field, none of an empty one, and the column of print where this ends.
+        """
+        text = row.line.text
+        for placed, end, value in reversed(values):
+            piece = _reprinted(placed, value)
+            start, end = (placed[0].start, placed[-1].end) if placed else (end, end)
+            before, longer = text[:start].ljust(start), len(piece) - (end - start)
+            if longer > 0 and before.endswith(" " * (longer + 1)):
+                before = before[:-longer]
+            text = f"{before}{piece:>{end - start}}{text[end:]}" if placed or piece else text
+        self.listed.append(row)
+        self.recorded.append(row._replace(line=Line(text.rstrip(), 0, 0)))
 
     def texts(self) -> None:
-        """Print sentences, however their lines are broken."""
-        is_cut, listed = False, {}
-        for line in _sentences(self.section.rows):
-            if _MORE.match(line.text):
-                is_cut = True
+        """Print sentences, however their lines are broken: those that are not indented begin one."""
+        sentences: list[Line] = []
+        for row in self.section.rows:
+            text = squeezed(row.line.text)
+            if sentences and row.line.text[0] == " ":
+                sentences[-1] = sentences[-1]._replace(text=f"{sentences[-1].text} {text}")
             else:
-                listed["".join(line.text.split())] = line.text
-                self.listed.append(Row(line, (line.text,), 0))
+                sentences.append(row.line._replace(text=text.removeprefix("- ").removeprefix("Note: ")))
+        listed = {"".join(line.text.split()): line for line in sentences if not _MORE.match(line.text)}
+        self.listed = [Row(line, (line.text,), 0) for line in sentences if not _MORE.match(line.text)]
         for text in self.recorded_texts():
-            unbroken = "".join(text.split())
-            if unbroken in listed or not is_cut:
-                known = listed.get(unbroken, text)
-                self.recorded.append(Row(_lines([known])[0], (known,), 0))
+            line = listed.get("".join(text.split()))
+            if line or len(self.listed) == len(sentences):  # else the listing is cut
+                text = line.text if line else text
+                self.recorded.append(Row(Line(text, 0, 0), (text,), 0))
 
     def recorded_texts(self) -> Sequence[str]:
         """Return the texts that the record has of the section."""
         if isinstance(self.stated, Texts):
             return list(self.stated.texts(self.content))
-        values = self.values()
-        cells = [_printed(column, values) for column in self.stated.stated()]
+        cells = [self.printed(column) for column in self.stated.stated()]
         return [" ".join(str(text) for text in row if text) for row in zip(*cells, strict=True)]
-
-
-def _sentences(rows: Sequence[Row]) -> list[Line]:
-    """Return the lines that are not indented, each with those that continue it."""
-    sentences: list[Line] = []
-    for row in rows:
-        text = squeezed(row.line.text)
-        if sentences and row.line.text[0] == " ":
-            sentences[-1] = sentences[-1]._replace(text=f"{sentences[-1].text} {text}")
-        else:
-            sentences.append(row.line._replace(text=text.removeprefix("- ").removeprefix("Note: ")))
-    return sentences
-
-
-def _lines(texts: Sequence[str]) -> list[Line]:
-    """Return lines that stand in no file."""
-    return [Line(text, 0, 0) for text in texts]
-
-
-def _entry(values: Any, number: int) -> Any:
-    return values[number] if isinstance(values, list) and number < len(values) else None
-
-
-def _title(stated: Any) -> str:
-    return getattr(stated, "pattern", "") or re.escape(stated.title)
-
-
-def _printed(column: Field[Any], values: Values) -> list[Any]:
-    """Return what a column prints."""
-    found = column.printed(values) if values.count else ()
-    return plain(found) if isinstance(found, np.ndarray) else list(found)
 
 
 def _reprinted(placed: Sequence[Placed], value: Any) -> str:
     """Return a value of the record as a listing prints it that has `placed`: with as many digits."""
     token = placed[0].token if len(placed) == 1 else None
-    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+    if not is_number(value) or not math.isfinite(value):
         return "" if value is None else str(value).replace("_", " ")
     if token and token.kind == "angle":
         return edited(f"S40.{max(-token.step, 0)}", [value])[0].strip()

@@ -32,7 +32,6 @@ _INDEX = re.compile(r"\[\d+\]")
 _GEOGRAPHIC = " (GEOG) or "  # `rad, rad, m (GEOG) or m`
 _OF_ROW = "the row's"  # unit, of which the row has a field
 _UNIT = re.compile(r"\w+(?:/\w+)?")  # not `that of the coordinates`
-_ABSENT = object()  # what a row has in a field that only the other row has
 
 
 class Row(NamedTuple):
@@ -53,19 +52,17 @@ def compare_records(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Dif
     """Return what differs between two JSON texts; raises `CannotCompareError` for records of different schemas."""
     uses = [RuleUse(rule) for rule in rules.rules]
     contents = [read_json(text, name) for text, name in zip((a, b), names, strict=True)]
-    if major(contents[0]) != major(contents[1]):
-        schemas = [at(content, "schema_version") for content in contents]
+    schemas = [at(content, "schema_version") for content in contents]
+    if len({str(schema).partition(".")[0] for schema in schemas}) > 1:
         message = f"is a record of schema {schemas[0]}, and {names[1]} of {schemas[1]}; run the older deck again"
         raise CannotCompareError([Problem(file=names[0], message=message)])
     tables = [tables_of(content) for content in contents]
     geographic = all(at(content, "options.system") == "GEOG" for content in contents)
-    sections = []
-    for title in (titles := tables[0] | tables[1]):
-        comparison = _Tables(uses, title, [side.get(title, []) for side in tables], titles)
+    comparisons = [_Tables(uses, title, *(side.get(title) for side in tables)) for title in tables[0] | tables[1]]
+    for comparison in comparisons:
         comparison.geographic = geographic
         comparison.compare()
-        sections.append(comparison.result)
-    return Difference(*names, tuple(sections), tuple(uses))
+    return Difference(*names, tuple(comparison.result for comparison in comparisons), tuple(uses))
 
 
 def read_json(text: str, name: str) -> Any:
@@ -74,16 +71,8 @@ def read_json(text: str, name: str) -> Any:
         return json.loads(text)
     except RecursionError as error:
         raise CannotCompareError([Problem(file=name, message="is nested too deep")]) from error
-    except ValueError as error:  # a number of more digits than Python reads has no line
-        line = getattr(error, "lineno", 0)
-        message = f"is not JSON: {getattr(error, 'msg', error)}"
-        raise CannotCompareError([Problem(file=name, line=line, message=message)]) from error
-
-
-def major(content: Any, default: str = "None") -> str:
-    """Return the number of the schema of a record, without that of changes which hurt no reader."""
-    version = at(content, "schema_version")
-    return str(default if version is None else version).partition(".")[0]
+    except ValueError as error:
+        raise CannotCompareError([Problem(file=name, message=f"is not JSON: {error}")]) from error
 
 
 def tables_of(content: Any) -> dict[str, list[Row]]:
@@ -97,21 +86,16 @@ def tables_of(content: Any) -> dict[str, list[Row]]:
 def _tables(value: Any, path: str) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     """Yield tables with their paths: lists of objects, objects of columns, of others what is no table itself."""
     rows = rows_in(value)
-    if rows is not None:
-        yield path, rows
-    elif not isinstance(value, dict):
-        yield path, [{"value": value}]
-    else:
-        inside = {key for key, entry in value.items() if isinstance(entry, dict) or _is_list_of_objects(entry)}
-        if inside != value.keys() or not value:
-            is_ours = path == "program"
-            yield (
-                path,
-                [{key: value[key] for key in value if key not in inside and not (is_ours and key == "kernels")}],
-            )
-        for key in value:
-            if key in inside:
-                yield from _tables(value[key], f"{path}.{key}" if path else key)
+    if rows is not None or not isinstance(value, dict):
+        yield path, [{"value": value}] if rows is None else rows
+        return
+    tables = {key: entry for key, entry in value.items() if isinstance(entry, dict) or rows_in(entry) is not None}
+    left_out = {*tables, "kernels"} if path == "program" else tables
+    fields = {key: entry for key, entry in value.items() if key not in left_out}
+    if fields or not tables:
+        yield path, [fields]
+    for key, entry in tables.items():
+        yield from _tables(entry, f"{path}.{key}" if path else key)
 
 
 def rows_in(value: Any) -> list[dict[str, Any]] | None:
@@ -119,18 +103,14 @@ def rows_in(value: Any) -> list[dict[str, Any]] | None:
 
     Columns are lists of one length, of which one names the rows.
     """
-    if _is_list_of_objects(value):
-        return list(value)
+    if isinstance(value, list):
+        return value if all(isinstance(entry, dict) for entry in value) else None
     if not isinstance(value, dict) or not all(isinstance(column, list) for column in value.values()):
         return None
     has_objects = any(isinstance(column[0], dict) for column in value.values() if column)
     if len(set(map(len, value.values()))) != 1 or has_objects or value.keys().isdisjoint(_ID_FIELDS):
         return None
     return [dict(zip(value, row, strict=True)) for row in zip(*value.values(), strict=True)]
-
-
-def _is_list_of_objects(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(entry, dict) for entry in value)
 
 
 def _named(rows: Sequence[Mapping[str, Any]]) -> list[Row]:
@@ -176,58 +156,42 @@ class _Tables(Comparison):
     counts_digits = False
     geographic = False
 
-    def __init__(
-        self, rules: RuleSet, title: str, tables: Sequence[Sequence[Row]], titles: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, rules: RuleSet, title: str, a: Sequence[Row] | None, b: Sequence[Row] | None) -> None:
         super().__init__(rules, title, [title])
-        self.rows = tables[0], tables[1]
-        self.titles = titles  # of all tables
+        self.tables = a, b  # None: there is none
+        self.rows = a or (), b or ()
 
     def spot_of(self, row: Row, side: int, other: Row | None = None) -> Spot:
-        def named(*keys: str) -> tuple[str, ...]:
-            return tuple([text for key in keys if key in row.fields for text in _texts(row.fields[key])])
+        def named(key: str) -> tuple[str, ...]:
+            return tuple([text for name in (key, f"{key}s") for text in _texts(row.fields.get(name, []))])
 
-        return Spot(
-            (), (row.name,), row.ids, lambda n: named("photo", "photos"), lambda n: named("point", "points")
-        )
+        return Spot((), (row.name,), row.ids, lambda n: named("photo"), lambda n: named("point"))
 
     def are_same(self, a: Row, b: Row) -> bool:
         return a.fields == b.fields
 
     def compare(self) -> None:
-        """Compare the tables; one that the other record has not is one finding, unless it is empty."""
-        side = int(not self.rows[0])
-        if all(self.rows):
+        """Compare the tables; one that the other record has not, or without rows, is one finding."""
+        if all(self.rows) or self.tables == ([], []):
             single = all(len(rows) == 1 for rows in self.rows)
-            self.compare_rows(strict=not single and bool(self.rows[0][0].ids))
+            self.compare_rows(strict=not single and any(rows[0].ids for rows in self.rows if rows))
             return
-        fields = [field for row in self.rows[side] for field in _leaves(row.fields).items()]
-        is_empty = all(self.is_empty_table(path, value) for path, value in fields)
-        if not is_empty and not self.allowed(Spot(), "AB"[side]):
+        side = int(not self.tables[0])
+        if not self.allowed(Spot(), "AB"[side]):
             self.lonely("section", side, f"{len(self.rows[side])} rows")
 
     def cells(self, a: Row, b: Row, among: RuleSet) -> Iterator[Cell]:
         first, second = _leaves(a.fields), _leaves(b.fields)
         is_open = bool(still_open(among))
         for number, path in enumerate(first | second, start=1):
-            values = first.get(path, _ABSENT), second.get(path, _ABSENT)
-            if values[0] == values[1]:
-                if is_open:
-                    token = (_placed(values[0]),)
-                    yield Cell(Field(-1, number, path), "", token, token)
-                continue
-            of_a, of_b = (() if value is _ABSENT else (_placed(value),) for value in values)
-            numbers = [side[0].token.value if side else None for side in (of_a, of_b)]
-            sigmas = None
-            if numbers[0] is not None and numbers[1] is not None:
-                sigmas = self.in_sigmas(path, numbers[1] - numbers[0], (b.fields, a.fields))
-            elif not (of_a and of_b) and self.is_empty_table(path, values[not of_a]):
-                continue
-            yield Cell(Field(-1, number, path), self.unit_of(path, a.fields), of_a, of_b, sigmas)
-
-    def is_empty_table(self, path: str, value: Any) -> bool:
-        """Tell whether a field is the empty list of a table of the other record, which is a finding of its own."""
-        return value == [] and (path if self.result.title == TOP else f"{self.result.title}.{path}") in self.titles
+            values = [fields[path] for fields in (first, second) if path in fields]
+            if len(values) < 2 or values[0] != values[1]:
+                sides = [[_placed(fields[path])] if path in fields else [] for fields in (first, second)]
+                sigmas = self.in_sigmas(path, sides, (b.fields, a.fields))
+                yield Cell(Field(-1, number, path), self.unit_of(path, a.fields), sides[0], sides[1], sigmas)
+            elif is_open:
+                token = (_placed(values[0]),)
+                yield Cell(Field(-1, number, path), "", token, token)
 
     def stated_unit(self, path: str) -> str:
         """Return what the reports state of the unit of a field."""
@@ -246,34 +210,34 @@ class _Tables(Comparison):
             parts = [*parts, *[""] * number][number : number + 1]
         return parts[0] if _UNIT.fullmatch(parts[0]) else ""
 
-    def in_sigmas(self, path: str, difference: Decimal, rows: Sequence[Mapping[str, Any]]) -> float | None:
+    def in_sigmas(self, path: str, sides: Sequence[Sequence[Placed]], rows: Sequence[Mapping[str, Any]]) -> Any:
         """Return a difference of a field in sigmas of the first of the rows that has some; None without sigmas.
 
         Latitudes and longitudes have none: theirs are in metres.
         """
+        numbers = [placed.token.value for side in sides for placed in side if placed.token.value is not None]
         base = path.rstrip("[]0123456789") if path.endswith("]") else path
         index = path[len(base) :]
-        if self.geographic and index in ("[0]", "[1]") and _GEOGRAPHIC in self.stated_unit(path):
-            return None
+        is_angle = self.geographic and index in ("[0]", "[1]") and _GEOGRAPHIC in self.stated_unit(path)
         plain = [f"sigma{index}"] if base in _PLAIN_SIGMA else []
-        for row in rows:
+        for row in rows if len(numbers) == 2 and not is_angle else ():
             for name in (f"{base}_sigma{index}", f"sigma_{base}{index}", *plain):
-                sigma = number_of(at(row, name))
-                if sigma is not None and sigma > 0.0:
-                    return float(difference) / sigma
+                sigma = at(row, name)
+                if is_number(sigma) and sigma > 0.0:
+                    return float(numbers[1] - numbers[0]) / sigma
         return None
 
 
-def number_of(value: Any) -> float | None:
-    """Return the number in a field, None where it has none."""
-    return value if isinstance(value, int | float) and not isinstance(value, bool) else None
+def is_number(value: Any) -> bool:
+    """Tell whether a field has a number."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _placed(value: Any) -> Placed:
     """Return what stands in a field; it has no columns of print."""
     if isinstance(value, str):
         return Placed(Token("word", json.dumps(value) if value in ("null", "true", "false", "") else value), 0, 0)
-    if number_of(value) is None:
+    if not is_number(value):
         return Placed(Token("word", json.dumps(value)), 0, 0)
     text = str(value)
     if (parts := _NUMBER.fullmatch(text)) is None:

@@ -33,7 +33,7 @@ PHOTO = re.compile(r"photo|frame|image|exposure|camera with", re.IGNORECASE)
 POINT = re.compile(r"point|control", re.IGNORECASE)
 _UNITS = re.compile(r"\(?(m|mm|um|km|ft|microns?|arc sec|sec|rad|deg|degrees|gon|sigmas?|%)\)?", re.IGNORECASE)
 _UNIT_BEHIND = re.compile(r"\((m|mm|um)\)$", re.IGNORECASE)
-_TITLE_LINES, _HEAD_LINES, _LEADING = 6, 4, 3
+_TITLE_LINES, _HEAD_LINES = 6, 4
 
 
 class Column(NamedTuple):
@@ -306,109 +306,57 @@ class _Reader:
 
     def page(self, lines: Sequence[Line]) -> None:
         """Read one page."""
-        place = _first_written(lines, 0)
-        place = self.continued(lines, place)
-        blanks = 2  # a page starts like a section
-        anywhere = bool(self.layout.section)
+        place, blanks = 0, 2  # a page starts like a section
         while place < len(lines):
             line = lines[place]
-            if not line[0]:
-                blanks += 1
-                place += 1
-            elif (blanks or anywhere) and (after := self.title(lines, place, blanks)) > place:
-                place, blanks = after, 0
-            else:
+            end = self.title_end(lines, place, blanks) if line.text else place
+            if end > place:
+                place, blanks = self.section(lines, place, end), 0
+                continue
+            if line.text:
                 self.row(line)
-                place, blanks = place + 1, 0
+            blanks = 0 if line.text else blanks + 1
+            place += 1
 
     def row(self, line: Line) -> None:
         """Take a line as a row, a rule, or the headings once more."""
         section = self.sections[-1]
-        text = line.text
-        if is_rule(text):
+        if is_rule(line.text):
             section.ruled = section.ruled or bool(section.lines)
             self.block += 1
-        elif text not in section.head_texts:
+        elif line.text not in section.head_texts:
             section.lines.append((line, self.block))
 
-    def continued(self, lines: Sequence[Line], place: int) -> int:
-        """Return the place behind title and headings that a page repeats; the place itself where it does not."""
-        section = self.sections[-1]
-        if place >= len(lines) or not (section.titles or section.head or section.lines):
-            return place
-        titles = [squeezed(line.text) for line in section.titles]
-        first = squeezed(lines[place].text)
-        marked = _CONTINUED.sub("", first)
-        if titles and marked != first and marked == _CONTINUED.sub("", titles[0]):
-            place = _behind(lines, place + 1, titles[1:])
-            return _behind(lines, place, [squeezed(line.text) for line in section.head])
-        head = [squeezed(line.text) for line in section.head]
-        if not head:
-            head = [squeezed(line.text) for line, _ in section.lines[:_LEADING] if not _has_number(line.text)]
-            head = head if len(section.lines) > len(head) else []
-        for top in ([*titles, *head], head):
-            if top and head and (after := _behind(lines, place, top, whole=True)) > place:
-                return after
-        return place
-
-    def title(self, lines: Sequence[Line], place: int, blanks: int) -> int:
-        """Return the place behind title and headings of a section that begins here; `place` if none does."""
-        if any(pattern.search(lines[place].text) for pattern in self.layout.section):
-            end = place + 1
-        elif blanks and not self.layout.section:
-            end = self.title_end(lines, place, blanks)
-        else:
-            end = place
-        if end == place:
-            return place
-        named = _CONTINUED.sub("", squeezed(lines[place].text))
-        if named != squeezed(lines[place].text) and named == self.sections[-1].title:
-            return end
-        self.sections.append(Section(named, titles=list(lines[place:end])))
-        return self.head(lines, end)
-
-    def head(self, lines: Sequence[Line], place: int) -> int:
-        """Take column headings with the rule below them, where there are any; return the place behind them."""
-        start = _first_written(lines, place)
-        end = _head_end(lines, start)
-        if end > start:
-            self.sections[-1].head = [line for line in lines[start:end] if line.text]
-            return end
-        return place
+    def section(self, lines: Sequence[Line], start: int, end: int) -> int:
+        """Begin a section with a title, unless the last one goes on; return the place behind its headings."""
+        place = _first_written(lines, end)
+        below = _head_end(lines, place)
+        head = [line for line in lines[place:below] if line.text]
+        text, last = squeezed(lines[start].text), self.sections[-1]
+        title = _CONTINUED.sub("", text)
+        if title != last.title or (title == text and {line.text for line in head} != last.head_texts):
+            self.sections.append(Section(title, titles=list(lines[start:end]), head=head))
+        return below if head and head[0].text in self.sections[-1].head_texts else end
 
     def title_end(self, lines: Sequence[Line], place: int, blanks: int) -> int:
-        """Return the end of a title: lines of words after blank lines, and before a blank line or a rule."""
+        """Return the end of a title that begins here; `place` if none does.
+
+        Titles are lines of words behind two blank lines, or behind one where headings follow, and before another.
+        """
+        if self.layout.section:
+            return place + any(pattern.search(lines[place].text) for pattern in self.layout.section)
         end = place
-        while end < len(lines) and end - place < _TITLE_LINES and _is_title(lines[end].text):
+        while blanks and end < len(lines) and end - place < _TITLE_LINES and _is_title(lines[end].text):
             end += 1
-        if end == place or end == len(lines):
-            return place
-        if lines[end].text:
-            underlined = is_rule(lines[end].text) and len(_GROUP.findall(lines[end].text)) == 1
-            boxed = end - place == 1 and underlined
-            return end + 1 if boxed and _head_end(lines, place) == place else place
         follows = _first_written(lines, end)
-        if blanks >= 2:
-            return end if follows < len(lines) else place
-        return end if _head_end(lines, follows) > follows else place
+        if end == place or follows in (end, len(lines)):
+            return place
+        return end if blanks >= 2 or _head_end(lines, follows) > follows else place
 
 
 def _first_written(lines: Sequence[Line], place: int) -> int:
     while place < len(lines) and not lines[place].text:
         place += 1
-    return place
-
-
-def _behind(lines: Sequence[Line], place: int, top: Sequence[str], *, whole: bool = False) -> int:
-    """Return the place behind lines that are those of `top`; with `whole`, `place` itself unless all are there."""
-    start = place
-    for text in top:
-        following = _first_written(lines, place)
-        if following == len(lines) or squeezed(lines[following].text) != text:
-            if whole:
-                return start
-            continue
-        place = following + 1
     return place
 
 
@@ -430,10 +378,6 @@ def _head_end(lines: Sequence[Line], start: int) -> int:
 
 
 _REAL = re.compile(r"\d\.\d|(?<!\w)\.\d")
-
-
-def _has_number(text: str) -> bool:
-    return any(placed.token.kind != "word" for placed in tokens_of(text))
 
 
 def _is_title(text: str) -> bool:
