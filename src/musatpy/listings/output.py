@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Callable, Iterable, Sequence
 from decimal import Decimal
-from itertools import groupby
 from typing import Any
 from xml.etree import ElementTree
 
@@ -33,26 +32,30 @@ def render(difference: Difference, *, listed: int = 20, style: Style = plain) ->
     What stands in the files is escaped (`printable`); `style` is to do so with what it is given.
     """
     lines = [f"A  {printable(difference.a)}", f"B  {printable(difference.b)}"]
-    for title, group in groupby(difference.findings, key=lambda finding: finding.section):
-        lines += ["", style(title, "title"), *_table(list(group), listed, style)]
+    for section in difference.sections:
+        if section.findings:
+            lines += ["", style(section.title, "title"), *_table(section.findings, listed, style)]
     lines += _summary(difference.sections, style)
-    for note in difference.not_compared:
-        lines.append(style(f"not compared: {note}", "warning"))
-    for name in difference.unused_rules:
-        lines.append(style(f"rule never matched: {name}", "warning"))
-    for rule in difference.rules:
-        if rule.matched and not rule.applied:
-            lines.append(style(f"rule never applied, a later one always won: {rule.name}", "warning"))
+    lines += [style(remark, "warning") for remark in _remarks(difference)]
     return "\n".join([*lines, verdict(difference, style)]) + "\n"
+
+
+def _remarks(difference: Difference) -> list[str]:
+    """Return what was not compared, and which rules were of no use."""
+    unmatched = [f"rule never matched: {name}" for name in difference.unused_rules]
+    overruled = [rule.name for rule in difference.rules if rule.matched and not rule.applied]
+    return [
+        *(f"not compared: {note}" for note in difference.not_compared),
+        *unmatched,
+        *(f"rule never applied, a later one always won: {name}" for name in overruled),
+    ]
 
 
 def verdict(difference: Difference, style: Style = plain) -> str:
     """Return the last line: same or different, with counts."""
     counts = dict(difference.counts)
-    rows = counts.pop("rows compared")
-    passed = sum(section.passed for section in difference.sections)
-    tail = f"{_count(rows, 'row')} compared"
-    if passed:
+    tail = f"{_count(counts.pop('rows compared'), 'row')} compared"
+    if passed := sum(section.passed for section in difference.sections):
         tail += f", {_count(passed, 'difference')} within the rules"
     if difference.same:
         return style(f"same: {tail}", "same")
@@ -199,50 +202,38 @@ def _finite(value: Decimal | float | None) -> float | None:
 
 def junit_text(difference: Difference) -> str:
     """Return a test suite of JUnit XML: a test for each section, which fails where something differs."""
-    found: dict[str, list[Finding]] = {section.title: [] for section in difference.sections}
-    for finding in difference.findings:
-        found[finding.section].append(finding)
-    failed = sum(map(bool, found.values()))
-    suite = _suite(f"{difference.a} {difference.b}", tests=len(found), failures=failed, errors=0)
-    for title, failures in found.items():
-        test = ElementTree.SubElement(suite, "testcase", classname="musat.diff", name=printable(title))
-        if failures:
-            message = f"{len(failures)} differences" if len(failures) > 1 else "1 difference"
-            lines = [_line(finding) for finding in failures[:_LISTED]]
-            lines += [f"and {len(failures) - _LISTED} more"] if len(failures) > _LISTED else []
-            ElementTree.SubElement(test, "failure", message=message).text = printable("\n".join(lines))
-    notes = [f"not compared: {note}" for note in difference.not_compared]
-    notes += [f"rule never matched: {name}" for name in difference.unused_rules]
-    if notes:
-        ElementTree.SubElement(suite, "system-err").text = printable("\n".join(notes))
+    failed = sum(bool(section.findings) for section in difference.sections)
+    suite, tests = _suite((difference.a, difference.b), [one.title for one in difference.sections], failures=failed)
+    for test, section in zip(tests, difference.sections, strict=True):
+        if section.findings:
+            message = _count(len(section.findings), "difference")
+            failure = ElementTree.SubElement(test, "failure", message=message)
+            failure.text = "\n".join(_table(section.findings, _LISTED, plain))
+    if remarks := _remarks(difference):
+        ElementTree.SubElement(suite, "system-err").text = printable("\n".join(remarks))
     return _document(suite)
 
 
 def junit_of_problems(problems: Iterable[Problem], names: tuple[str, str]) -> str:
     """Return a test suite with the one error that the files cannot be compared."""
-    suite = _suite(" ".join(names), tests=1, failures=0, errors=1)
-    test = ElementTree.SubElement(suite, "testcase", classname="musat.diff", name="comparison")
+    suite, (test,) = _suite(names, ["comparison"], errors=1)
     error = ElementTree.SubElement(test, "error", message="cannot compare")
     error.text = printable("\n".join(problem.headline() for problem in problems))
     return _document(suite)
 
 
-def _suite(name: str, **counts: int) -> ElementTree.Element:
-    attributes = {"name": printable(name), **{key: str(count) for key, count in counts.items()}}
-    return ElementTree.Element("testsuite", attributes)
+def _suite(
+    files: tuple[str, str], names: Sequence[str], *, failures: int = 0, errors: int = 0
+) -> tuple[ElementTree.Element, list[ElementTree.Element]]:
+    """Return a test suite, and its tests by their names."""
+    counts = {"tests": len(names), "failures": failures, "errors": errors}
+    attributes = {"name": printable(" ".join(files)), **{key: str(count) for key, count in counts.items()}}
+    suite = ElementTree.Element("testsuite", attributes)
+    of_test = {"classname": "musat.diff"}
+    return suite, [ElementTree.SubElement(suite, "testcase", of_test, name=printable(name)) for name in names]
 
 
 def _document(suite: ElementTree.Element) -> str:
     ElementTree.indent(suite)
     text = ElementTree.tostring(suite, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
-
-
-def _line(finding: Finding) -> str:
-    where = ", ".join(part for part in (finding.row, finding.column) if part)
-    line = f"{finding.kind}: {where}: A {finding.a or '-'}, B {finding.b or '-'}"
-    if finding.difference is not None:
-        line += f", difference {number_text(finding.difference)} {finding.unit}".rstrip()
-    if finding.sigmas is not None:
-        line += f", {finding.sigmas:+.3g} sigmas"
-    return f"{line} [{finding.rule}]"

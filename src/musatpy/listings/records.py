@@ -72,7 +72,8 @@ def read_json(text: str, name: str) -> Any:
     except RecursionError as error:
         raise CannotCompareError([Problem(file=name, message="is nested too deep")]) from error
     except ValueError as error:
-        raise CannotCompareError([Problem(file=name, message=f"is not JSON: {error}")]) from error
+        line = getattr(error, "lineno", None)  # a number of more digits than Python reads has none
+        raise CannotCompareError([Problem(file=name, line=line, message=f"is not JSON: {error}")]) from error
 
 
 def tables_of(content: Any) -> dict[str, list[Row]]:

@@ -136,7 +136,7 @@ class Comparison:
         """
         a, b, is_open = cell.a, cell.b, bool(still_open(pair.among))
         if len(a) == len(b):
-            for n, (of_a, of_b) in enumerate(_pairs_of_tokens(a, b), start=1):
+            for n, (of_a, of_b) in enumerate(zip(a, b, strict=True), start=1):
                 if is_open or of_a.token.text != of_b.token.text:
                     self.weigh(pair, _spanning(cell.field, [of_a, of_b], n), cell, of_a.token, of_b.token)
             return
@@ -158,11 +158,8 @@ class Comparison:
     def weigh(self, pair: Pair, field: Field, cell: Cell, a: Token, b: Token) -> None:
         """Weigh two tokens of a field, and take their difference where there is one."""
         use = self.rule(pair, field, a, b)
-        rule, name, texts = (
-            use.rule if use else None,
-            use.name if use else "exact",
-            (a.text or None, b.text or None),
-        )
+        rule, name = (use.rule, use.name) if use else (None, "exact")
+        texts = (a.text or None, b.text or None)
         if a.text == b.text or (rule and rule.skip):
             return
         if a.value is None or b.value is None or a.kind != b.kind:
@@ -269,27 +266,6 @@ def _spanning(field: Field, placed: Sequence[Placed], number: int) -> Field:
     """Return a field with its columns of print; in no column its number counts the fields of the row."""
     start, end = min(field.start for field in placed), max(field.end for field in placed)
     return Field(field.column, field.number or number, field.heading, start, end)
-
-
-def _pairs_of_tokens(a: Sequence[Placed], b: Sequence[Placed]) -> Sequence[tuple[Placed, Placed]]:
-    """Return tokens in pairs, words that differ one after the other put together."""
-    if len(a) == 1:
-        return [(a[0], b[0])]
-    pairs: list[tuple[Placed, Placed]] = []
-    joins = False  # the pair before is of words that differ
-    for of_a, of_b in zip(a, b, strict=True):
-        differ = of_a.token.kind == of_b.token.kind == "word" and of_a.token.text != of_b.token.text
-        if differ and joins:
-            pairs[-1] = _joined(pairs[-1][0], of_a), _joined(pairs[-1][1], of_b)
-        else:
-            pairs.append((of_a, of_b))
-        joins = differ
-    return pairs
-
-
-def _joined(first: Placed, second: Placed) -> Placed:
-    gap = " " if second.start > first.end else ""
-    return Placed(Token("word", f"{first.token.text}{gap}{second.token.text}"), first.start, second.end)
 
 
 def compare_listings(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Difference:

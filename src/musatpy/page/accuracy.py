@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,17 +11,18 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.page.cells import cell_text, count_of
-from musatpy.page.page_tables import page_table
-from musatpy.page.rendering import PageTable
+from musatpy.page.page_tables import page_table, place_of
+from musatpy.page.rendering import Fact, PageTable
 from musatpy.plots.tables import Tables, numbers, part, rows_of, texts
 from musatpy.reports import analyses
 from musatpy.reports.headline import CHECKS, CONTROL, differences
-from musatpy.soundings.s44 import orders_met, source, survey_orders
+from musatpy.soundings.s44 import NO_ORDER, orders_met, source, survey_orders
 from musatpy.statistics.differences import DifferenceStatistics, difference_statistics
 
 SAMPLES = "Control And Check Points: Adjusted Minus Given"
 ORDERS = "Orders Of S-44 Met By The Depths"
 _ANGLE = "rad"
+_ENOUGH = 0.95  # share of the points that meet an order, from which on it is that of the run
 
 Samples = dict[tuple[str, str], DifferenceStatistics]  # by control or check points, and component; metres
 
@@ -113,6 +114,26 @@ def orders_table(depths: Depths) -> Iterator[PageTable]:
         ],
         note=f"{source()}, by the sigmas of {count_of(count, 'submerged point')}.",
     )
+
+
+def depth_facts(depths: Depths, where: str, places: Mapping[str, str]) -> Iterator[Fact]:
+    """Yield the sigma of depths `where` they are, and the order of S-44 that nearly all meet; with links."""
+    sigma, depth = depths.sigma[np.isfinite(depths.sigma)], depths.depth[np.isfinite(depths.depth)]
+    if len(sigma) and len(depth):
+        yield Fact(
+            "Sigma of depths, median",
+            f"{np.median(sigma):.3f} m",
+            detail=f"{count_of(len(depth), 'point')}, {depth.min():.2f} to {depth.max():.2f} m {where}",
+            link=place_of(places, "Depths Of Bathymetric Points"),
+        )
+    count, shares = int(depths.ranked.sum()), depths.shares()
+    if count:
+        yield Fact(
+            "Order of S-44 that 95 % of the depths meet",
+            next((order for order, met in shares if met >= _ENOUGH * count), NO_ORDER),
+            detail=f"{shares[0][0]}: {shares[0][1]:,} of {count:,} points",
+            link=place_of(places, ORDERS),
+        )
 
 
 def depths_of(tables: Tables) -> Depths:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from musatpy.model import Grade
-from musatpy.page.accuracy import ORDERS, Depths, analysis_table, orders_table
+from musatpy.page.accuracy import Depths, analysis_table, depth_facts, orders_table
 from musatpy.page.cells import count_of, number_text
-from musatpy.page.page_tables import PageReport, chapters_of, places_of, reasons_of, tables_of
+from musatpy.page.page_tables import PageReport, chapters_of, page_of, places_of, tables_of
 from musatpy.page.rendering import Fact, Facts, Page, Part, Sentences, anchor_of
 from musatpy.plots.tables import Tables, flags, numbers, part, texts
 from musatpy.reports import (
@@ -20,7 +20,6 @@ from musatpy.reports import (
     compilation_comparisons,
     compilation_points,
 )
-from musatpy.reports.answer import USE
 from musatpy.reports.stated import answered
 from musatpy.reports.table import Report
 
@@ -61,18 +60,10 @@ def compilation_page(tables: Tables) -> Page:
         "Points": [*_stated(tables), *tables_of(_OF_POINTS, tables)],
     }
     chapters = chapters_of(contents)
-    titles = [" ".join(title.split()) for title in job["titles"]]
-    grade = tables["verdict"]["grade"]
-    return Page(
-        title=titles[0] if titles else "Compilation",
-        lines=[*titles[1:], f"Points compiled in {count_of(len(tables['models']), 'stereomodel')}."],
-        grade=grade,
-        use=USE[Grade(grade)],
-        reasons=reasons_of(tables, places_of(chapters)),
-        notes=[*tables["verdict"]["notes"], *tables["warnings"]],
-        figures=Facts(list(_figures(tables, depths)), large=True),
-        chapters=chapters,
-    )
+    what = f"Points compiled in {count_of(len(tables['models']), 'stereomodel')}."
+    figures = _figures(tables, depths, places_of(chapters))
+    page = page_of(tables, job["titles"] or ["Compilation"], what, figures, chapters)
+    return replace(page, notes=[*page.notes, *tables["warnings"]])
 
 
 def _depths(tables: Tables) -> Depths:
@@ -88,7 +79,7 @@ def _depths(tables: Tables) -> Depths:
     )
 
 
-def _figures(tables: Tables, depths: Depths) -> Iterator[Fact]:
+def _figures(tables: Tables, depths: Depths, places: Mapping[str, str]) -> Iterator[Fact]:
     points, parallaxes = tables["points"], [model["y_parallax"] for model in tables["models"]]
     count, missing = len(points["point"]), sum(reason is not None for reason in points["reason"])
     yield Fact("Points with coordinates", f"{count - missing:,} of {count:,}")
@@ -98,13 +89,7 @@ def _figures(tables: Tables, depths: Depths) -> Iterator[Fact]:
     for row in tables["analysis"]:
         value = f"{number_text(row['rms'], 3)} m"
         yield Fact(f"RMS against the run, {row['component']}", value, link=anchor_of(_AGAINST))
-    sigma = depths.sigma[np.isfinite(depths.sigma)]
-    if len(sigma):
-        span = f"{depths.depth.min():.2f} to {depths.depth.max():.2f} m below the datum"
-        yield Fact("Sigma of depths, median", f"{np.median(sigma):.3f} m", detail=span)
-    for orders in orders_table(depths):
-        order, met, share = orders.rows[0]
-        yield Fact(f"Meet S-44 {order}", f"{share} %", detail=f"{met} points", link=anchor_of(ORDERS))
+    yield from depth_facts(depths, "below the datum", places)
 
 
 def _data(tables: Tables) -> Iterator[Part]:

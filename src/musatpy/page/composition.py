@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,11 @@ import musatpy
 from musatpy.errors import Problem, RecordError
 from musatpy.json_files import known_of, read_json_file
 from musatpy.page.rendering import Chapter, Fact, Facts, Page, PagePicture, check_packages, html_of
-from musatpy.plots.gallery import COMPILED, GALLERY, SOUNDED, rendered
+from musatpy.plots.gallery import KINDS, rendered
 from musatpy.plots.picture import Picture
 from musatpy.plots.tables import Tables, part
 
-_OF_RUN, _OF_COMPILATION, _OF_SOUNDINGS = "schema_version", "compilation_version", "soundings_version"
+_RUN = "schema"  # kind of the record of a run
 _BEFORE_PICTURES = "Accuracy"  # a chapter
 # Of the record of a run, what no page shows.
 LEFT = frozenset({"station_pairs", "level_pairs", "fiducial_measurements", "cross_measurements"})
@@ -43,7 +43,7 @@ def page_of_tables(tables: Tables, files: Iterable[Path]) -> str:
 
     Raises `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
     """
-    page, gallery = _page_of(tables)
+    page, gallery = _page_of(tables), KINDS[_kind_of(tables).encode()].pictures
     chapters: list[Chapter] = []
     for chapter in page.chapters:
         chapters.append(chapter)
@@ -57,35 +57,29 @@ def page_of_tables(tables: Tables, files: Iterable[Path]) -> str:
     return html_of(replace(page, chapters=chapters, closing=closing))
 
 
-def _page_of(tables: Tables) -> tuple[Page, Sequence[Picture[Any]]]:
-    """Return the page of tables, and the pictures that it may have; what makes other pages is not loaded."""
-    if _OF_COMPILATION in tables:
-        from musatpy.page.compilation_page import compilation_page
+def _kind_of(record: Any) -> str:
+    """Return what a record is of, as its version says: `schema` of a run; empty of what is no record."""
+    kinds = [name.decode() for name in KINDS]
+    return next((name for name in kinds if isinstance(record, Mapping) and f"{name}_version" in record), "")
 
-        return compilation_page(tables), COMPILED
-    if _OF_SOUNDINGS in tables:
-        from musatpy.page.soundings_page import soundings_page
 
-        return soundings_page(tables), SOUNDED
-    from musatpy.page.run_page import run_page
-
-    return run_page(tables), GALLERY
+def _page_of(tables: Tables) -> Page:
+    """Return the page of tables; what makes other pages is not loaded."""
+    kind = _kind_of(tables)
+    if kind == "compilation":
+        from musatpy.page.compilation_page import compilation_page as page_of
+    elif kind == "soundings":
+        from musatpy.page.soundings_page import soundings_page as page_of
+    else:
+        from musatpy.page.run_page import run_page as page_of
+    return page_of(tables)
 
 
 def _tables_of(path: Path) -> dict[str, Any]:
     """Return what a record has; raises as `page_of_record`."""
     record = read_json_file(path)
-    fields = record if isinstance(record, dict) else {}
-    if _OF_COMPILATION in fields:
-        from musatpy.reports import compilation
-
-        return known_of(record, path, schema=compilation.DOCUMENT.schema())
-    if _OF_SOUNDINGS in fields:
-        from musatpy.reports import soundings
-
-        return known_of(record, path, schema=soundings.DOCUMENT.schema())
-    if _OF_RUN in fields:
-        return known_of(record, path, LEFT)
+    if kind := _kind_of(record):
+        return known_of(record, path, LEFT if kind == _RUN else (), schema=KINDS[kind.encode()].schema())
     message = "is not the record of a run, of a compilation or of a comparison with soundings"
     raise RecordError([Problem(file=str(path), message=message)])
 
@@ -98,11 +92,10 @@ def _sha256(path: Path) -> str:
 def _provenance(tables: Tables, files: Mapping[str, str]) -> Chapter:
     """Return the chapter that says what a page was made of; `files` are names with the SHA-256 of each."""
     program = part(tables, "program")
-    schema = next(str(tables[name]) for name in (_OF_RUN, _OF_COMPILATION, _OF_SOUNDINGS) if name in tables)
     facts = [
         Fact("Program of the record", f"musatpy {program['version']}" if program else ""),
         Fact("Kernels", str(program.get("kernels") or "")),
-        Fact("Schema of the record", schema),
+        Fact("Schema of the record", str(tables[f"{_kind_of(tables)}_version"])),
         Fact("Program of the page", f"musatpy {musatpy.__version__}"),
         *(Fact(f"SHA-256 of {name}", digest) for name, digest in files.items()),
     ]

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.model import Grade
 from musatpy.page.cells import UNITS, cell_text
-from musatpy.page.rendering import Chapter, Head, PagePicture, PageReason, PageTable, Part, Sentences
+from musatpy.page.rendering import Chapter, Fact, Facts, Head, Page, PageReason, PageTable, Part, Titled
 from musatpy.plots.tables import Tables
+from musatpy.reports.answer import USE
 from musatpy.reports.editing import named
 from musatpy.reports.table import Report, worst_first
 from musatpy.reports.values import at
@@ -101,7 +103,7 @@ def places_of(chapters: Sequence[Chapter]) -> dict[str, str]:
     for chapter in chapters:
         places[chapter.title] = chapter.anchor
         for piece in chapter.parts:
-            if isinstance(piece, PageTable | Sentences | PagePicture) and piece.title:
+            if isinstance(piece, Titled) and piece.title:
                 places.setdefault(piece.title, piece.anchor)
     return places
 
@@ -111,9 +113,22 @@ def place_of(places: Mapping[str, str], section: str) -> str:
     return next((anchor for title, anchor in places.items() if section and title.startswith(section)), "")
 
 
-def reasons_of(tables: Tables, places: Mapping[str, str]) -> list[PageReason]:
-    """Return the reasons of the verdict of a record, with the places where they show."""
-    return [
-        PageReason(grade=row["grade"], text=row["text"], link=place_of(places, row["section"]))
-        for row in tables["verdict"]["reasons"]
-    ]
+def page_of(
+    tables: Tables, titles: Sequence[str], what: str, figures: Iterable[Fact], chapters: Sequence[Chapter]
+) -> Page:
+    """Return the page of a job with these chapters, in which reasons of the verdict find what they are about."""
+    verdict, places = tables["verdict"], places_of(chapters)
+    first, *others = (" ".join(title.split()) for title in titles)
+    return Page(
+        title=first,
+        lines=[*others, what],
+        grade=verdict["grade"],
+        use=USE[Grade(verdict["grade"])],
+        reasons=[
+            PageReason(grade=row["grade"], text=row["text"], link=place_of(places, row["section"]))
+            for row in verdict["reasons"]
+        ],
+        notes=verdict["notes"],
+        figures=Facts(list(figures), large=True),
+        chapters=chapters,
+    )

@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.model import Cause, CauseKind, Grade, Refraction
+from musatpy.model import Cause, CauseKind, Refraction
 from musatpy.page import flight
 from musatpy.page.accuracy import (
-    ORDERS,
-    Depths,
     analysis_table,
+    depth_facts,
     depths_of,
     orders_table,
     refraction_sentences,
@@ -26,10 +25,10 @@ from musatpy.page.cells import cell_text, count_of, significant
 from musatpy.page.page_tables import (
     PageReport,
     chapters_of,
+    page_of,
     page_table,
     place_of,
     places_of,
-    reasons_of,
     tables_of,
 )
 from musatpy.page.rendering import Chapter, Fact, Facts, Page, PageTable, Part, Sentences
@@ -56,7 +55,6 @@ from musatpy.reports.headline import headline
 from musatpy.reports.stated import answered
 from musatpy.reports.table import Report
 from musatpy.reports.values import at
-from musatpy.soundings.s44 import NO_ORDER
 from musatpy.statistics.quality import TEST_LIMIT
 
 _PHOTOS = 250  # rows of tables of photos
@@ -65,7 +63,6 @@ _POINTS = 100
 _FEW = 20
 _WARNINGS = 50
 _CAUSES = 5
-_ENOUGH = 0.95  # share of the points that meet an order, from which on it is that of the run
 _BY_KIND = ("Observations, ", "Unknowns, ", "Sigma0, ")  # labels of numbers that are told beside others
 _HELD = (
     "Cameras are taken as calibrated: focal length, principal point and distortion are no unknowns of the "
@@ -170,18 +167,10 @@ def run_page(tables: Tables) -> Page:
 def _page(tables: Tables, chapters: Sequence[Chapter]) -> Page:
     """Return the page of a run with these chapters, in which its reasons find what they are about."""
     verdict, places = tables["verdict"], places_of(chapters)
-    heads = [" ".join(title.split()) for title in tables["titles"]]
-    return Page(
-        title=heads[0] if heads else "Aerotriangulation",
-        lines=[*heads[1:], f"MUSAT-{tables['options']['program']} aerotriangulation. {_what(tables)}"],
-        grade=verdict["grade"],
-        use=answer.USE[Grade(verdict["grade"])],
-        reasons=reasons_of(tables, places),
-        causes=_causes(tables["causes"][:_CAUSES]) if verdict["reasons"] else (),
-        notes=verdict["notes"],
-        figures=Facts(list(_figures(tables, places)), large=True),
-        chapters=chapters,
-    )
+    what = f"MUSAT-{tables['options']['program']} aerotriangulation. {_what(tables)}"
+    page = page_of(tables, tables["titles"] or ["Aerotriangulation"], what, _figures(tables, places), chapters)
+    causes = _causes(tables["causes"][:_CAUSES]) if verdict["reasons"] else ()
+    return replace(page, causes=causes)
 
 
 def _what(tables: Tables) -> str:
@@ -224,31 +213,7 @@ def _figures(tables: Tables, places: Mapping[str, str]) -> Iterator[Fact]:
     for figure in headline(tables, cell_text):
         value, detail = figure.value.replace(" um", " µm"), figure.detail.lstrip(",: ")
         yield Fact(figure.label, value, detail=detail, link=place_of(places, figure.section))
-    depths = depths_of(tables)
-    yield from _depths(depths, places)
-    yield from _s44(depths, places)
-
-
-def _depths(depths: Depths, places: Mapping[str, str]) -> Iterator[Fact]:
-    sigma, depth = depths.sigma[np.isfinite(depths.sigma)], depths.depth[np.isfinite(depths.depth)]
-    if len(sigma) and len(depth):
-        yield Fact(
-            "Sigma of depths, median",
-            f"{np.median(sigma):.3f} m",
-            detail=f"{count_of(len(depth), 'point')}, {depth.min():.2f} to {depth.max():.2f} m deep",
-            link=place_of(places, "Depths Of Bathymetric Points"),
-        )
-
-
-def _s44(depths: Depths, places: Mapping[str, str]) -> Iterator[Fact]:
-    count, shares = int(depths.ranked.sum()), depths.shares()
-    if count:
-        yield Fact(
-            "Order of S-44 that 95 % of the depths meet",
-            next((order for order, met in shares if met >= _ENOUGH * count), NO_ORDER),
-            detail=f"{shares[0][0]}: {shares[0][1]:,} of {count:,} points",
-            link=place_of(places, ORDERS),
-        )
+    yield from depth_facts(depths_of(tables), "deep", places)
 
 
 def _data(tables: Tables) -> Iterator[Part]:
