@@ -112,8 +112,7 @@ relative = 1e-6
         ("point = []", "point", "at least one"),
         ("column = 0", "column", "counted from 1"),
         ("page = [3, 2]", "page", "[first, last]"),
-        ("skip = false", "skip", "is true"),
-        ("only = 'C'", "only", "'A', 'B' or 'either'"),
+        ("only = 'C'", "only", "'C' is not one of A, B, either"),
         ("angle = 'degrees'", "angle", "goes with arcsec"),
     ],
 )

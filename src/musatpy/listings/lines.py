@@ -38,13 +38,13 @@ class Paper:
 
 
 def text_of(data: bytes, name: str) -> str:
-    """Return the text of a file, UTF-8 or Latin-1; raises `CannotCompareError` where it is none, or empty."""
+    """Return the text of a file, UTF-8 or Windows-1252; raises `CannotCompareError` where it is none, or empty."""
     if b"\0" in data:
         raise CannotCompareError([Problem(file=name, message="is not a text file")])
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        text = data.decode("latin-1")
+        text = data.decode("cp1252", errors="replace")
     if not text.strip():
         raise CannotCompareError([Problem(file=name, message="is empty")])
     return text

@@ -7,7 +7,7 @@ by the last rule that speaks of them. A file that is wrong is refused with every
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
@@ -23,8 +23,6 @@ ARC_SECONDS = {
     "gons": Decimal(3240),
     "radians": Decimal(648000) / Decimal("3.14159265358979323846264338328"),
 }
-
-
 _LIMITS = ("absolute", "relative", "last_digits", "arcsec", "sigmas")
 
 
@@ -63,12 +61,6 @@ def _limit(value: Any) -> Decimal:
     return Decimal(number)
 
 
-def _true(value: Any) -> bool:
-    """Return True, all that these keys can say."""
-    require(value is True, "is true, or left out")
-    return True
-
-
 def _span(value: Any) -> tuple[int, int]:
     """Return first and last of pages, or of columns of print."""
     both = value if isinstance(value, list) else [value, value]
@@ -85,27 +77,11 @@ def _column(value: Any) -> re.Pattern[str] | int:
     return value
 
 
-def _text(value: Any) -> str:
-    require(isinstance(value, str) and bool(value.strip()), "is a text")
-    return str(value)
-
-
-def _one_of(*values: str) -> Callable[[Any], str]:
-    *others, last = (f"'{value}'" for value in values)
-    wrong = f"is {', '.join(others)} or {last}" if others else f"is {last}"
-
-    def convert(value: Any) -> str:
-        require(value in values, wrong)
-        return str(value)
-
-    return convert
-
-
 @dataclass(frozen=True, kw_only=True)
 class Rule:
     """One rule: selectors, all of which must fit, and what is allowed."""
 
-    name: str = key("", convert=_text)
+    name: str = key("")
     pages: tuple[int, int] | None = key(None, "of A (of B for a row that only B has)", name="page", convert=_span)
     section: re.Pattern[str] | None = key(None, "found in the title", convert=_pattern)
     row: re.Pattern[str] | None = key(None, "found in the printed row", convert=_pattern)
@@ -119,20 +95,20 @@ class Rule:
     last_digits: Decimal | None = key(None, convert=_limit)
     arcsec: Decimal | None = key(None, convert=_limit)
     sigmas: Decimal | None = key(None, convert=_limit)
-    angle: AngleUnit = key("dms", convert=_one_of("dms", *ARC_SECONDS))
-    skip: bool = key(False, convert=_true)
-    exact: bool = key(False, convert=_true)
-    order: str = key("", "the order of rows does not count", convert=_one_of("any"))
-    only: str = key("", "rows may be in one of them only", convert=_one_of("A", "B", "either"))
+    angle: AngleUnit = key("dms", choices=("dms", *ARC_SECONDS))
+    skip: bool = key(False)
+    exact: bool = key(False)
+    order: str = key("", "the order of rows does not count", choices=("any",))
+    only: str = key("", "rows may be in one of them only", choices=("A", "B", "either"))
 
     @staticmethod
     def faults(table: dict[str, Any]) -> Iterator[tuple[str, str]]:
         """Yield what is wrong with what a rule says as a whole."""
         limits = [name for name in _LIMITS if name in table]
-        effects = [*limits, *(name for name in ("skip", "exact", "order", "only") if name in table)]
+        effects = [*limits, *(name for name in ("skip", "exact", "order", "only") if table.get(name))]
         if not effects:
             yield "", f"allows nothing; give one of {', '.join((*_LIMITS, 'skip, exact, order, only'))}"
-        if ("skip" in table) + ("exact" in table) + bool(limits) > 1:
+        if table.get("skip", False) + table.get("exact", False) + bool(limits) > 1:
             yield effects[-1], "contradicts: a rule skips, is exact, or has limits"
         if "angle" in table and "arcsec" not in table:
             yield "angle", "goes with arcsec"

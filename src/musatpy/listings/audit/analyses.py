@@ -18,7 +18,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from musatpy.listings.audit.cells import Kind, read_cells
 from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, printed, printed_id, range_like
-from musatpy.listings.audit.scan import Excerpt, Line, Notes, rows_of, says
+from musatpy.listings.audit.scan import Excerpt, Notes, rows_of, says
+from musatpy.listings.lines import Line
 
 Interval = tuple[float, float]
 _SLACK = 1e-9  # relative: a number exactly between two prints may have gone either way

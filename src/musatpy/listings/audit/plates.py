@@ -13,7 +13,8 @@ from itertools import product
 
 from musatpy.listings.audit.analyses import Interval
 from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, pages_joined, printed
-from musatpy.listings.audit.scan import Excerpt, Line, Notes, found, rows_of
+from musatpy.listings.audit.scan import Excerpt, Notes, found, rows_of
+from musatpy.listings.lines import Line
 
 _POINTS = {
     "trig": ("Trig Points", "Trig Pts"),

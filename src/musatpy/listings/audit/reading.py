@@ -15,8 +15,9 @@ from musatpy.listings.audit.analyses import LABELS, check_analyses, read_analysi
 from musatpy.listings.audit.cells import Repair
 from musatpy.listings.audit.plates import RMS_LABELS, check_plates, read_plates
 from musatpy.listings.audit.report import Misprint, Report
-from musatpy.listings.audit.scan import Line, Notes, excerpts_of, found, lines_of
+from musatpy.listings.audit.scan import Notes, excerpts_of, found, lines_of
 from musatpy.listings.audit.submerged import check_submerged, read_submerged
+from musatpy.listings.lines import Line, text_of
 
 _LABELS = (*LABELS.values(), *RMS_LABELS.values())
 _NEAR = 15  # lines: rows no farther apart are of one report
@@ -41,16 +42,11 @@ class Listing:
 def read_listing(path: Path | str) -> Listing:
     """Return what the standard reports of a listing say.
 
-    Text that is not UTF-8 is read as Windows-1252. Raises `MusatError` where the file has none of the standard
-    reports, `OSError` where it cannot be read.
+    Raises `MusatError` where the file is no text, or has none of the standard reports, `OSError` where it cannot be
+    read.
     """
     path = Path(path)
-    content = path.read_bytes()
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = content.decode("cp1252", errors="replace")
-    return listing_of(text, str(path))
+    return listing_of(text_of(path.read_bytes(), str(path)), str(path))
 
 
 def listing_of(text: str, name: str) -> Listing:

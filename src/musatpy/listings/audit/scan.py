@@ -11,15 +11,16 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import pairwise
-from typing import NamedTuple, TypeVar
+from itertools import chain, pairwise
+from typing import TypeVar
 
 from musatpy.errors import Problem
 from musatpy.listings.audit.cells import Kind, Reading, Repair, RepairKind, read_cells
+from musatpy.listings.lines import Line, paper_of
+from musatpy.listings.rules import Layout
 
 WIDEST = 10_000  # characters of a row: no paper is so wide, nor a paragraph that a scan has as a row
 _PAGE_HEADER = re.compile(r"\bPAGE\s+[\dlI|!Oo]+\s*$")
-_CONTROLS = frozenset(" 01-+")  # of the carriage, in column 1
 _TITLES = (
     ("station position", "Camera Station Position Analysis", ""),
     ("station attitude", "Camera Station Attitude Analysis", ""),
@@ -35,13 +36,6 @@ _NOISE = r"[^A-HJKM-Za-hjkm-z]*"  # what may stand left of a label: no word; l a
 _CELLS = r"\.?(?=\s|$)"  # what stands right of it
 
 Name = TypeVar("Name")  # of a row
-
-
-class Line(NamedTuple):
-    """One line of print with its number in the file."""
-
-    number: int
-    text: str
 
 
 @dataclass(frozen=True)
@@ -122,17 +116,13 @@ def lines_of(text: str, notes: Notes) -> list[Line]:
 
     What is wider than `WIDEST` is blank too, and noted: no row of print.
     """
-    # Not splitlines(): it parts lines at characters that editors, and so their line numbers, do not.
-    rows = [row.replace("\f", "") for row in text.replace("\r\n", "\n").split("\n")]
-    printed = [row for row in rows if row]
-    if printed and printed[0].startswith("1") and all(row[0] in _CONTROLS for row in printed):
-        rows = [row[1:] for row in rows]
     lines = []
-    for number, row in enumerate(map(str.rstrip, rows), start=1):
-        if len(row) > WIDEST:
-            notes.lost(Line(number, row[:WIDEST]), f"a row of {len(row)} characters: no listing has any")
-        is_blank = len(row) > WIDEST or ("PAGE" in row and _PAGE_HEADER.search(row))
-        lines.append(Line(number, "" if is_blank else row))
+    for line in chain.from_iterable(paper_of(text, Layout()).pages):
+        width = len(line.text)
+        if width > WIDEST:
+            notes.lost(line._replace(text=line.text[:WIDEST]), f"a row of {width} characters: no listing has any")
+        is_blank = width > WIDEST or ("PAGE" in line.text and _PAGE_HEADER.search(line.text))
+        lines.append(line._replace(text="") if is_blank else line)
     return lines
 
 

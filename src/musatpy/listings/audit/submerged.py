@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 from musatpy.listings.audit.cells import RepairKind, read_cells
 from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, pages_joined, printed, text_like
-from musatpy.listings.audit.scan import Excerpt, Line, Notes
+from musatpy.listings.audit.scan import Excerpt, Notes
+from musatpy.listings.lines import Line
 
 Cells = Iterator[tuple[tuple[str, str], Printed]]
 COLUMNS = ("none", "predicted", "refraction")
