@@ -82,6 +82,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "jobs": {"model", "geometry"},
     "depth": {"model", "geometry", "refraction", "systems", "pointfiles"},
     "sea": {"model", "geometry", "refraction", "systems", "depth", "pointfiles"},
+    "correction": {"model", "geometry", "compilation", "depth", "pointfiles"},
     "point_flags": {"model", "formats", "jobs", "adjustment", "reduction", "statistics"},
     "runs": {
         "memory",
@@ -137,6 +138,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "as11_corrections",
         "as11_comparisons",
         "as11_runs",
+        "correction",
         "compilation",
         "soundings",
         "simulation",

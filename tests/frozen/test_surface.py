@@ -17,10 +17,11 @@ PAGES = [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), Path(__file__).with_
 
 
 def surface(command: click.Command, name: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], click.Option]]:
-    """Yield the options of all commands below one, with the names of theirs."""
+    """Yield the options of all commands below one that are not hidden, with the names of theirs."""
     if isinstance(command, click.Group):
         for below, member in command.commands.items():
-            yield from surface(member, (*name, below))
+            if not member.hidden:
+                yield from surface(member, (*name, below))
     for parameter in command.params:
         if isinstance(parameter, click.Option) and not parameter.hidden and name:
             yield name, parameter

@@ -249,8 +249,30 @@ class Cofactors(Bordered):
         return out
 
     def cofactors_of(self, photo: IntArray, index: IntArray, partials: FloatArray) -> FloatArray:
-        """Return the cofactors (k, o, o) of functions with partials (k, o, m q + X) by what `with_border` has."""
-        return partials @ self.with_border(photo, index) @ np.swapaxes(partials, 1, 2)
+        """Return the cofactors (k, o, o) of functions with partials (k, o, m q + X) by what `with_border` has.
+
+        Block by block, which takes a fifth of the time of writing them into matrices first.
+        """
+        (k, m), q, o = photo.shape, self.pattern.size, partials.shape[1]
+        split = m * q
+        by_stations, by_globals = partials[..., :split], partials[..., split:]
+        out = np.zeros((k, o, o))
+        for j in range(m):
+            first, second = photo[:, : j + 1], photo[:, j, None]
+            blocks = self.blocks.take(
+                self.pattern.find(np.minimum(first, second), np.maximum(first, second)), axis=0
+            )
+            turned = first > second
+            if turned.any():
+                blocks[turned] = np.swapaxes(blocks[turned], 1, 2)
+            blocks[:, j] *= 0.5  # the sum is added to its transpose
+            of_photo = by_stations[..., : (j + 1) * q] @ blocks.reshape(k, -1, q)
+            out += of_photo @ np.swapaxes(by_stations[..., j * q : (j + 1) * q], 1, 2)
+        if index.shape[1]:
+            border = self.border[self.pattern.rows(photo)[:, :, None], index[:, None, :]]
+            corner = 0.5 * self.corner[index[:, :, None], index[:, None, :]]
+            out += (by_stations @ border + by_globals @ corner) @ np.swapaxes(by_globals, 1, 2)
+        return out + np.swapaxes(out, 1, 2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -255,23 +255,47 @@ def depth_cofactors(
 
     The water is that of the mean tide of the photos that give the point its position.
     """
-    group, E, F = piece.group, piece.E, piece.F
-    m = group.rays.shape[1]
-    split, T = m * network.pattern.size, F.shape[2]
-    index, surface = _surface_partials(network, state, group)
-    columns = np.concatenate([E.extras.index, index], axis=1)
-    Q = cofactors.with_border(network.photo[group.rays], columns)
-    by_point = E.normals.axes @ network.slope(state.tilt) - piece.axes[:, 2]
-    a = np.concatenate([-np.einsum("ki,kit->kt", by_point, F), surface[:, split:]], axis=1)
-    a[:, :split] += surface[:, :split]
-    if group.kept:  # the coordinates stand last among the extras
-        a[:, T - 3 : T] += by_point
-    variance = np.einsum("kt,ktu,ku->k", a, Q, a) + np.einsum("ki,kij,kj->k", by_point, E.inverse, by_point)
+    group, E = piece.group, piece.E
+    columns, a, by_point = _depth_partials(network, state, piece)
+    variance = cofactors.cofactors_of(network.photo[group.rays], columns, a[:, None])[:, 0, 0]
+    variance += np.einsum("ki,kij,kj->k", by_point, E.inverse, by_point)
     if inner is None:
         return np.asarray(variance)
     unknowns, depth = network.unknowns(group, columns), variance[:, None, None]
     constrained = any(np.isin(group.point[:1], other.point).all() for other in network.groups)
     return inner.of_points(unknowns, a[:, None], by_point[:, None], depth, E, constrained)[:, 0, 0]
+
+
+def covariances_with_depths(
+    network: Network, state: State, piece: Piece, cofactors: Cofactors
+) -> tuple[FloatArray, FloatArray]:
+    """Return the cofactors (k, 3, 3) of points of a piece along east, north, up, and those (k,) of their depths.
+
+    `point_covariances` and `depth_cofactors` of points that are not kept, without constraints, at once.
+    """
+    columns, a, by_point = _depth_partials(network, state, piece)
+    partials = np.zeros((len(a), 4, a.shape[1]))
+    partials[:, :3, : piece.F.shape[2]], partials[:, 3] = -piece.F, a
+    Q = cofactors.cofactors_of(piece.photo, columns, partials)
+    inverse = piece.E.inverse
+    depth = Q[:, 3, 3] + np.einsum("ki,kij,kj->k", by_point, inverse, by_point)
+    return _turned(piece.axes, inverse + Q[:, :3, :3]), depth
+
+
+def _depth_partials(network: Network, state: State, piece: Piece) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return border columns (k, X), and partials of depths by stations and these (k, m q + X) and by points (k, 3).
+
+    The points follow the stations.
+    """
+    group, E, F = piece.group, piece.E, piece.F
+    split, T = group.rays.shape[1] * network.pattern.size, F.shape[2]
+    index, surface = _surface_partials(network, state, group)
+    by_point = E.normals.axes @ network.slope(state.tilt) - piece.axes[:, 2]
+    a = np.concatenate([-np.einsum("ki,kit->kt", by_point, F), surface[:, split:]], axis=1)
+    a[:, :split] += surface[:, :split]
+    if group.kept:  # the coordinates stand last among the extras
+        a[:, T - 3 : T] += by_point
+    return np.concatenate([E.extras.index, index], axis=1), a, by_point
 
 
 def _surface_partials(network: Network, state: State, group: PointGroup) -> tuple[IntArray, FloatArray]:

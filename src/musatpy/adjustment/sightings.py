@@ -57,12 +57,17 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
     unknown = network.water.unknown or waves > 0
     v_by_water = np.zeros((*v.shape, 4 + waves)) if unknown and stations else None
     if wet.any():
-        over, bent = _incidence(network, state, photo[wet], camera[wet], ground[wet])
-        v_by_camera = np.broadcast_to(-np.eye(3), (*v.shape, 3)).copy()
-        v_by_ground = -v_by_camera
-        v[wet], v_by_camera[wet], v_by_ground[wet] = bent.v, bent.by_camera, bent.by_ground
+        # all of them need not be picked out, which takes as long as the rays; waves take a list
+        some = ... if network.sea is None and wet.all() else wet
+        over, bent = _incidence(network, state, photo[some], camera[some], ground[some])
+        if some is wet:
+            v_by_camera = np.broadcast_to(-np.eye(3), (*v.shape, 3)).copy()
+            v_by_ground = -v_by_camera
+            v[wet], v_by_camera[wet], v_by_ground[wet] = bent.v, bent.by_camera, bent.by_ground
+        else:
+            v, v_by_camera, v_by_ground = bent.v, bent.by_camera, bent.by_ground
         if v_by_water is not None:
-            v_by_water[wet] = _by_water(network, over, bent, camera[wet], ground[wet])
+            v_by_water[some] = _by_water(network, over, bent, camera[some], ground[some])
     if not stations:
         xy, by_v = collinearity.image_by_vector(v, M, f, pp)
         by_station, by_water = np.zeros((*v.shape[:-1], 2, 0)), None

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from musatpy.cli.correct import correct as correct_points
+from musatpy.cli.correct import correction_options
 from musatpy.cli.depth_options import (
     NUMBER,
     POSITIVE,
     View,
     area_options,
-    camera_options,
-    cameras_by,
     check_step,
     depths_option,
-    index_by,
-    index_options,
-    system_options,
     view_options,
 )
-from musatpy.cli.messages import name_of, progress_through, tell
-from musatpy.cli.options import columns_of, columns_option, quiet_option, refuse_overwriting
-
-if TYPE_CHECKING:
-    from musatpy.depth.correction import Correction, Progress, Tally
+from musatpy.cli.messages import name_of, tell
+from musatpy.cli.options import NamedPath
 
 
 @click.group(name="depth", short_help="Depth factors, and true points of apparent ones.")
@@ -111,67 +104,11 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
     tell(f"{name_of(picture)}: F {np.nanmin(factor):.4f} to {np.nanmax(factor):.4f}")
 
 
-@command.command(name="correct")
-@click.argument("points", type=click.Path(path_type=Path))
-@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="The file of true points.")
-@click.option(
-    "--cameras",
-    "stations",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="The exposure stations: a CSV file, or RUN.json.",
-)
-@system_options
-@index_options
-@camera_options
-@columns_option
-@click.option(
-    "-j", "--jobs", type=click.IntRange(min=1), help="Processes; as many as there are cores where not given."
-)
-@quiet_option
-def correct(
-    points: Path, out: Path, stations: Path, columns: tuple[str, ...], jobs: int | None, quiet: bool, **given: Any
-) -> None:
-    """Correct the apparent points of POINTS (.csv, .las, .laz) for refraction.
-
-    A camera sees a point that lies in its format, which needs attitudes, focal length and format, and within
-    --angle of the vertical; one of the two rules is needed. Points are in the system of the stations, metres with Z
-    up; those of a run on the ellipsoid in any (--crs, a LAS file's own, or that of the run): x east or longitude in
-    degrees, y north or latitude, heights above the ellipsoid unless --geoid says another.
-    """
-    from musatpy.depth.correction import Correction
-    from musatpy.depth.point_systems import system_of_points
-    from musatpy.pointfiles.las_files import SUFFIXES
-
-    refuse_overwriting([out], [points, stations])
-    names = columns_of(points, columns)
-    cameras = cameras_by(stations, given)
-    if not cameras.has_rule:
-        message = "what a camera sees is not known: attitudes, focal length and format are needed, or --angle"
-        raise click.UsageError(message)
-    las = points.suffix.lower() in SUFFIXES
-    if las != (out.suffix.lower() in SUFFIXES):
-        raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
-    system = system_of_points(points, cameras, given["crs"], given["geoid"])
-    correction = Correction(cameras=cameras, index=index_by(given, cameras), system=system)
-    with progress_through(points, quiet) as progress:
-        tally = _correct(points, out, correction, names, jobs or _cores(), progress)
-    if not quiet:
-        taken = [f"points taken as {system.text}"] if system.ellipsoid else []
-        tell("\n".join([f"{name_of(out)}: {tally.lines()[0]}", *tally.lines()[1:], *taken]))
-
-
-def _correct(
-    points: Path, out: Path, correction: Correction, names: tuple[str, ...], jobs: int, progress: Progress | None
-) -> Tally:
-    from musatpy.depth.csv_points import correct_csv
-    from musatpy.depth.las_points import correct_las
-    from musatpy.pointfiles.las_files import SUFFIXES
-
-    if points.suffix.lower() in SUFFIXES:
-        return correct_las(points, out, correction, jobs=jobs, progress=progress)
-    return correct_csv(points, out, correction, columns=names, jobs=jobs, progress=progress)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+@command.command(name="correct", hidden=True)
+@click.argument("points", type=NamedPath())
+@click.option("--cameras", "stations", required=True, type=NamedPath(), help="Stations: a CSV file, or RUN.json.")
+@correction_options
+@click.pass_context
+def correct(ctx: click.Context, /, points: Path, stations: Path, **given: Any) -> None:
+    """Correct points as `musat correct` does, whose name this was."""
+    correct_points(ctx, points, stations, is_run=stations.suffix.lower() == ".json", **given)

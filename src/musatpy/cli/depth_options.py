@@ -151,21 +151,27 @@ def index_by(given: dict[str, Any], cameras: Cameras | None = None) -> float:
     return index_of(water)
 
 
-def cameras_by(path: Path, given: dict[str, Any]) -> Cameras:
-    """Return the cameras of a file, or of the record of a run, completed by options."""
-    from musatpy.depth.cameras import read_cameras
-    from musatpy.depth.run_cameras import SUFFIX, read_run
+def limit_and_camera(given: dict[str, Any]) -> tuple[float | None, tuple[float, float, float] | None]:
+    """Return the largest angle (rad), and focal length, width and height (mm) of all cameras, as options say."""
     from musatpy.units import DEGREE
 
     focal, frame, angle = given["focal"], given["frame"], given["angle"]
     if (focal is None) != (frame is None):
         raise click.UsageError("--focal and --format go together")
-    camera = None if focal is None else (focal, *frame)
+    return None if angle is None else angle * DEGREE, None if focal is None else (focal, *frame)
+
+
+def cameras_by(path: Path, given: dict[str, Any]) -> Cameras:
+    """Return the cameras of a file, or of the record of a run, completed by options."""
+    from musatpy.depth.cameras import read_cameras
+    from musatpy.depth.run_cameras import SUFFIX, read_run
+
+    limit, camera = limit_and_camera(given)
     if path.suffix.lower() == SUFFIX:
         if given["level"] is not None:
             raise click.UsageError("--level: the run has the tides of its photos")
-        return read_run(path, camera=camera, limit=None if angle is None else angle * DEGREE)
-    return read_cameras(path, level=given["level"], camera=camera, limit=None if angle is None else angle * DEGREE)
+        return read_run(path, camera=camera, limit=limit)
+    return read_cameras(path, level=given["level"], camera=camera, limit=limit)
 
 
 def check_step(step: float, factor: Any) -> None:

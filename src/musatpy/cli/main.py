@@ -38,6 +38,7 @@ COMMANDS = {
     "merge": "musatpy.cli.merge",
     "extract": "musatpy.cli.extract",
     "list": "musatpy.cli.list",
+    "correct": "musatpy.cli.correct",
     "depth": "musatpy.cli.depth",
     "waves": "musatpy.cli.waves",
     "sea": "musatpy.cli.sea",

@@ -1,7 +1,8 @@
 """A file of exposure stations, and which of their cameras sees a point.
 
 A table with columns `name,x,y,z`, or bare lines of these four, and as far as they are known
-`tide` (height of the water), `omega,phi,kappa` (degrees) and `focal,width,height` (mm) of the camera.
+`tide` (height of the water), `omega,phi,kappa` (degrees), `focal,width,height` (mm) of the camera, the sigmas of
+place and attitude `sigma_x,sigma_y,sigma_z,sigma_omega,sigma_phi,sigma_kappa`, and `sigma_tide`.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from musatpy.units import DEGREE
 _Vector = tuple[FloatArray, FloatArray, FloatArray]
 
 _ATTITUDE, _CAMERA = ("omega", "phi", "kappa"), ("focal", "width", "height")
+_SIGMAS = tuple(f"sigma_{name}" for name in (*AXES, *_ATTITUDE))
 _STATIONS = Wanted(
     columns=(
         Column(name="name", kind="text", unique=True, expected="a name"),
@@ -37,8 +39,10 @@ _STATIONS = Wanted(
             Column(name=name, unit="mm", required=False, least=ABOVE_ZERO, expected="a number greater than zero")
             for name in _CAMERA
         ),
+        *(Column(name=name, unit="m", required=False, least=0.0) for name in (*_SIGMAS[:3], "sigma_tide")),
+        *(Column(name=name, unit="deg", required=False, least=0.0) for name in _SIGMAS[3:]),
     ),
-    together=(_ATTITUDE, _CAMERA),
+    together=(_ATTITUDE, _CAMERA, _SIGMAS),
     bare=("name", *AXES),
     closed=True,
 )
@@ -61,6 +65,7 @@ class Cameras:
     axes: FloatArray | None = None  # (k, 3, 3) east, north, up of geocentric stations; None: Z is up
     system: System = LOCAL  # in which the run gives its points
     tilt: Tilt | None = None  # of the water, where a run has found one
+    sigma: FloatArray | None = None  # (k, 7) m, rad: of places, attitudes and tides, where a file has them
 
     @property
     def has_rule(self) -> bool:
@@ -82,6 +87,7 @@ class Cameras:
             rotation=part(self.rotation),
             camera=part(self.camera),
             axes=part(self.axes),
+            sigma=part(self.sigma),
         )
 
     def sees(self, points: FloatArray) -> BoolArray:
@@ -157,4 +163,11 @@ def read_cameras(
         )
     except ValueError as error:
         raise DepthError([Problem(file=str(path), message=str(error))]) from error
-    return Cameras(names=names, stations=stations, rotation=rotation, camera=formats, limit=limit)
+    sigma = None
+    if table.has("sigma_x"):
+        if formats is None:
+            message = "sigmas of stations need attitudes, focal length and format"
+            raise DepthError([Problem(file=str(path), message=message)])
+        sigma = np.nan_to_num(table.numbers(*_SIGMAS, "sigma_tide"))  # a tide without one is known
+        sigma[:, 3:6] *= DEGREE
+    return Cameras(names=names, stations=stations, rotation=rotation, camera=formats, limit=limit, sigma=sigma)

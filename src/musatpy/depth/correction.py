@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -31,13 +31,27 @@ Done = TypeVar("Done")
 Progress = Callable[[int], None]  # told how much more of a file is done
 
 
+class PointErrors(Protocol):
+    """What knows the errors of stations and images."""
+
+    def __call__(self, level: FloatArray, seen: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Return the sigmas (n, 3) m of true points along east, north, up, and those (n,) of their depths.
+
+        level (n, 3): latitude, longitude (rad) and height (m), or X, Y, Z; seen (n, k): which cameras see them.
+        """
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Correction:
-    """How apparent points are corrected: the cameras, the index of the water, and the system of the points."""
+    """How apparent points are corrected: the cameras, the index of the water, and the system of the points.
+
+    `errors`: what makes their sigmas, None where nothing is known of it.
+    """
 
     cameras: Cameras
     index: float
     system: System | None = None  # None: that of the cameras
+    errors: PointErrors | None = None
 
     @property
     def ground(self) -> Ground:
@@ -55,9 +69,12 @@ class Correction:
         placed.upright[~known] = np.nan
         seen = self.cameras.sees(placed.position) & known[:, None]
         points = true_points(placed.upright, self.cameras.stations, self.index, seen, placed.verticals)
+        good = np.flatnonzero(points.fault == Fault.NONE)
         if placed.verticals is not None:
-            good = np.flatnonzero(points.fault == Fault.NONE)
             points.position[good] = ground.restated(points.position[good], placed.verticals[good])
+        if self.errors is not None:
+            level = ground.system.level(points.position[good])
+            points.sigma[good], points.depth_sigma[good] = self.errors(level, seen[good])
         return points, seen
 
     @property
@@ -92,6 +109,7 @@ class Tally:
     deepest: float = -np.inf  # m
     factor_sum: float = 0.0
     largest_spread: float = -np.inf  # m
+    depth_variance: float = 0.0  # m2, a sum; NaN without sigmas
     seen: int = 0  # points that a camera sees, corrected or not
 
     @classmethod
@@ -108,6 +126,7 @@ class Tally:
             deepest=float(points.depth[good].max()),
             factor_sum=float(points.factor[good].sum()),
             largest_spread=float(points.spread[good].max()),
+            depth_variance=float(np.square(points.depth_sigma[good]).sum()),
         )
 
     def __add__(self, other: Tally) -> Tally:
@@ -116,18 +135,26 @@ class Tally:
             deepest=max(self.deepest, other.deepest),
             factor_sum=self.factor_sum + other.factor_sum,
             largest_spread=max(self.largest_spread, other.largest_spread),
+            depth_variance=self.depth_variance + other.depth_variance,
             seen=self.seen + other.seen,
         )
 
+    @property
+    def corrected(self) -> int:
+        """How many points have a true place."""
+        return int(self.faults[Fault.NONE])
+
     def lines(self) -> list[str]:
         """Return the tally in words."""
-        total, good = int(self.faults.sum()), int(self.faults[Fault.NONE])
+        total, good = int(self.faults.sum()), self.corrected
         lines = [f"{total} points, {good} corrected"]
         if good:
             lines.append(
                 f"mean factor {self.factor_sum / good:.4f}, deepest {self.deepest:.3f} m, "
                 f"largest spread among cameras {self.largest_spread:.3f} m"
             )
+            if not np.isnan(self.depth_variance):
+                lines.append(f"sigma of a depth {np.sqrt(self.depth_variance / good):.3f} m")
         counts = zip(Fault, self.faults.tolist(), strict=True)
         return lines + [f"{n} not: {REASONS[fault]}" for fault, n in counts if fault != Fault.NONE and n]
 
@@ -151,11 +178,11 @@ def in_order(function: Callable[[Task], Done], tasks: Iterable[Task], jobs: int)
         return
     from concurrent.futures import BrokenExecutor, ProcessPoolExecutor  # small files do without
 
-    with ProcessPoolExecutor(jobs, initializer=_end_with, initargs=(os.getpid(),)) as pool:
+    with ProcessPoolExecutor(jobs, initializer=_begin, initargs=(os.getpid(), function)) as pool:
         waiting: deque[Future[Done]] = deque()
         try:
             for task in tasks:
-                waiting.append(pool.submit(function, task))
+                waiting.append(pool.submit(_work, task))
                 if len(waiting) > 2 * jobs:
                     yield waiting.popleft().result()
             while waiting:
@@ -167,6 +194,19 @@ def in_order(function: Callable[[Task], Done], tasks: Iterable[Task], jobs: int)
         finally:
             for future in waiting:
                 future.cancel()
+
+
+_of_process: dict[str, Callable[[Any], Any]] = {}
+
+
+def _begin(parent: int, function: Callable[[Any], Any]) -> None:
+    """Let this process have the function of its tasks once: covariances of stations are large."""
+    _of_process["function"] = function
+    _end_with(parent)
+
+
+def _work(task: Any) -> Any:
+    return _of_process["function"](task)
 
 
 def _end_with(parent: int) -> None:

@@ -22,6 +22,7 @@ ADDED = (
     *("true_x", "true_y", "true_z", "depth", "factor"),
     *("cameras", "spread", "incidence", "largest_incidence", "reason"),
 )
+SIGMAS = ("sigma_east", "sigma_north", "sigma_height", "sigma_depth")  # where the stations have any
 
 _Task = tuple[Layout, Sequence[str], FloatArray, int]  # rows of a file with their points (n, 3), and bytes of these
 _Corrected = tuple[str, Tally, int]  # rows with the true points, what they are, and bytes of the file
@@ -42,12 +43,13 @@ def correct_csv(
     no camera sees any, and `OSError`; then no file is left.
     """
     places = place_columns(columns, correction.ground.system.units, blank=True)
-    tables = read_chunks(source, Wanted(columns=places, bare=tuple(columns), added=ADDED), DepthError)
+    added = ADDED if correction.errors is None else (*ADDED, *SIGMAS)
+    tables = read_chunks(source, Wanted(columns=places, bare=tuple(columns), added=added), DepthError)
     first, tally = next(tables), NO_POINTS
     names = [place.name for place in places]
     tasks = ((t.layout, t.rows, t.numbers(*names), t.size) for t in chain([first], tables))
     with whole_file(target) as out:
-        out.write(first.layout.header_with(ADDED).encode(**ENCODING))
+        out.write(first.layout.header_with(added).encode(**ENCODING))
         for done in in_order(partial(_correct_rows, correction), tasks, jobs):
             if isinstance(done, Problem):
                 raise DepthError([done])
@@ -70,11 +72,14 @@ def _correct_rows(correction: Correction, task: _Task) -> _Corrected | Problem:
     except SystemsError as error:
         return unreached(layout.source, error)
     names = _names(correction.cameras.names, seen)
-    values = zip(*_values(names, points, correction.ground.system.decimals), strict=True)
+    texts = _values(names, points, correction.ground.system.decimals, correction.errors is not None)
+    values = zip(*texts, strict=True)
     return layout.rows_with(rows, values), Tally.of(points), size
 
 
-def _values(names: Sequence[str], points: TruePoints, decimals: tuple[int, int, int]) -> list[Sequence[str]]:
+def _values(
+    names: Sequence[str], points: TruePoints, decimals: tuple[int, int, int], with_sigmas: bool
+) -> list[Sequence[str]]:
     """Return the texts of the columns that are added; of points with a fault the names of the cameras alone."""
     numbers = (
         *points.position.T,
@@ -83,13 +88,15 @@ def _values(names: Sequence[str], points: TruePoints, decimals: tuple[int, int, 
         points.spread,
         points.incidence / DEGREE,
         points.largest_incidence / DEGREE,
+        *((*points.sigma.T, points.depth_sigma) if with_sigmas else ()),
     )
     good = (points.fault == Fault.NONE).tolist()
+    forms = (f"%.{places}f" for places in (*decimals, 4, 5, 4, 2, 2, 4, 4, 4, 4))
     texts = [
         [form % value if is_good else "" for value, is_good in zip(values.tolist(), good, strict=True)]
-        for values, form in zip(numbers, (f"%.{places}f" for places in (*decimals, 4, 5, 4, 2, 2)), strict=True)
+        for values, form in zip(numbers, forms, strict=False)
     ]
-    return [*texts[:5], names, *texts[5:], [REASONS[Fault(fault)] for fault in points.fault.tolist()]]
+    return [*texts[:5], names, *texts[5:8], [REASONS[Fault(fault)] for fault in points.fault.tolist()], *texts[8:]]
 
 
 def _names(names: tuple[str, ...], seen: BoolArray) -> list[str]:

@@ -6,7 +6,6 @@ laspy, the extra `las`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from itertools import tee
 from pathlib import Path
@@ -25,6 +24,8 @@ _WORD = 64  # cameras of one dimension of bits
 
 # Extra dimension -> type and what it is, in the 32 characters that a file has for it
 _ADDED = {
+    "apparent_x": ("f8", "before the correction"),
+    "apparent_y": ("f8", "before the correction"),
     "apparent_z": ("f8", "height before the correction, m"),
     "depth": ("f4", "below the mean tide, m"),
     "factor": ("f4", "depth / apparent depth"),
@@ -33,6 +34,12 @@ _ADDED = {
     "incidence": ("f4", "mean angle in air, degrees"),
     "largest_incidence": ("f4", "largest angle in air, degrees"),
     "reason": ("u1", "0 corrected, else why not"),
+}
+_SIGMAS = {
+    "sigma_east": ("f4", "of the true place, m"),
+    "sigma_north": ("f4", "of the true place, m"),
+    "sigma_height": ("f4", "of the true place, m"),
+    "sigma_depth": ("f4", "m"),
 }
 
 
@@ -50,14 +57,18 @@ def correct_las(
     count = -(-len(correction.cameras.names) // _WORD)
     bits = {f"camera_bits_{word}": ("u8", "which see it, in their order") for word in range(count)}
     tally = NO_POINTS
-    with rewritten(source, target, _ADDED | bits) as (chunks, write):
+    sigmas = {} if correction.errors is None else _SIGMAS
+    with rewritten(source, target, _ADDED | sigmas | bits) as (chunks, write):
         given, waiting = tee(chunks)  # these stay in this process
         work = in_order(partial(_correct_points, correction, count, str(source)), map(coordinates, waiting), jobs)
         for points, done in zip(given, work, strict=True):
             if isinstance(done, Problem):
                 raise DepthError([done])
             tally = tally + Tally.of(done[0])
-            write(points, _values(points, *done))
+            values = _values(points, *done)
+            if sigmas:
+                values |= zip(sigmas, (*done[0].sigma.T, done[0].depth_sigma), strict=True)
+            write(points, values)
             if progress:
                 progress(len(points))
         correction.require_sight(tally, source)
@@ -75,11 +86,11 @@ def _correct_points(correction: Correction, count: int, source: str, apparent: F
     return points, np.packbits(full, axis=1, bitorder="little").view("<u8")
 
 
-def _values(given: Any, points: TruePoints, bits: Any) -> Mapping[str, Any]:
+def _values(given: Any, points: TruePoints, bits: Any) -> dict[str, Any]:
     """Return coordinates and dimensions of given points."""
     good = points.fault == Fault.NONE
     return {
-        "apparent_z": given.z,
+        **{f"apparent_{name}": given[name] for name in "xyz"},
         **{name: np.where(good, points.position[:, axis], given[name]) for axis, name in enumerate("xyz")},
         "depth": points.depth,
         "factor": points.factor,

@@ -90,7 +90,10 @@ class Verticals:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TruePoints:
-    """True points of n apparent ones; numbers are NaN where there is a fault."""
+    """True points of n apparent ones. A lost one keeps its apparent place and has no true one, but a `Fault`.
+
+    Its numbers are NaN, and so are sigmas where nothing is known of the errors of the stations.
+    """
 
     position: FloatArray  # (n, 3) m
     depth: FloatArray  # (n,) m, below the mean tide of the cameras
@@ -100,6 +103,8 @@ class TruePoints:
     incidence: FloatArray  # (n,) rad, mean angle of incidence in air
     largest_incidence: FloatArray  # (n,) rad
     fault: NDArray[np.int8]  # (n,) Fault
+    sigma: FloatArray  # (n, 3) m, along east, north, up
+    depth_sigma: FloatArray  # (n,) m
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -224,8 +229,10 @@ def _nothing_found(apparent: FloatArray, stations: Stations, seen: BoolArray) ->
     fault[count == 0] = Fault.NO_CAMERA
     fault[height >= highest] = Fault.ABOVE_WATER
     fault[~np.isfinite(apparent).all(axis=1)] = Fault.NOT_FINITE
-    number = {name: np.full(n, np.nan) for name in ("depth", "factor", "spread", "incidence", "largest_incidence")}
-    return TruePoints(position=np.full((n, 3), np.nan), cameras=count, fault=fault, **number)
+    names = ("depth", "factor", "spread", "incidence", "largest_incidence", "depth_sigma")
+    number = {name: np.full(n, np.nan) for name in names}
+    position, sigma = np.full((2, n, 3), np.nan)
+    return TruePoints(position=position, cameras=count, fault=fault, sigma=sigma, **number)
 
 
 def _find(A: FloatArray, index: float, rays: _Rays, points: TruePoints, rows: IntArray) -> None:

@@ -1,0 +1,136 @@
+"""`musat correct`: true points of apparent ones, by all photographs that see them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from musatpy.cli.depth_options import (
+    POSITIVE,
+    camera_options,
+    cameras_by,
+    index_by,
+    index_options,
+    limit_and_camera,
+    system_options,
+)
+from musatpy.cli.messages import complain, name_of, progress_through, tell
+from musatpy.cli.options import (
+    NamedPath,
+    columns_of,
+    columns_option,
+    options_of,
+    quiet_option,
+    refuse_overwriting,
+)
+
+if TYPE_CHECKING:
+    from musatpy.correction.photographs import Photographs
+
+_CLOUDS = (".las", ".laz")
+correction_options = options_of(
+    click.option("-o", "--out", required=True, type=NamedPath(), help="The file of true points."),
+    click.option(
+        "--photos", default="", metavar="NAME,NAME", help="Only these, as the two of a model; if not given all."
+    ),
+    click.option(
+        "--pointing",
+        type=POSITIVE,
+        metavar="UM",
+        help="Sigma of an image coordinate; of a run by default that of its plates.",
+    ),
+    system_options,
+    index_options,
+    camera_options,
+    columns_option,
+    click.option(
+        "-j", "--jobs", type=click.IntRange(min=1), help="Processes; as many as there are cores where not given."
+    ),
+    quiet_option,
+)
+
+
+@click.command(name="correct", short_help="True points of apparent ones, with their sigmas.")
+@click.argument("points", type=NamedPath())
+@click.option("--run", type=NamedPath(), metavar="RUN.json", help="The record of a run, whose stations they are.")
+@click.option("--stations", type=NamedPath(), metavar="CSV", help="A table of stations, in place of a run.")
+@correction_options
+@click.pass_context
+def command(ctx: click.Context, /, points: Path, run: Path | None, stations: Path | None, **given: Any) -> None:
+    """Correct the apparent points of POINTS (.csv, .las, .laz) for refraction, by all photographs that see them.
+
+    A camera sees a point that lies in its format, which needs attitudes, focal length and format, and within
+    --angle of the vertical; one of the two rules is needed. Points are in the system of the stations, metres with Z
+    up; those of a run on the ellipsoid in any (--crs, a LAS file's own, or that of the run): x east or longitude in
+    degrees, y north or latitude, heights above the ellipsoid unless --geoid says another.
+
+    A point that cannot be corrected keeps its apparent place, has no true place, and has a reason. Sigmas are along
+    east, north and up, and of the depth, where the stations have any: from the run, or from columns of the table.
+
+    Exit status: 0 corrected, 1 a file cannot be used, 4 no point is corrected.
+    """
+    if (run is None) == (stations is None):
+        raise click.UsageError("--run or --stations is needed, and not both")
+    correct(ctx, points, run or stations, is_run=run is not None, **given)  # type: ignore[arg-type]
+
+
+def correct(
+    ctx: click.Context,
+    points: Path,
+    source: Path,
+    *,
+    is_run: bool,
+    out: Path,
+    columns: tuple[str, ...],
+    jobs: int | None,
+    quiet: bool,
+    **given: Any,
+) -> None:
+    """Correct the points of a file by the stations of a run, or of a table."""
+    from musatpy.correction.files import correct_file
+    from musatpy.runs import ExitStatus
+
+    refuse_overwriting([out], [points, source])
+    if (points.suffix.lower() in _CLOUDS) != (out.suffix.lower() in _CLOUDS):
+        raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
+    names = columns_of(points, columns)
+    photographs, index = _photographs(source, is_run, given)
+    if not photographs.cameras.has_rule:
+        message = "what a camera sees is not known: attitudes, focal length and format are needed, or --angle"
+        raise click.UsageError(message)
+    with progress_through(points, quiet) as progress:
+        done = correct_file(
+            points, out, photographs, index, crs=given["crs"], geoid=given["geoid"], columns=names,
+            jobs=jobs or _cores(), progress=progress,
+        )  # fmt: skip
+    if not quiet:
+        first, *more = done.lines()
+        tell("\n".join([f"{name_of(out)}: {first}", *more]))
+    if not done.tally.corrected:
+        complain(f"{name_of(points)}: no point is corrected")
+        ctx.exit(ExitStatus.REJECTED)
+
+
+def _photographs(source: Path, is_run: bool, given: dict[str, Any]) -> tuple[Photographs, float]:
+    """Return the photographs that options name, and the index of their water."""
+    from musatpy.correction.photographs import of_run, of_table
+    from musatpy.units import MICROMETRE
+
+    photos = [name.strip() for name in given["photos"].split(",") if name.strip()]
+    pointing = None if given["pointing"] is None else given["pointing"] * MICROMETRE
+    if is_run:
+        if given["level"] is not None:
+            raise click.UsageError("--level: the run has the tides of its photos")
+        limit, camera = limit_and_camera(given)
+        run = of_run(source, photos=photos, pointing=pointing, camera=camera, limit=limit)
+        return run, index_by(given, run.cameras)
+    cameras = cameras_by(source, given)
+    index = index_by(given, cameras)
+    return of_table(source, cameras, index, photos=photos, pointing=pointing), index
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

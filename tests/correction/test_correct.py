@@ -1,0 +1,243 @@
+"""`musat correct`: true points with sigmas, by two photographs and by all, in tables and clouds."""
+
+import csv
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+from cli.commands import musat
+from musatpy import model
+from musatpy.adjustment.job import adjust
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.compilation.point_errors import PointErrors
+from musatpy.compilation.triangulation import of_solution
+from musatpy.geometry.collinearity import attitude_matrix, image, image_by_vector
+from musatpy.refraction.apparent import Stations, true_points
+from musatpy.refraction.flat import incidence
+from musatpy.reports.record import dumps, record
+from musatpy.simulation import simulate
+from musatpy.simulation.simulation_spec import spec_from_table
+
+DRAWS, NOISE, CONTROL, TIDE = 300, 0.006, 0.05, 0.04  # mm, m, m
+BOTTOM = np.array([[-400.0, -300.0, -4.0], [0.0, 100.0, -12.0], [300.0, 500.0, -8.0], [500.0, -200.0, -2.0]])
+
+
+@cache
+def perfect() -> model.Block:
+    """Return a block of two strips without errors, whose cards have the sigmas of those that draws make.
+
+    The tides of all photos have one error in common, and points of control stand on land.
+    """
+    spec = {
+        "seed": 3,
+        "job": {"system": "LOCL"},
+        "flight": {"photos": 3, "strips": 2, "height": 1500.0, "forward_overlap": 0.7, "side_overlap": 0.5},
+        "water": {"level": 0.0, "tide_sigma": TIDE},
+        "terrain": {"level": 12.0, "relief": 6.0},
+        "points": {"per_site": 6},
+        "shoal": [{"share": 0.4, "depth": [2.0, 15.0]}],
+        "control": [{"kind": "full", "number": 12, "sigma": [CONTROL] * 3}],
+        "measurement": {"noise": 0.0, "sigma": 1e3 * NOISE},
+        "options": {"program": "IIIA", "refraction": "RIGOROUS"},
+    }
+    block = simulate(spec_from_table(spec)).block
+    groups = np.full(len(block.photos.ids), "A")
+    return replace(block, photos=replace(block.photos, tide_group=groups))
+
+
+def images(photos: model.Photos, cameras: model.Cameras, X: FloatArray, index: float) -> FloatArray:
+    """Return the images (k, n, 2) mm of points X (n, 3) below the water on all photos."""
+    f, M = cameras.focal_length[photos.camera], attitude_matrix(photos.attitude)[:, None]
+    C, depth = photos.position[:, None], photos.tide[:, None] - X[:, 2]
+    v = incidence(C, X[None], np.array([0.0, 0.0, 1.0]), depth, index).v
+    return image(v, M, f[:, None], cameras.principal_point[photos.camera][:, None])
+
+
+def apparent(photos: model.Photos, cameras: model.Cameras, xy: FloatArray, seen: BoolArray) -> FloatArray:
+    """Return where straight rays of images xy (k, n, 2) meet by their least squares, of photos seen (n, k)."""
+    X, f, M = BOTTOM.copy(), cameras.focal_length[photos.camera], attitude_matrix(photos.attitude)[:, None]
+    for _ in range(6):
+        at, by = image_by_vector(
+            X - photos.position[:, None], M, f[:, None], cameras.principal_point[photos.camera][:, None]
+        )
+        for row, used in enumerate(seen):
+            B, v = by[used, row].reshape(-1, 3), (xy - at)[used, row].reshape(-1)
+            X[row] += np.linalg.lstsq(B, v, rcond=None)[0]
+    return X
+
+
+@pytest.mark.slow
+def test_errors_are_as_large_as_their_sigmas() -> None:
+    """By 300 draws of all that the block is measured by: east, north, height and depth, RMS of errors in sigmas.
+
+    By the first two photographs that see each point, and by all.
+    """
+    block = perfect()
+    truth, draws = adjust(block), np.random.default_rng(11)
+    assert block.water is not None
+    index = block.water.index
+    photos = replace(block.photos, position=truth.stations.position, attitude=truth.stations.attitude)
+    exact = images(photos, block.cameras, BOTTOM, index)
+    seen = (np.abs(exact) < block.cameras.format_size[0] / 2.0).all(axis=2).T
+    views = {"two": seen & (np.cumsum(seen, axis=1) <= 2), "all": seen}
+    ratios: dict[str, list[FloatArray]] = {name: [] for name in views}
+    assert (seen.sum(axis=1) >= 3).all()
+    for _ in range(DRAWS):
+        plates = block.plates.xy + NOISE * draws.normal(size=block.plates.xy.shape)
+        control = block.control.position + CONTROL * draws.normal(size=block.control.position.shape)
+        solution = adjust(
+            replace(
+                block,
+                plates=replace(block.plates, xy=plates),
+                control=replace(block.control, position=control),
+                photos=replace(block.photos, tide=block.photos.tide + TIDE * draws.normal()),
+            )
+        )
+        run = of_solution(solution)
+        now, xy = run.block.photos, exact + NOISE * draws.normal(size=exact.shape)
+        stations = Stations(position=now.position, level=now.tide, axis=-attitude_matrix(now.attitude)[:, 2])
+        errors = PointErrors(run=run, photos=np.arange(len(now.ids)), pointing=NOISE * solution.unit_sigma)
+        for name, chosen in views.items():
+            found = true_points(apparent(now, block.cameras, xy, chosen), stations, index, chosen)
+            sigma, depth_sigma = errors(found.position, chosen)
+            off = np.column_stack([found.position - BOTTOM, found.depth - photos.tide.mean() + BOTTOM[:, 2]])
+            ratios[name].append(off / np.column_stack([sigma, depth_sigma]))
+    for name, found in ratios.items():
+        rms = np.sqrt(np.mean(np.square(found), axis=(0, 1)))
+        assert (rms > 0.95).all() and (rms < 1.05).all(), (name, rms)
+
+
+def test_sigmas_are_those_of_the_run_for_its_own_points() -> None:
+    """Of points of two rays that the run keeps out, whose covariances it propagates by itself."""
+    block = perfect()
+    chosen = np.flatnonzero(block.points.bathymetric)[::3]
+    out = np.isin(block.plates.point, chosen)
+    solution = adjust(replace(block, plates=replace(block.plates, triangulated=~out)))
+    seen = np.zeros((len(chosen), len(block.photos.ids)), dtype=bool)
+    seen[np.searchsorted(chosen, block.plates.point[out]), block.plates.photo[out]] = True
+    errors = PointErrors(
+        run=of_solution(solution), photos=np.arange(len(block.photos.ids)), pointing=NOISE * solution.unit_sigma
+    )
+    sigma, depth = errors(solution.points.position[chosen], seen)
+    covariance = solution.points.covariance[chosen]
+    np.testing.assert_allclose(sigma, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)), rtol=1e-6)
+    rows = np.array([np.flatnonzero(solution.bathymetric.point == point)[0] for point in chosen])
+    np.testing.assert_allclose(depth, solution.bathymetric.depth_sigma[rows], rtol=1e-6)
+
+
+STATIONS = """name,x,y,z,tide,omega,phi,kappa,focal,width,height
+1,0,0,900,0.1,0,0,0,152.4,228.6,228.6
+2,500,0,900,0.1,0,0,0,152.4,228.6,228.6
+3,250,400,905,0.1,0,0,180,152.4,228.6,228.6
+"""
+POINTS = np.array(
+    [[100.0, 50.0, -6.0], [250.0, 150.0, -9.0], [300.0, -20.0, 3.0], [-600.0, 0.0, -5.0], [9e3, 0.0, -5.0]]
+)
+
+
+def written(folder: Path, sigmas: str = "") -> tuple[str, str]:
+    """Write stations, each with the `sigmas`, and points, wet, dry, seen once and never; return their names."""
+    names, *rows = STATIONS.splitlines()
+    if sigmas:
+        names += ",sigma_x,sigma_y,sigma_z,sigma_omega,sigma_phi,sigma_kappa,sigma_tide"
+        rows = [f"{row},{sigmas}" for row in rows]
+    (folder / "stations.csv").write_text("\n".join([names, *rows]) + "\n")
+    lines = [f"{number},{x},{y},{z}" for number, (x, y, z) in enumerate(POINTS)]
+    (folder / "points.csv").write_text("\n".join(["id,x,y,z", *lines]) + "\n")
+    return str(folder / "stations.csv"), str(folder / "points.csv")
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_sigmas_from_a_table_of_stations(tmp_path: Path) -> None:
+    """Sigmas in the table and of the images together; of exact stations those of the images alone."""
+    depths = {}
+    for name, sigmas in {"exact": "0,0,0,0,0,0,0", "sigmas": ".05,.05,.08,.002,.002,.002,.1", "none": ""}.items():
+        stations, points = written(tmp_path, sigmas)
+        result = musat(
+            "correct", points, "-o", str(tmp_path / f"{name}.csv"), "--stations", stations, "--index", "1.34",
+            "--pointing", "6", "-j", "1",
+        )  # fmt: skip
+        assert result.exit_code == 0, result.output
+        assert ("no sigmas: " in result.stdout) == (name == "none")
+        rows = rows_of(tmp_path / f"{name}.csv")
+        assert [row["reason"] for row in rows] == [
+            "", "", "not below the water", "only one camera sees it", "no camera sees it",
+        ]  # fmt: skip
+        assert all(row["true_x"] == "" and row["x"] for row in rows[2:])
+        depths[name] = [float(row.get("sigma_depth", "nan")) for row in rows[:2]]
+    # of two vertical images of 6 um, a base of 500 m and a depth that refraction magnifies by a third
+    assert np.all(np.array(depths["exact"]) > 0.05) and np.all(np.array(depths["exact"]) < 0.12)
+    assert np.all(np.array(depths["sigmas"]) > depths["exact"]) and np.isnan(depths["none"]).all()
+
+
+def test_a_cloud_has_the_points_of_a_table(tmp_path: Path) -> None:
+    """To a nanometre, in files whose coordinates have ten decimals; lost points stay where they are."""
+    stations, points = written(tmp_path, ".05,.05,.08,.002,.002,.002,.1")
+    las = laspy.LasData(laspy.LasHeader(version="1.4", point_format=6))
+    las.header.scales, las.header.offsets = np.full(3, 1e-5), np.zeros(3)
+    las.x, las.y, las.z = POINTS.T
+    las.write(tmp_path / "points.las")
+    options = ("--stations", stations, "--index", "1.34", "--pointing", "6", "-j", "1", "-q")
+    assert musat("correct", points, "-o", str(tmp_path / "true.csv"), *options).exit_code == 0
+    assert musat("correct", str(tmp_path / "points.las"), "-o", str(tmp_path / "true.las"), *options).exit_code == 0
+    found, rows = laspy.read(tmp_path / "true.las"), rows_of(tmp_path / "true.csv")
+    np.testing.assert_array_equal(found.reason == 0, [row["reason"] == "" for row in rows])
+    np.testing.assert_allclose(np.asarray(found.xyz)[2:], POINTS[2:], atol=1e-9)
+    apparent_xyz = np.column_stack([found.apparent_x, found.apparent_y, found.apparent_z])
+    np.testing.assert_allclose(apparent_xyz, POINTS, atol=1e-9)
+    for row, of_cloud in zip(rows[:2], np.asarray(found.xyz), strict=False):  # half a unit of both files
+        np.testing.assert_allclose([float(row[f"true_{axis}"]) for axis in "xyz"], of_cloud, atol=6e-5)
+    for name in ("east", "north", "height", "depth"):
+        of_table = [float(row[f"sigma_{name}"]) for row in rows[:2]]
+        np.testing.assert_allclose(found[f"sigma_{name}"][:2], of_table, atol=6e-5)
+
+
+def test_one_model_of_many_photographs(tmp_path: Path) -> None:
+    stations, points = written(tmp_path)
+    options = ("--stations", stations, "--index", "1.34", "-j", "1", "-q")
+    target = tmp_path / "true.csv"
+    assert musat("correct", points, "-o", str(target), *options, "--photos", "1,3").exit_code == 0
+    assert rows_of(target)[0]["cameras"] == "1 3"
+    result = musat("correct", points, "-o", str(target), *options, "--photos", "1,9")
+    assert result.exit_code == 1 and "there is no photo 9" in result.stderr
+
+
+def test_nothing_corrected_is_no_success(tmp_path: Path) -> None:
+    stations, points = written(tmp_path)
+    (tmp_path / "points.csv").write_text("x,y,z\n100,50,7\n120,50,8\n")
+    result = musat(
+        "correct", points, "-o", str(tmp_path / "t.csv"), "--stations", stations, "--index", "1.34", "-j", "1"
+    )
+    assert result.exit_code == 4
+    assert "2 not: not below the water" in result.stdout and "no point is corrected" in result.stderr
+
+
+def test_a_run_has_the_sigmas_of_its_stations(tmp_path: Path) -> None:
+    """By its record: those that its solution has for the same points, to the digits of the table."""
+    solution = adjust(perfect())
+    (tmp_path / "run.json").write_text(dumps(record(solution)))
+    run = of_solution(solution)
+    photos = run.block.photos
+    xy = images(photos, run.block.cameras, BOTTOM, 1.34)
+    seen = (np.abs(xy) < run.block.cameras.format_size[0] / 2.0).all(axis=2).T
+    X = apparent(photos, run.block.cameras, xy, seen)
+    lines = [",".join(map(repr, row)) for row in X.tolist()]
+    (tmp_path / "points.csv").write_text("\n".join(["x,y,z", *lines]) + "\n")
+    points, target, source = (str(tmp_path / name) for name in ("points.csv", "true.csv", "run.json"))
+    result = musat("correct", points, "-o", target, "--run", source, "-j", "1")
+    assert result.exit_code == 0, result.output
+    assert "sigma of a depth" in result.stdout
+    pointing = solution.block.options.plate_sigma * solution.unit_sigma
+    sigma, depth = PointErrors(run=run, photos=np.arange(len(photos.ids)), pointing=pointing)(BOTTOM, seen)
+    for row, place, one, of_depth in zip(rows_of(tmp_path / "true.csv"), BOTTOM, sigma, depth, strict=True):
+        np.testing.assert_allclose([float(row[f"true_{axis}"]) for axis in "xyz"], place, atol=1e-3)
+        found = [float(row[f"sigma_{name}"]) for name in ("east", "north", "height", "depth")]
+        np.testing.assert_allclose(found, [*one, of_depth], atol=6e-5)
