@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import datetime
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-from musatpy import pipeline
 from musatpy.errors import MusatError, Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats.cards.spec import Family
@@ -15,7 +14,7 @@ from musatpy.orientation.twomedia.oriented import NotConvergedError
 from musatpy.orienting.answer import Answer, answer_of
 from musatpy.orienting.punched import punched
 from musatpy.orienting.scene import NO_CARD
-from musatpy.orienting.strip_answer import StripAnswer, against
+from musatpy.orienting.strip_answer import StripAnswer
 from musatpy.reports import orientation, orientation_strip
 from musatpy.reports.pages import csv_files
 from musatpy.reports.record import dumps
@@ -66,7 +65,6 @@ def orient_deck(
         status = ExitStatus.NOT_CONVERGED if failed else ExitStatus.UNUSABLE
         return _unusable(deck, Problem(file=str(deck), message=str(error)), *checked.problems, status=status)
     if isinstance(answer, StripAnswer):
-        answer = _with_iiia(answer)
         sections, values = orientation_strip.sections_of(answer), orientation_strip.DOCUMENT.record(answer)
     else:
         sections, values = orientation.sections_of(answer), orientation.DOCUMENT.record(answer)
@@ -90,14 +88,6 @@ def orient_deck(
         answer=answer,
         files=tuple(files),
     )
-
-
-def _with_iiia(answer: StripAnswer) -> StripAnswer:
-    """Return a strip with its difference from IIIA, started from it."""
-    try:
-        return replace(answer, against=against(answer, pipeline.adjust(punched(answer))))
-    except MusatError as error:
-        return replace(answer, unadjusted=str(error).splitlines()[0])
 
 
 def _studied(answer: Answer | StripAnswer, listing: Path) -> dict[Path, bytes]:

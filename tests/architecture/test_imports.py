@@ -45,7 +45,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
     "inquiry": {"model", "comparison"},
-    "orienting": {"model", "geometry", "orientation", "reduction", "jobs"},
+    "orienting": {"model", "geometry", "orientation", "adjustment", "statistics", "reduction", "jobs"},
     "surfaces": set(),
     "soundings": {"statistics", "pointfiles", "geometry", "interchange"},
     "compilation": {
@@ -99,7 +99,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "as11_corrections": {"model", "as11_runs", "compilation", "geometry", "interchange"},
     "as11_comparisons": {"as11_runs", "compilation", "geometry", "reports", "soundings"},
     "as11_runs": {"model", "formats", "compilation", "interchange", "plots", "reports", "runs"},
-    "orient_runs": {"model", "formats", "orientation", "orienting", "pipeline", "reports", "runs"},
+    "orient_runs": {"model", "formats", "orientation", "orienting", "reports", "runs"},
     "plots": {  # of depth, the system of a record; of reports, the schemas of records
         "geometry",
         "depth",

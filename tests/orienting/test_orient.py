@@ -140,7 +140,7 @@ BAD: dict[str, tuple[str, int, tuple[tuple[str, str], ...], str]] = {
     "known": (
         "SINGLE-RAY",
         20,
-        (("ADJUST COMMON", "KNOWN  COMMON"),),
+        (("ADJUST       ", "KNOWN        "),),
         "the plane is KNOWN, and there is no tide of 0",
     ),
     "model": (

@@ -13,6 +13,7 @@ from cli.commands import musat
 from json_schema import violations
 from musatpy import model
 from musatpy.arrays import FloatArray
+from musatpy.errors import AdjustmentError, Problem
 from musatpy.formats.musat import deck_bytes
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model.tables import taken
@@ -55,25 +56,61 @@ def test_a_strip_from_its_deck(name: str, plane: str, grade: str, tmp_path: Path
     values, schema = record_in(tmp_path), orientation_strip.DOCUMENT.schema()
     assert not list(violations(with_columns(values, schema), schema, schema))
     assert np.abs(errors(tmp_path, true, name)).max() < 4.0  # of 18 that depend on each other
-    away = np.array([row["sigmas"] for row in values["against_iiia"]], dtype=float)
-    assert 1e-6 < np.abs(away).max() < 3.0
+    away = np.array([row["position"] for row in values["against_iiia"]], dtype=float)
+    assert 0.0 < np.abs(away).max() < 0.02 * UNITS[name] * true.kind.H  # of first values
     listing = (tmp_path / "job.lst").read_text()
     assert max(map(len, listing.splitlines())) <= 132
     assert all(
-        title in listing for title in ("Joins Of The Triplets", "Control Of The Strip", "The Strip Less IIIA")
+        title in listing
+        for title in ("Joins Of The Triplets", "Control Of The Strip", "The Joined Triplets Less IIIA")
     )
     assert len((tmp_path / "job_tables/joins_of_the_triplets.csv").read_text().splitlines()) == 4
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("name", ["lab", "aerial"])
-def test_a_strip_over_a_known_plane_stays_within_three_sigmas_of_iiia(name: str, seed: int, tmp_path: Path) -> None:
-    """Twelve photos; over an unknown plane one strip in twelve is up to 3.4 away."""
-    block, _ = strip_block(name, 12, seed=seed, plane=model.PlaneTreatment.KNOWN)
-    assert run(tmp_path, block).exit_code == 0
-    away = np.array([row["sigmas"] for row in record_in(tmp_path)["against_iiia"]], dtype=float)
-    assert 1e-6 < np.abs(away).max() < 3.0
+@pytest.mark.parametrize(("name", "plane"), [("lab", "ADJUST"), ("aerial", "KNOWN")])
+def test_a_strip_has_the_sigmas_of_its_errors(name: str, plane: str, tmp_path: Path) -> None:
+    """Errors of stations, points and level over their sigmas, of ten draws of images and control: one in the mean.
+
+    The level is one number a draw: sums of ten squares are below 2.56 and above 25.19 once in 200 each.
+    """
+    stations, points, levels = [], [], []
+    for seed in range(10):
+        block, true = strip_block(name, 5, seed=seed, plane=model.PlaneTreatment(plane))
+        assert run(tmp_path, block, "-q").exit_code == 0
+        values = record_in(tmp_path)
+        stations.append(errors(tmp_path, true, name))
+        rows = [row for row in values["points"] if not row["control"]]
+        place = np.array([row["position"] for row in rows], dtype=float)
+        truth = UNITS[name] * true.points[[int(str(row["point"])) for row in rows]] * HOUSE
+        points.append((place - truth) / np.array([row["sigma"] for row in rows], dtype=float))
+        water = dict(values["plane"])
+        if water["level_sigma"] is not None:
+            levels.append((float(water["level"]) - UNITS[name] * true.d) / float(water["level_sigma"]))  # type: ignore
+    # a draw moves its stations and points together: 150 coordinates of stations are worth some thirty
+    assert 0.8 < np.sqrt(np.mean(np.square(stations))) < 1.2
+    assert 0.9 < np.sqrt(np.nanmean(np.square(np.concatenate(points)))) < 1.1
+    assert len(levels) == (10 if plane == "ADJUST" else 0)
+    assert not levels or 2.56 < np.sum(np.square(levels)) < 25.19
+
+
+def test_where_iiia_does_not_hold_the_strip_there_are_no_sigmas(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def refused(_: model.Block) -> model.Solution:
+        raise AdjustmentError([Problem(message="singular normal equations: the plane of water turns")])
+
+    monkeypatch.setattr("musatpy.adjustment.adjust", refused)
+    result = run(tmp_path, strip_block("lab", 4)[0], "--punch")
+    assert result.exit_code == 0 and "DOUBTFUL" in result.output
+    assert "first values by joined triplets, without sigmas (singular normal equations" in result.output
+    values, schema = record_in(tmp_path), orientation_strip.DOCUMENT.schema()
+    assert not list(violations(with_columns(values, schema), schema, schema))
+    assert dict(values["fit"])["adjusted"] is False and not values["against_iiia"]
+    assert "singular normal" in str(dict(values["fit"])["unadjusted"])
+    for row in values["stations"]:
+        assert row["position_sigma"] == row["attitude_sigma"] == [None] * 3
+    assert all(row["sigma"] == [None] * 3 for row in values["points"])
+    assert "no, first values without sigmas" in (tmp_path / "job.lst").read_text()
 
 
 @pytest.mark.slow
@@ -105,7 +142,7 @@ def test_a_strip_without_control_is_a_model(tmp_path: Path) -> None:
     assert result.exit_code == 0 and "ACCEPTED" in result.output
     values = record_in(tmp_path)
     assert dict(values["job"])["system"] == "MODEL" and not values["control"]  # type: ignore[arg-type]
-    assert max(np.abs(row["position"]).max() for row in values["against_iiia"]) < 0.02  # type: ignore[call-overload]
+    assert 0.0 < max(np.abs(row["position"]).max() for row in values["against_iiia"]) < 0.02  # type: ignore[call-overload]
 
 
 @pytest.mark.slow
@@ -113,21 +150,18 @@ def test_a_strip_from_the_air_says_that_it_creeps(tmp_path: Path) -> None:
     result = run(tmp_path, strip_block("aerial", 8)[0])
     text = " ".join(result.output.split())
     assert result.exit_code == 0 and "DOUBTFUL" in text
-    creep = re.search(r"scale and height creep along the strip, by ([0-9.]+) % and ([0-9.]+) ", text)
-    assert creep and 0.02 < float(creep[1]) < 0.5 and 2.0 < float(creep[2]) < 20.0
+    creep = re.search(r"scale and height creep along the strip, heights by ([0-9.]+) \(one sigma", text)
+    assert creep and 0.3 < float(creep[1]) < 3.0
     assert run(tmp_path, strip_block("aerial", 8)[0], "--strict").exit_code == 4
 
 
 @pytest.mark.slow
-def test_a_strip_that_fits_much_of_its_control_badly_keeps_it(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """Two of six are too many to be wrong cards. IIIA, beside it, need not look for causes."""
-    monkeypatch.setattr("musatpy.pipeline.causes_of", lambda *_: ())
+def test_a_strip_that_fits_much_of_its_control_badly_keeps_it(tmp_path: Path) -> None:
+    """Two of six are too many to be wrong cards."""
     block, _ = strip_block("lab", 4)
     result = run(tmp_path, altered(block, control={"position": added(np.s_[1:3, 2], 5.0)}))
     ids = block.points.ids[block.control.point]
-    assert "DOUBTFUL" in result.output and "the strip does not fit its control, at " in result.output
+    assert result.exit_code == 4 and "the strip does not fit its control, at " in result.output
     assert all(str(point) in result.output for point in ids[1:3]) and "left out" not in result.output
     assert len(record_in(tmp_path)["control"]) == len(ids)
 
@@ -138,16 +172,27 @@ def test_a_strip_whose_images_do_not_fit_is_rejected(tmp_path: Path) -> None:
     block, _ = strip_block("lab", 5, noise=2.0)
     result = run(tmp_path, block)
     assert "job.crd: REJECTED" in result.output
-    assert re.search(r"sigma0 [12]\.[0-9]+: the images do not fit, by the test of 99.9 %", result.output)
+    assert re.search(
+        r"sigma0 [12]\.[0-9]+: the images and the control do not fit, by the test of 99.9 %", result.output
+    )
 
 
 @pytest.mark.slow
-def test_a_strip_whose_known_plane_does_not_settle(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("musatpy.orientation.twomedia.strip._PASSES", 2)
-    block, _ = strip_block("lab", 4, plane=model.PlaneTreatment.KNOWN)
-    result = run(tmp_path, block)
-    assert result.exit_code == 3 and "not converged: the plane that is known moves triplets" in result.output
-    assert "*** NOT CONVERGED ***" in (tmp_path / "job.lst").read_text()
+def test_wrong_control_is_left_out_and_named(tmp_path: Path) -> None:
+    block, true = strip_block("lab", 6)
+    result = run(tmp_path, altered(block, control={"position": added(np.s_[2, 1], 10.0)}))
+    wrong = block.points.ids[block.control.point[2]]
+    assert f"left out, as they do not fit: {wrong}\n" in result.output and result.exit_code == 0
+    assert wrong not in [row["point"] for row in record_in(tmp_path)["control"]]
+    assert np.abs(errors(tmp_path, true, "lab")).max() < 4.0
+
+
+def test_one_plane_for_each_triplet_is_given_up(tmp_path: Path) -> None:
+    deck = tmp_path / "job.crd"
+    cards = deck_bytes(strip_block("lab", 4)[0]).decode().splitlines(keepends=True)
+    deck.write_text("".join(f"{card[:34]}FREE  {card[40:]}" if card[:3] == "ORI" else card for card in cards))
+    result = musat("orient", deck)
+    assert result.exit_code == 1 and "IIIA holds one plane of water for the whole strip" in result.output
 
 
 @pytest.mark.slow

@@ -43,13 +43,6 @@ class Similarity:
             scale=self.scale * first.scale, rotation=self.rotation @ first.rotation, shift=self.apply(first.shift)
         )
 
-    @property
-    def change(self) -> FloatArray:
-        """(7,) the change whose similarity, as in `small`, this is."""
-        R = self.rotation
-        axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-        return np.concatenate([[np.log(self.scale)], 2.0 * axis / (1.0 + np.trace(R)), self.shift])
-
 
 def small(change: FloatArray) -> Similarity:
     """Return the similarity of a small change (7,): of the scale's logarithm, a turn (rad) and a shift."""

@@ -34,7 +34,6 @@ from musatpy.model.options import (
     Program,
     RecordContent,
     Refraction,
-    StripPlane,
     SystemSpec,
     Treatment,
     WaterLevel,

@@ -201,26 +201,17 @@ class PlaneTreatment(StrEnum):
     KNOWN = "KNOWN"  # nothing
 
 
-class StripPlane(StrEnum):
-    """Whether the triplets of a strip see one plane of water."""
-
-    COMMON = "COMMON"
-    FREE = "FREE"
-
-
 @dataclass(frozen=True, kw_only=True)
 class OrientationSpec:
     """The method, its weights (FULL or EQUAL), what of the water is unknown, and the photos.
 
-    The photos are named, all or none: without names they are those of the deck that have images, as in a strip,
-    whose triplets see one plane of water or each its own (`join`). `limit` is the sigma of the level of the water
-    over the mean depth, up to which its plane counts as determined.
+    The photos are named, all or none: without names they are those of the deck that have images, as in a strip.
+    `limit` is the sigma of the level of the water over the mean depth, up to which its plane counts as determined.
     """
 
     method: OrientationMethod = OrientationMethod.SINGLE_RAY
     weights: Weights = Weights.FULL
     plane: PlaneTreatment = PlaneTreatment.ADJUST
-    join: StripPlane = StripPlane.COMMON
     first: str = ""
     second: str = ""
     third: str = ""

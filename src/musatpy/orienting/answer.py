@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import numerics
-from musatpy.model import Block, OrientationMethod, StripPlane, Weights
+from musatpy.model import Block, OrientationMethod, Weights
 from musatpy.model.findings import Concern, Grade, Reason
 from musatpy.orientation.twomedia.axes import paper_partials, paper_vector
 from musatpy.orientation.twomedia.oriented import Oriented, Verdict, orient
@@ -17,7 +17,7 @@ from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation
 from musatpy.orientation.twomedia.strip import orient_strip
 from musatpy.orienting.placement import Placement, doubt, left_out, misfit
 from musatpy.orienting.scene import scene_of
-from musatpy.orienting.strip_answer import StripAnswer
+from musatpy.orienting.strip_answer import StripAnswer, strip_answer
 
 _HOUSE = ("omega", "phi", "kappa", "X", "Y", "Z")
 _HOUSE_PLANE = ("slope X", "slope Y", "level", "index")
@@ -234,9 +234,6 @@ def answer_of(block: Block) -> Answer | StripAnswer:
     equal = scene.spec.weights is Weights.EQUAL
     with numerics("the orientation"), np.errstate(all="ignore"):  # trial planes are met that no ray reaches
         if scene.spec.method is OrientationMethod.STRIP:
-            common = scene.spec.join is StripPlane.COMMON
-            return StripAnswer(
-                scene=scene,
-                strip=orient_strip(scene.sights, scene.plane, common_plane=common, base=scene.base, equal=equal),
-            )
+            strip = orient_strip(scene.sights, scene.plane, base=scene.base, equal=equal)
+            return strip_answer(scene, strip)
         return Answer(scene=scene, oriented=orient(scene.sights, scene.method, scene.plane, scene.base, equal))

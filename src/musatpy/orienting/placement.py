@@ -122,9 +122,9 @@ def doubt(concern: Concern, text: str) -> Reason:
     return Reason(grade=Grade.DOUBTFUL, concern=concern, text=text, section="")
 
 
-def misfit(sigma0: float) -> Reason:
-    """Return the reason to reject an answer whose images do not fit."""
-    text = f"sigma0 {sigma0:.3g}: the images do not fit, by the test of 99.9 %"
+def misfit(sigma0: float, what: str = "images") -> Reason:
+    """Return the reason to reject an answer whose images, or `what` there is, do not fit."""
+    text = f"sigma0 {sigma0:.3g}: the {what} do not fit, by the test of 99.9 %"
     return Reason(grade=Grade.REJECTED, concern=Concern.SIGMA0, text=text, section="")
 
 

@@ -1,65 +1,93 @@
-"""What came of the orientation of a strip: on the ground or in its model, with joins, control and a verdict."""
+"""What came of the orientation of a strip: first values by triplets, adjusted by IIIA, with joins and a verdict."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import ndtri
 
+from musatpy import adjustment
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.errors import MusatError
 from musatpy.geometry import similarity
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, wrapped
-from musatpy.model import Solution
-from musatpy.model.findings import Concern, Grade, Reason
+from musatpy.model import Block, Solution
+from musatpy.model.findings import Concern, Reason
+from musatpy.model.tables import taken
 from musatpy.orientation.twomedia.axes import paper_partials, paper_vector
 from musatpy.orientation.twomedia.oriented import Verdict
 from musatpy.orientation.twomedia.rays import Orientation
-from musatpy.orientation.twomedia.strip import Strip, control_limit, control_tests
+from musatpy.orientation.twomedia.strip import Strip
 from musatpy.orienting.placement import Placement, doubt, left_out, misfit
+from musatpy.orienting.punched import punched
+from musatpy.orienting.scene import Scene
+from musatpy.statistics import Statistics
+from musatpy.statistics.quality import sigmas_of
+from musatpy.statistics.verdict import sigma0_doubt
 
-_SIGNIFICANCE = 0.001  # of the test of the planes of two triplets
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Against:
-    """A strip less the solution of IIIA that starts from it: (m, 3) m, of a model after a similarity, and rad."""
-
-    position: FloatArray
-    attitude: FloatArray
+_SIGNIFICANCE = 0.001  # of the test of a control point
+_FEW = 0.25  # of the control points, up to which those that do not fit are wrong
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StripAnswer(Placement):
     """The orientation of a strip of m photos, of N triplets and N - 1 joins, with c control points.
 
-    `against` is its comparison with IIIA, None where there is none; `unadjusted` says why.
+    `solution` is that of IIIA, which starts from the strip: stations, points and water are its own then, with its a
+    posteriori sigmas. Where there is none all are those of the chained triplets, without sigmas, and `unadjusted`
+    says why. control_out (p,) are the control points that do not fit.
     """
 
     strip: Strip
-    against: Against | None = None
+    control_out: BoolArray
+    solution: Solution | None = None
     unadjusted: str = ""
 
     @cached_property
     def at(self) -> Orientation:
-        """The photos over the mean plane of the triplets, in the axes of the scene."""
+        """The photos over the water, in the axes of the scene."""
+        if self.solution is None:
+            return self.chained
+        stations, water = self.solution.stations, self.solution.water
+        assert water is not None  # there are submerged points
+        station = self.scene.axes.inside(stations.position[self._photo_rows])
+        turn = self.scene.axes.local_turn(station)
+        slope = water.tilt if len(water.tilt) else np.zeros(2)
+        wet = self.solution.bathymetric
+        place = self.scene.axes.inside(wet.predicted)
+        return Orientation(
+            attitude=attitude_from_matrix(attitude_matrix(stations.attitude[self._photo_rows]) @ turn),
+            station=station,
+            slope=slope,
+            level=np.asarray(np.nanmean(wet.water_level - place[:, :2] @ slope)),
+            index=np.asarray(water.index),
+        )
+
+    @cached_property
+    def chained(self) -> Orientation:
+        """The photos as the triplets are chained, over their mean plane."""
         return self.strip.orientation()
 
     @cached_property
     def inside(self) -> FloatArray:
         """(p, 3) the points in these axes, NaN for those without a place."""
-        return self.strip.points()
+        if self.solution is None:
+            return self.strip.points
+        place = self._of_points(self.solution.points.position)
+        place[np.isfinite(place).all(axis=1)] = self.scene.axes.inside(place[np.isfinite(place).all(axis=1)])
+        return place
 
     @cached_property
     def depth(self) -> FloatArray:
-        """(p,) m, of the points below the water of their triplets; negative above it."""
-        plane = self.planes[np.maximum(self.strip.of_point, 0)]
-        return plane[:, 2] + np.sum(plane[:, :2] * self.inside[:, :2], axis=1) - self.inside[:, 2]
+        """(p,) m, of the points below the water; negative above it."""
+        return self.at.water_at(self.inside[:, :2]) - self.inside[:, 2]
 
     @property
     def outliers(self) -> BoolArray:
         """(p,) points that are left out, as they do not fit."""
-        return self.strip.outliers
+        return self.strip.outliers | self.control_out
 
     @cached_property
     def rays(self) -> IntArray:
@@ -68,13 +96,18 @@ class StripAnswer(Placement):
 
     @property
     def sigma0(self) -> float:
-        """Standard deviation of unit weight of the images, of all triplets."""
-        return self.strip.sigma0
+        """Standard deviation of unit weight of IIIA, of all triplets where it has no solution."""
+        return self.strip.sigma0 if self.solution is None else self.solution.sigma0
+
+    @property
+    def redundancy(self) -> int:
+        """Of IIIA, of all triplets where it has no solution."""
+        return self.strip.redundancy if self.solution is None else self.solution.degrees_of_freedom
 
     @property
     def fits(self) -> bool:
         """Whether sigma0 passes its test."""
-        return self.strip.fits
+        return self.strip.fits if self.solution is None else self.sigma0 <= sigma0_doubt(self.redundancy)
 
     @cached_property
     def plane(self) -> tuple[Verdict, float, int]:
@@ -88,23 +121,42 @@ class StripAnswer(Placement):
         return f"plane of water {plane} ({share:.3g} of the depth)"
 
     @cached_property
-    def _photo_sigmas(self) -> tuple[FloatArray, FloatArray]:
-        return tuple(self.sigma0 * _sigma(part) for part in self.strip.photo_covariance())  # type: ignore[return-value]
+    def _photo_rows(self) -> IntArray:
+        """(m,) of the photos in the solution."""
+        assert self.solution is not None
+        return _rows(self.photos, self.solution.block.photos.ids)
+
+    def _of_points(self, values: FloatArray) -> FloatArray:
+        """Return rows (p, ...) of the points, of those of the solution; NaN for points that it does not have."""
+        assert self.solution is not None
+        rows = _rows(self.scene.sights.points, self.solution.block.points.ids)
+        result = values[rows].copy()
+        result[rows < 0] = np.nan
+        return result
+
+    @cached_property
+    def _station_covariance(self) -> FloatArray:
+        """(m, 6, 6) of positions and attitudes, NaN where there is no solution."""
+        if self.solution is None:
+            return np.full((len(self.photos), 6, 6), np.nan)
+        return self.solution.stations.covariance[self._photo_rows]
 
     @property
     def attitude_sigma(self) -> FloatArray:
-        """(m, 3) rad, 0 for what is held."""
-        return self._photo_sigmas[0]
+        """(m, 3) rad, NaN where IIIA has no solution."""
+        return sigmas_of(self._station_covariance)[:, 3:]
 
     @property
     def position_sigma(self) -> FloatArray:
-        """(m, 3) m, 0 for what is held."""
-        return self._photo_sigmas[1]
+        """(m, 3) m, likewise."""
+        return sigmas_of(self._station_covariance)[:, :3]
 
     @cached_property
     def point_sigma(self) -> FloatArray:
-        """(p, 3) m."""
-        return self.sigma0 * _sigma(self.strip.point_covariance())
+        """(p, 3) m, likewise."""
+        if self.solution is None:
+            return np.full(self.inside.shape, np.nan)
+        return self._of_points(sigmas_of(self.solution.points.covariance))
 
     @cached_property
     def _each(self) -> Orientation:
@@ -126,41 +178,37 @@ class StripAnswer(Placement):
     @cached_property
     def paper_photo_sigmas(self) -> FloatArray:
         """(m, 6)."""
-        J = paper_partials(self._each)[:, :6, :6]
-        attitude, station = self.strip.photo_covariance()
-        parts = (_sigma(J[:, :3, :3] @ attitude @ np.swapaxes(J[:, :3, :3], 1, 2)), _sigma(station))
-        return self.sigma0 * np.concatenate(parts, axis=1)
+        J = paper_partials(self._each)[:, :3, :3]
+        attitude = sigmas_of(J @ self._station_covariance[:, 3:, 3:] @ np.swapaxes(J, 1, 2))
+        return np.concatenate([attitude, self.position_sigma], axis=1)
+
+    @property
+    def water(self) -> FloatArray:
+        """(3,) slopes, and level over the middle of the stations, of the water."""
+        middle = self.at.station[:, :2].mean(axis=0)
+        return np.append(self.at.slope, self.at.level + middle @ self.at.slope)
+
+    @property
+    def water_sigma(self) -> FloatArray:
+        """(3,) NaN for what is held, and where there is no solution."""
+        water = None if self.solution is None else self.solution.water
+        if water is None:
+            return np.full(3, np.nan)
+        parts = (water.tilt_sigma, water.correction_sigma[:1])
+        return np.concatenate([part if len(part) == size else np.full(size, np.nan)
+                               for part, size in zip(parts, (2, 1), strict=True)])  # fmt: skip
 
     @cached_property
     def planes(self) -> FloatArray:
-        """(N, 3) slopes and level at the origin of the axes."""
+        """(N, 3) slopes and level at the origin of the axes, of the chained triplets."""
         return self.strip.planes()
-
-    @cached_property
-    def middles(self) -> FloatArray:
-        """(N, 2) the middles of the points of the triplets."""
-        parts = zip(self.strip.models, self.strip.moves, strict=True)
-        return np.array([move.apply(model.value[7:]).mean(axis=0)[:2] for model, move in parts])
 
     @property
     def levels(self) -> FloatArray:
-        """(N,) m, of the water over these middles."""
-        return self.planes[:, 2] + np.sum(self.planes[:, :2] * self.middles, axis=1)
-
-    @cached_property
-    def _plane_covariance(self) -> FloatArray:
-        return self.sigma0**2 * self.strip.plane_covariance()
-
-    @property
-    def slope_sigma(self) -> FloatArray:
-        """(N, 2)."""
-        return _sigma(self._plane_covariance)[:, :2]
-
-    @property
-    def level_sigma(self) -> FloatArray:
-        """(N,) m, over the middles."""
-        there = np.concatenate([self.middles, np.ones((len(self.middles), 1))], axis=1)
-        return np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", there, self._plane_covariance, there), 0.0))
+        """(N,) m, of the water of the triplets over the middles of their points."""
+        parts = zip(self.strip.triplets, self.strip.moves, strict=True)
+        middles = np.array([move.apply(triplet.place).mean(axis=0)[:2] for triplet, move in parts])
+        return self.planes[:, 2] + np.sum(self.planes[:, :2] * middles, axis=1)
 
     @property
     def join_scale(self) -> FloatArray:
@@ -185,91 +233,141 @@ class StripAnswer(Placement):
         return np.array(sizes) * self._units
 
     @property
+    def join_station(self) -> FloatArray:
+        """(N - 1,) m, root mean square of the two stations, in each coordinate."""
+        return np.array([np.sqrt(np.mean(np.square(join.station))) for join in self.strip.joins]) * self._units
+
+    @property
     def join_plane(self) -> FloatArray:
         """(N - 1, 3) slopes, rad, and level, m, of the water before less that after, in the axes before."""
         plane = np.array([join.plane for join in self.strip.joins]).reshape(-1, 3)
         return plane * np.stack([np.ones_like(self._units)] * 2 + [self._units], axis=1)
 
-    @property
-    def join_probability(self) -> FloatArray:
-        """(N - 1,) of a larger difference of the planes; NaN where they are held."""
-        values = [join.plane_probability for join in self.strip.joins]
-        return np.where(self.plane[0] is Verdict.HELD, np.nan, np.array(values))
-
     @cached_property
     def _control_rows(self) -> IntArray:
-        return np.flatnonzero(self.strip.control_points >= 0)
+        """(c,) the control points in the strip."""
+        known = np.isfinite(self.scene.sights.control).any(axis=1) & (self.strip.of_point >= 0)
+        return np.flatnonzero(known & ~self.outliers)
 
     @property
     def control_ids(self) -> TextArray:
         """(c,)."""
-        return self.scene.sights.points[self.strip.control_points[self._control_rows]]
+        return self.scene.sights.points[self._control_rows]
 
     @property
     def control_residual(self) -> FloatArray:
         """(c, 3) m, known less oriented, NaN for what is not known."""
-        placed = self.strip.placed
-        return placed.residual[self._control_rows] if placed is not None else np.zeros((0, 3))
+        return (self.scene.sights.control - self.inside)[self._control_rows]
 
     @cached_property
     def control_test(self) -> FloatArray:
-        """(c,) residual over its sigma, of all components."""
-        strip = self.strip
-        if strip.known is None or strip.placed is None:
-            return np.zeros(0)
-        return np.sqrt(control_tests(strip.known, strip.placed, strip.drift))[self._control_rows]
+        """(c,) the largest test value of its components; NaN where there is no solution, or no test."""
+        if self.solution is None:
+            return np.full(len(self._control_rows), np.nan)
+        control = self.solution.block.control
+        rows = _rows(self.control_ids, self.solution.block.points.ids[control.point])
+        tests = np.abs(np.where(rows[:, None] < 0, np.nan, Statistics(self.solution).control_tests[rows]))
+        return np.where(np.isfinite(tests).any(axis=1), np.nanmax(np.nan_to_num(tests), axis=1), np.nan)
+
+    @property
+    def control_wrong(self) -> BoolArray:
+        """(c,) those whose test value is beyond its limit."""
+        limit = ndtri(1.0 - _SIGNIFICANCE / (6.0 * max(len(self.control_test), 1)))  # three components, two sides
+        return np.nan_to_num(self.control_test) > limit
+
+    @property
+    def chain_difference(self) -> FloatArray:
+        """(m, 3) m, the chained stations less those of IIIA, of a model after a similarity."""
+        return self._chained_there[0] - self.at.station
+
+    @property
+    def chain_turn(self) -> FloatArray:
+        """(m, 3) rad, the chained attitudes less those of IIIA."""
+        return wrapped(attitude_from_matrix(self._chained_there[1]) - self.at.attitude)
+
+    @cached_property
+    def _chained_there(self) -> tuple[FloatArray, FloatArray]:
+        """Stations (m, 3) and rotations (m, 3, 3) of the chain, of a model moved to those of IIIA."""
+        station, M = self.chained.station, attitude_matrix(self.chained.attitude)
+        if not self.scene.in_model:
+            return station, M
+        move = similarity.fit(station, self.at.station, np.ones(len(station)))
+        return move.apply(station), move.turn(M)
 
     def reasons(self) -> list[Reason]:
         """Return what speaks against the answer, besides points on the wrong side of the water."""
-        reasons = [] if self.fits else [misfit(self.sigma0)]
+        reasons = []
+        if not self.fits:
+            control = self.solution is not None and len(self.control_ids) > 0
+            reasons.append(misfit(self.sigma0, "images and the control" if control else "images"))
         if self.plane[0] is Verdict.NOT:
             reasons.append(doubt(Concern.STATION, self._creep()))
-        if not self.strip.settled:
-            text = f"not converged: the plane that is known moves triplets after {self.strip.passes} passes"
-            reasons.append(Reason(grade=Grade.FAILED, concern=Concern.STATION, text=text, section=""))
-        if (tests := np.square(self.control_test)).max(initial=0.0) > control_limit(len(tests)):
-            ids = ", ".join(self.control_ids[tests > control_limit(len(tests))])
-            text = f"the strip does not fit its control, at {ids}: it bends more than its errors say"
-            reasons.append(doubt(Concern.STATION, text))
-        apart = np.flatnonzero(self.join_probability < _SIGNIFICANCE / max(len(self.strip.joins), 1))
-        if len(apart):
-            photos = ", ".join(f"{self.photos[row]} and {self.photos[row + 3]}" for row in apart.tolist())
-            text = f"the planes of water of triplets differ by more than their errors, between {photos}"
-            reasons.append(doubt(Concern.STATION, text))
+        if self.solution is None:
+            text = (
+                f"IIIA does not hold the strip: first values by joined triplets, without sigmas ({self.unadjusted})"
+            )
+            reasons.append(doubt(Concern.CONVERGENCE, text))
+        if self.control_wrong.any():
+            ids = ", ".join(self.control_ids[self.control_wrong])
+            reasons.append(doubt(Concern.STATION, f"the strip does not fit its control, at {ids}"))
         return reasons + left_out(self.scene.sights.points, self.outliers)
 
     def _creep(self) -> str:
         """Return what an undetermined plane does to a strip."""
         _, share, number = self.plane
-        scale = self.sigma0 * np.sqrt(self.strip.drift.covariance[:, 0, 0].max())
-        worst = int(np.argmax(self.position_sigma[:, 2]))
         size = f"{share:.3g} of the mean depth" if np.isfinite(share) else "without limit"
-        creep = (
-            f"{100.0 * scale:.2g} % and {self.position_sigma[worst, 2]:.3g} (one sigma, at {self.photos[worst]})"
-        )
+        creep = ""
+        if self.solution is not None:
+            worst = int(np.argmax(self.position_sigma[:, 2]))
+            creep = f", heights by {self.position_sigma[worst, 2]:.3g} (one sigma, at {self.photos[worst]})"
         return (
             f"the plane of water is not determined (photos {', '.join(self.photos[number : number + 3])}: the "
             f"sigma of its level is {size}, limit {self.scene.spec.limit:g}): scale and height creep along the "
-            f"strip, by {creep}; depths and heights are not to be used"
+            f"strip{creep}; depths and heights are not to be used"
         )
 
 
-def _sigma(covariance: FloatArray) -> FloatArray:
-    """Return the standard deviations (..., 3) of covariances (..., 3, 3)."""
-    return np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
+def strip_answer(scene: Scene, strip: Strip) -> StripAnswer:
+    """Return a strip as IIIA adjusts it, without the points that do not fit and the few wrong control points.
+
+    Where many control points do not fit, no few wrong cards are the reason: all of them stay.
+    """
+    chained = StripAnswer(scene=scene, strip=strip, control_out=np.zeros(len(scene.points), dtype=bool))
+    block = _without_plates(punched(chained), scene.sights.points[strip.outliers])
+    whole = answer = _adjusted(chained, block)
+    for _ in range(max(int(_FEW * len(whole.control_ids)), 1)):
+        if not answer.control_wrong.any():
+            return answer
+        out = answer.control_out.copy()
+        out[answer._control_rows[np.argmax(np.nan_to_num(answer.control_test))]] = True
+        answer = _adjusted(replace(answer, control_out=out), _without_control(block, scene.sights.points[out]))
+    return whole if answer.solution is None or answer.control_wrong.any() else answer
 
 
-def against(answer: StripAnswer, solution: Solution) -> Against:
-    """Return a strip less the solution of IIIA of the deck that it punches."""
-    stations = solution.stations
-    rows = {str(photo): row for row, photo in enumerate(solution.block.photos.ids)}
-    here = np.array([rows[str(photo)] for photo in answer.photos])
-    axes = answer.scene.axes
-    station, mine = axes.inside(stations.position[here]), answer.at.station
-    turn = axes.local_turn(station)
-    attitude = attitude_from_matrix(attitude_matrix(stations.attitude[here]) @ turn)
-    M = attitude_matrix(answer.at.attitude)
-    if answer.scene.in_model:
-        move = similarity.fit(mine, station, np.ones(len(mine)))
-        mine, M = move.apply(mine), move.turn(M)
-    return Against(position=mine - station, attitude=wrapped(attitude_from_matrix(M) - attitude))
+def _adjusted(answer: StripAnswer, block: Block) -> StripAnswer:
+    """Return an answer with the solution of IIIA of a block, or why there is none."""
+    try:
+        solution = adjustment.adjust(block)
+    except MusatError as error:
+        return replace(answer, solution=None, unadjusted=str(error).splitlines()[0])
+    if not solution.converged:
+        return replace(answer, solution=None, unadjusted=solution.reason)
+    return replace(answer, solution=solution, unadjusted="")
+
+
+def _without_plates(block: Block, points: TextArray) -> Block:
+    """Return a block without the images and the control of points."""
+    return _without_control(
+        replace(block, plates=taken(block.plates, ~np.isin(block.points.ids[block.plates.point], points))), points
+    )
+
+
+def _without_control(block: Block, points: TextArray) -> Block:
+    """Return a block without the control of points."""
+    return replace(block, control=taken(block.control, ~np.isin(block.points.ids[block.control.point], points)))
+
+
+def _rows(ids: TextArray, among: TextArray) -> IntArray:
+    """Return the rows of identifiers among others, -1 for those that are not there."""
+    rows = {name: row for row, name in enumerate(among.tolist())}
+    return np.array([rows.get(name, -1) for name in ids.tolist()], dtype=int)

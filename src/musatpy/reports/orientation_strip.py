@@ -32,34 +32,38 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.orienting.strip_answer import StripAnswer
 
 _ABOUT = (
-    "A strip oriented through a plane of water by triplets that are joined (Okamoto and Mori 1974), in metres and "
-    "radians; sigmas are a posteriori, 0 for what is held. Axes are those of the job, or of the first triplet"
+    "A strip oriented through a plane of water by triplets that are joined (Okamoto and Mori 1974) and adjusted by "
+    "IIIA, in metres and radians; sigmas are a posteriori, null where IIIA does not hold the strip: all values are "
+    "those of the joined triplets then. Axes are those of the job, or of a model near those of the first triplet"
 )
 _NOTE = (
-    "Z = level + tilt . (X, Y) in the axes of the strip, the level over the middle of the points of three photos. "
-    "Sigmas carry the errors of all images along the strip, and of the control."
+    "Z = level + tilt . (X, Y) in the axes of the strip, the level over the middle of the points of three photos, "
+    "as the triplets are joined: first values, from which IIIA starts."
 )
 
 FIT: Group[StripAnswer, StripAnswer] = Group(
     "fit",
-    "how the conditions of all triplets fit",
+    "how the images fit in IIIA, in all triplets where it has no solution",
     (
         Field("sigma0", "number", "standard deviation of unit weight"),
-        Field("redundancy", "integer", "of all triplets", lambda a: a.strip.redundancy),
+        Field("redundancy", "integer", "observations less unknowns"),
         Field("fits", "boolean", "sigma0 passes its test of 99.9 %"),
-        Field("passes", "integer", "of the triplets, over known water", lambda a: a.strip.passes),
-        Field("settled", "boolean", "the last of them changed nothing", lambda a: a.strip.settled),
+        Field("adjusted", "boolean", "IIIA holds the strip", lambda a: a.solution is not None),
+        Field("unadjusted", "string", "why it does not, empty where it does"),
     ),
 )
 PLANE: Group[StripAnswer, StripAnswer] = Group(
     "plane",
-    "the plane of water, by the triplet that determines it least",
+    "the plane of water, its verdict by the triplet that determines it least",
     (
         Field("verdict", "string", "whether the photos determine it", lambda a: a.plane[0]),
         Field("share", "number?", "sigma of the level over mean depth; null without limit", lambda a: a.plane[1]),
         Field("photo", "string", "first photo of that triplet", lambda a: a.photos[a.plane[2]]),
         Field("limit", "number", "of that share", lambda a: a.scene.spec.limit),
-        Field("join", "string", "COMMON to all triplets, or FREE", lambda a: a.scene.spec.join),
+        Field("slope", "2 number", "towards X and Y", lambda a: a.water[:2], unit="rad"),
+        Field("slope_sigma", "2 number?", "", lambda a: a.water_sigma[:2], unit="rad"),
+        Field("level", "number", "over the middle of the stations", lambda a: float(a.water[2]), unit="m"),
+        Field("level_sigma", "number?", "", lambda a: float(a.water_sigma[2]), unit="m"),
     ),
 )
 TRIPLETS: Rows[StripAnswer, StripAnswer] = Rows(
@@ -68,20 +72,17 @@ TRIPLETS: Rows[StripAnswer, StripAnswer] = Rows(
     (
         Field("photo", "string", "the first of them", lambda a: a.photos[:-2], heading="First\nphoto", edit="A8",
               is_id=True),
-        Field("points", "integer", "that took part", lambda a: [len(m.points) for m in a.strip.models],
+        Field("points", "integer", "that took part", lambda a: [len(m.points) for m in a.strip.triplets],
               heading="Points", edit="I6"),
-        Field("redundancy", "integer", "", lambda a: [m.oriented.redundancy for m in a.strip.models],
+        Field("redundancy", "integer", "", lambda a: [m.oriented.redundancy for m in a.strip.triplets],
               heading="Redund.", edit="I7"),
-        Field("sigma0", "number", "", lambda a: np.array([m.oriented.sigma0 for m in a.strip.models]),
+        Field("sigma0", "number", "", lambda a: np.array([m.oriented.sigma0 for m in a.strip.triplets]),
               heading="Sigma0", edit="F8.4"),
         Field("slope", "2 number", "of the water", lambda a: a.planes[:, :2], unit="rad",
               heading=("Tilt X\narc sec", "Tilt Y\narc sec"), edit="F12.2"),
-        Field("slope_sigma", "2 number", "", unit="rad", heading=("Sigma X\narc sec", "Sigma Y\narc sec"),
-              edit="F10.2"),
         Field("level", "number", "of the water, over the middle of the points", lambda a: a.levels, unit="m",
               heading="Level\nm", edit="F14.4"),
-        Field("level_sigma", "number", "", unit="m", heading="Sigma\nm", edit="F10.4"),
-        Field("share", "number", "", lambda a: np.array([m.oriented.level_share for m in a.strip.models]),
+        Field("share", "number", "", lambda a: np.array([m.oriented.level_share for m in a.strip.triplets]),
               heading="Of depth", edit="F8.4"),
         Field("paper", "3 number", "a, b and d of the paper", lambda a: a.planes * [1.0, -1.0, 1.0]),
     ),
@@ -103,14 +104,12 @@ JOINS: Rows[StripAnswer, StripAnswer] = Rows(
               edit="F10.5"),
         Field("residual", "number", "root mean square, of a coordinate", lambda a: a.join_residual, unit="m",
               heading="RMS\nm", edit="F10.5"),
-        Field("sigma0", "number", "of the residuals, to what the images let expect",
-              lambda a: np.array([join.sigma0 for join in a.strip.joins]), heading="Sigma0", edit="F8.3"),
+        Field("station", "number", "root mean square of both stations, of a coordinate", lambda a: a.join_station,
+              unit="m", heading="Stations\nm", edit="F10.5"),
         Field("slope", "2 number", "of the water before less after", lambda a: a.join_plane[:, :2], unit="rad",
               heading=("Water X\narc sec", "Water Y\narc sec"), edit="F12.2"),
         Field("level", "number", "of the water before less after", lambda a: a.join_plane[:, 2], unit="m",
               heading="Level\nm", edit="F12.4"),
-        Field("probability", "number?", "of a larger difference; null if held", lambda a: a.join_probability,
-              heading="Prob.", edit="F7.4"),
     ),
 )  # fmt: skip
 CONTROL: Rows[StripAnswer, StripAnswer] = Rows(
@@ -120,21 +119,21 @@ CONTROL: Rows[StripAnswer, StripAnswer] = Rows(
         identity("point", lambda a: a.control_ids),
         Field("residual", "3 number?", "known less oriented", lambda a: a.control_residual, unit="m",
               heading=("Residual X\nm", "Residual Y\nm", "Residual Z\nm"), edit="F12.5"),
-        Field("test", "number", "of all components, in sigmas", lambda a: a.control_test, heading="Test",
+        Field("test", "number?", "the largest of its components", lambda a: a.control_test, heading="Test",
               edit="F8.2"),
     ),
 )  # fmt: skip
 AGAINST: Rows[StripAnswer, StripAnswer] = Rows(
     "against_iiia",
-    "the strip less the solution of IIIA that starts from it, a model after a similarity",
-    of=lambda a: None if a.against is None else a,
+    "the joined triplets, from which IIIA starts, less its solution, a model after a similarity",
+    of=lambda a: None if a.solution is None else a,
     fields=(
         identity("photo", lambda a: a.photos),
-        Field("position", "3 number", "", lambda a: _against(a).position, unit="m",
+        Field("position", "3 number", "", lambda a: a.chain_difference, unit="m",
               heading=("X\nm", "Y\nm", "Z\nm"), edit="F12.5"),
-        Field("sigmas", "3 number?", "in those of the strip", lambda a: _in_sigmas(a),
+        Field("sigmas", "3 number?", "in those of IIIA", lambda a: _in_sigmas(a),
               heading=("X\nsigmas", "Y\nsigmas", "Z\nsigmas"), edit="F8.2"),
-        Field("attitude", "3 number", "", lambda a: _against(a).attitude, unit="rad",
+        Field("attitude", "3 number", "", lambda a: a.chain_turn, unit="rad",
               heading=("X-tilt\narc sec", "Y-tilt\narc sec", "Heading\narc sec"), edit="F11.2"),
     ),
 )  # fmt: skip
@@ -143,18 +142,13 @@ RECORD: tuple[Node[Any], ...] = (
 )
 
 
-def _against(answer: StripAnswer) -> Any:
-    assert answer.against is not None
-    return answer.against
-
-
 def _in_sigmas(answer: StripAnswer) -> Any:
     sigma = answer.position_sigma
-    return _against(answer).position / np.where(sigma > 0.0, sigma, np.nan)
+    return answer.chain_difference / np.where(sigma > 0.0, sigma, np.nan)
 
 
 DOCUMENT: Document[StripAnswer] = Document(
-    name="strip_version", version="2.0", title="musatpy strip", about=_ABOUT, nodes=RECORD
+    name="strip_version", version="3.0", title="musatpy strip", about=_ABOUT, nodes=RECORD
 )
 
 
@@ -163,7 +157,7 @@ DOCUMENT: Document[StripAnswer] = Document(
 TRIPLET_TABLE: Report[Any] = Report(title="Triplets And Their Planes Of Water", table=TRIPLETS)
 JOIN_TABLE: Report[Any] = Report(title="Joins Of The Triplets", table=JOINS)
 CONTROL_TABLE: Report[Any] = Report(title="Control Of The Strip", table=CONTROL)
-AGAINST_TABLE: Report[Any] = Report(title="The Strip Less IIIA", table=AGAINST)
+AGAINST_TABLE: Report[Any] = Report(title="The Joined Triplets Less IIIA", table=AGAINST)
 STATED = (TRIPLET_TABLE, JOIN_TABLE, CONTROL_TABLE, AGAINST_TABLE)
 
 
@@ -179,7 +173,7 @@ def sections_of(answer: StripAnswer) -> list[Section]:
         *filled([CONTROL_TABLE], answer),
         POINT_TABLE.section(answer, new_page=True),
         *filled([LEFT_OUT_TABLE], answer),
-        *([AGAINST_TABLE.section(answer, new_page=True)] if answer.against is not None else []),
+        *([AGAINST_TABLE.section(answer, new_page=True)] if answer.solution is not None else []),
     ]
 
 
@@ -188,23 +182,21 @@ def _short(answer: StripAnswer) -> dict[str, str]:
     least = f"{share:.4f} of the depth in photos {', '.join(answer.photos[number : number + 3])}"
     return {
         **task_of(answer),
-        "Triplets, joins": f"{len(answer.strip.models)}, {len(answer.strip.joins)}",
-        "Redundancy": str(answer.strip.redundancy),
+        "Triplets, joins": f"{len(answer.strip.triplets)}, {len(answer.strip.joins)}",
+        "Redundancy": str(answer.redundancy),
         "Sigma0": sigma0_text(answer.sigma0, answer.fits),
         "Plane": UNKNOWN[answer.scene.spec.plane],
-        "Planes of the triplets": f"{answer.scene.spec.join}",
         "Verdict on the plane": f"{plane.upper()}, limit {answer.scene.spec.limit:g}, {least}",
-        "Passes of the triplets": f"{answer.strip.passes}" + ("" if answer.strip.settled else ", NOT SETTLED"),
-        "IIIA, from this strip": _adjusted(answer),
+        "Adjusted by IIIA": _adjusted(answer),
     }
 
 
 def _adjusted(answer: StripAnswer) -> str:
-    if answer.against is None:
-        return f"none: {answer.unadjusted}" if answer.unadjusted else "none"
+    if answer.solution is None:
+        return f"no, first values without sigmas: {answer.unadjusted}"
     worst = float(np.nanmax(np.abs(_in_sigmas(answer)), initial=0.0))
-    largest = float(np.abs(answer.against.position).max())
-    return f"stations differ by up to {largest:.5g} m, {worst:.2f} sigmas of the strip"
+    largest = float(np.abs(answer.chain_difference).max())
+    return f"yes; the joined triplets were off by up to {largest:.5g} m, {worst:.2f} sigmas"
 
 
 def study_text(study: Study, title: str, limit: float) -> str:

@@ -343,22 +343,6 @@ def _adrift(sights: Sights, method: Method, problem: Problem, adjusted: Adjusted
     return solution if solution.fits and solution.redundancy else None
 
 
-def settled(
-    sights: Sights, method: Method, plane: Plane, near: Orientation, outliers: BoolArray, equal: bool = False
-) -> Oriented:
-    """Return the orientation that is reached from one that is `near` (1,), without the points that are out (p,).
-
-    Nothing is tested or rejected. Raises `NotConvergedError`, and `OrientationError` where they do not suffice.
-    """
-    left = without(sights, outliers)
-    problem = problem_of(left, method, plane, equal)
-    _require_enough(left, problem, method)
-    adjusted = refined(problem, near)
-    if not adjusted.converged[0]:
-        raise NotConvergedError(f"{method.name}: the adjustment does not converge over the plane that is known")
-    return _described(left, method, problem, adjusted, outliers)
-
-
 def _require_enough(sights: Sights, problem: Problem, method: Method) -> None:
     """Raise `OrientationError` where conditions are fewer than unknowns, or shared points than a start takes.
 

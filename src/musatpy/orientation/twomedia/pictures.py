@@ -97,14 +97,13 @@ def precision_picture(precision: Precision, title: str = "", limit: float = LIMI
 
 
 @styled
-def strip_picture(photos: TextArray, sigma: FloatArray, differences: FloatArray | None, title: str = "") -> bytes:
-    """Return the sigmas (m, 3) of stations along a strip, with differences (m, 3) from another solution."""
+def strip_picture(photos: TextArray, sigma: FloatArray, differences: FloatArray, title: str = "") -> bytes:
+    """Return the sigmas (m, 3) of stations along a strip, with what its first values differ (m, 3) from these."""
     figure, panels = new_panels([9.0], [1.2] * 3, title, sharex=True)
     place = np.arange(len(photos))
     for axis, (plot, name) in enumerate(zip(panels[:, 0], "XYZ", strict=True)):
         plot.fill_between(place, -sigma[:, axis], sigma[:, axis], label="one sigma", **BAND)
-        if differences is not None:
-            plot.plot(place, differences[:, axis], color=RED, marker=".", linewidth=1.0, label="strip less IIIA")
+        plot.plot(place, differences[:, axis], color=RED, marker=".", linewidth=1.0, label="triplets less IIIA")
         plot.axhline(0.0, color=INK, linewidth=0.5)
         plot.set_ylabel(f"{name}, m")
     name_ticks(plot, place, photos)
