@@ -13,7 +13,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import MusatError
 from musatpy.geometry import similarity
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, wrapped
-from musatpy.model import Block, Solution
+from musatpy.model import Block, PlaneTreatment, Solution
 from musatpy.model.findings import Concern, Reason
 from musatpy.model.tables import taken
 from musatpy.orientation.twomedia.axes import paper_partials, paper_vector
@@ -28,6 +28,7 @@ from musatpy.statistics.quality import sigmas_of
 from musatpy.statistics.verdict import sigma0_doubt
 
 _SIGNIFICANCE = 0.001  # of the test of a control point
+_OF_PLANE = ("water level", "tilt of the water east", "tilt of the water north")  # as IIIA names its unknowns
 _FEW = 0.25  # of the control points, up to which those that do not fit are wrong
 
 
@@ -36,13 +37,15 @@ class StripAnswer(Placement):
     """The orientation of a strip of m photos, of N triplets and N - 1 joins, with c control points.
 
     `solution` is that of IIIA, which starts from the strip: stations, points and water are its own then, with its a
-    posteriori sigmas. Where there is none all are those of the chained triplets, without sigmas, and `unadjusted`
-    says why. control_out (p,) are the control points that do not fit.
+    posteriori sigmas, and `by_prior` says that it determines the plane of water only with its prior. Where there is
+    none all are those of the chained triplets, without sigmas, and `unadjusted` says why. control_out (p,) are the
+    control points that do not fit.
     """
 
     strip: Strip
     control_out: BoolArray
     solution: Solution | None = None
+    by_prior: bool = False
     unadjusted: str = ""
 
     @cached_property
@@ -55,13 +58,11 @@ class StripAnswer(Placement):
         station = self.scene.axes.inside(stations.position[self._photo_rows])
         turn = self.scene.axes.local_turn(station)
         slope = water.tilt if len(water.tilt) else np.zeros(2)
-        wet = self.solution.bathymetric
-        place = self.scene.axes.inside(wet.predicted)
         return Orientation(
             attitude=attitude_from_matrix(attitude_matrix(stations.attitude[self._photo_rows]) @ turn),
             station=station,
             slope=slope,
-            level=np.asarray(np.nanmean(wet.water_level - place[:, :2] @ slope)),
+            level=np.asarray(water.tide[self._photo_rows].mean() - self._pivot @ slope),
             index=np.asarray(water.index),
         )
 
@@ -76,13 +77,20 @@ class StripAnswer(Placement):
         if self.solution is None:
             return self.strip.points
         place = self._of_points(self.solution.points.position)
-        place[np.isfinite(place).all(axis=1)] = self.scene.axes.inside(place[np.isfinite(place).all(axis=1)])
+        known = np.isfinite(place).all(axis=1)
+        place[known] = self.scene.axes.inside(place[known])
         return place
 
     @cached_property
     def depth(self) -> FloatArray:
         """(p,) m, of the points below the water; negative above it."""
-        return self.at.water_at(self.inside[:, :2]) - self.inside[:, 2]
+        under_plane = self.at.water_at(self.inside[:, :2]) - self.inside[:, 2]
+        if self.solution is None:
+            return under_plane
+        adjusted = np.full(len(self.solution.block.points.ids), np.nan)
+        adjusted[self.solution.bathymetric.point] = self.solution.bathymetric.depth
+        depth = self._of_points(adjusted)
+        return np.where(np.isfinite(depth), depth, under_plane)
 
     @property
     def outliers(self) -> BoolArray:
@@ -92,7 +100,8 @@ class StripAnswer(Placement):
     @cached_property
     def rays(self) -> IntArray:
         """(p,) images that took part."""
-        return np.bincount(self.scene.sights.point, minlength=len(self.scene.points)) * (self.strip.of_point >= 0)
+        images = np.bincount(self.scene.sights.point, minlength=len(self.scene.points))
+        return images * np.isfinite(self.inside).all(axis=1)
 
     @property
     def sigma0(self) -> float:
@@ -110,14 +119,25 @@ class StripAnswer(Placement):
         return self.strip.fits if self.solution is None else self.sigma0 <= sigma0_doubt(self.redundancy)
 
     @cached_property
-    def plane(self) -> tuple[Verdict, float, int]:
-        """Whether the plane is determined, sigma of its level over the mean depth, and the triplet that says so."""
-        return self.strip.verdict(self.scene.spec.limit)
+    def plane(self) -> tuple[Verdict, float]:
+        """Whether the plane is determined, and the sigma of its level over the mean depth.
+
+        By IIIA, at the middle of the submerged points; where it has no solution by the weakest triplet.
+        """
+        limit = self.scene.spec.limit
+        if self.solution is None or self.scene.spec.plane is PlaneTreatment.KNOWN:
+            return self.strip.verdict(limit)
+        wet = self.scene.sights.wet & np.isfinite(self.inside).all(axis=1)
+        depth = float(self.depth[wet].mean())
+        share = self._level_sigma(self.inside[wet, :2].mean(axis=0)) / depth if depth > 0.0 else np.inf
+        if not share <= limit:
+            return Verdict.NOT, share
+        return Verdict.BY_PRIOR if self.by_prior else Verdict.DETERMINED, share
 
     @property
     def summary(self) -> str:
         """The plane of water in a few words."""
-        plane, share, _ = self.plane
+        plane, share = self.plane
         return f"plane of water {plane} ({share:.3g} of the depth)"
 
     @cached_property
@@ -184,19 +204,38 @@ class StripAnswer(Placement):
 
     @property
     def water(self) -> FloatArray:
-        """(3,) slopes, and level over the middle of the stations, of the water."""
-        middle = self.at.station[:, :2].mean(axis=0)
-        return np.append(self.at.slope, self.at.level + middle @ self.at.slope)
+        """(4,) slopes towards X and Y, level at the origin of the axes (m), index."""
+        return np.array([*self.at.slope, self.at.level, self.at.index])
 
     @property
     def water_sigma(self) -> FloatArray:
-        """(3,) NaN for what is held, and where there is no solution."""
-        water = None if self.solution is None else self.solution.water
-        if water is None:
-            return np.full(3, np.nan)
-        parts = (water.tilt_sigma, water.correction_sigma[:1])
-        return np.concatenate([part if len(part) == size else np.full(size, np.nan)
-                               for part, size in zip(parts, (2, 1), strict=True)])  # fmt: skip
+        """(4,) NaN for what is held, and where there is no solution."""
+        sigma = np.array([*sigmas_of(self._water_covariance)[1:], self._level_sigma(np.zeros(2)), 0.0])
+        return np.where(sigma > 0.0, sigma, np.nan)
+
+    @cached_property
+    def _pivot(self) -> FloatArray:
+        """(2,) where the water of IIIA turns: the middle of the stations from which it starts."""
+        assert self.solution is not None
+        start = self.solution.block.photos.position[self._photo_rows]
+        return self.scene.axes.inside(start)[:, :2].mean(axis=0)
+
+    @cached_property
+    def _water_covariance(self) -> FloatArray:
+        """(3, 3) of the level at the pivot, and slopes; 0 for what is held, and where there is no solution."""
+        covariance = np.zeros((3, 3))
+        water = None if self.solution is None else self.solution.water_precision
+        if water is not None and self.scene.spec.plane is not PlaneTreatment.KNOWN:
+            rows = [water.names.index(name) for name in _OF_PLANE if name in water.names]
+            covariance[: len(rows), : len(rows)] = water.covariance[np.ix_(rows, rows)]
+        return covariance
+
+    def _level_sigma(self, place: FloatArray) -> float:
+        """Return the sigma (m) of the level at a place (2,), 0 where it is held or there is no solution."""
+        if self.solution is None:
+            return 0.0
+        lever = np.append(1.0, place - self._pivot)
+        return float(np.sqrt(max(lever @ self._water_covariance @ lever, 0.0)))
 
     @cached_property
     def planes(self) -> FloatArray:
@@ -246,7 +285,7 @@ class StripAnswer(Placement):
     @cached_property
     def _control_rows(self) -> IntArray:
         """(c,) the control points in the strip."""
-        known = np.isfinite(self.scene.sights.control).any(axis=1) & (self.strip.of_point >= 0)
+        known = np.isfinite(self.scene.sights.control).any(axis=1) & np.isfinite(self.inside).all(axis=1)
         return np.flatnonzero(known & ~self.outliers)
 
     @property
@@ -314,16 +353,19 @@ class StripAnswer(Placement):
 
     def _creep(self) -> str:
         """Return what an undetermined plane does to a strip."""
-        _, share, number = self.plane
+        share = self.plane[1]
         size = f"{share:.3g} of the mean depth" if np.isfinite(share) else "without limit"
-        creep = ""
-        if self.solution is not None:
+        where = creep = ""
+        if self.solution is None:
+            number = self.strip.weakest
+            where = f" in photos {', '.join(self.photos[number : number + 3])}"
+        else:
             worst = int(np.argmax(self.position_sigma[:, 2]))
             creep = f", heights by {self.position_sigma[worst, 2]:.3g} (one sigma, at {self.photos[worst]})"
         return (
-            f"the plane of water is not determined (photos {', '.join(self.photos[number : number + 3])}: the "
-            f"sigma of its level is {size}, limit {self.scene.spec.limit:g}): scale and height creep along the "
-            f"strip{creep}; depths and heights are not to be used"
+            f"the plane of water is not determined: the sigma of its level{where} is {size} (limit "
+            f"{self.scene.spec.limit:g}); scale and height creep along the strip{creep}; depths and heights are "
+            "not to be used"
         )
 
 
@@ -337,11 +379,30 @@ def strip_answer(scene: Scene, strip: Strip) -> StripAnswer:
     whole = answer = _adjusted(chained, block)
     for _ in range(max(int(_FEW * len(whole.control_ids)), 1)):
         if not answer.control_wrong.any():
-            return answer
+            break
         out = answer.control_out.copy()
         out[answer._control_rows[np.argmax(np.nan_to_num(answer.control_test))]] = True
         answer = _adjusted(replace(answer, control_out=out), _without_control(block, scene.sights.points[out]))
-    return whole if answer.solution is None or answer.control_wrong.any() else answer
+    answer = whole if answer.solution is None or answer.control_wrong.any() else answer
+    return replace(answer, by_prior=_by_prior(answer))
+
+
+def _by_prior(answer: StripAnswer) -> bool:
+    """Return whether IIIA determines the plane of water only with the sigmas that the deck states of it."""
+    plane = answer.scene.plane
+    stated = plane.level_sigma is not None or plane.slope_sigma is not None
+    if answer.solution is None or not stated or answer.plane[0] is not Verdict.DETERMINED:
+        return False
+    block = answer.solution.block
+    water, photos = block.water, block.photos
+    assert water is not None  # there are submerged points
+    unaided = replace(
+        block,
+        photos=replace(photos, tide_sigma=np.full_like(photos.tide_sigma, np.nan)),
+        water=replace(water, tilt_sigma=None),
+    )
+    alone = _adjusted(answer, unaided)
+    return alone.solution is None or alone.plane[0] is not Verdict.DETERMINED
 
 
 def _adjusted(answer: StripAnswer, block: Block) -> StripAnswer:
@@ -352,6 +413,9 @@ def _adjusted(answer: StripAnswer, block: Block) -> StripAnswer:
         return replace(answer, solution=None, unadjusted=str(error).splitlines()[0])
     if not solution.converged:
         return replace(answer, solution=None, unadjusted=solution.reason)
+    if solution.water is not None and solution.water.undetermined:
+        loose = " and ".join(solution.water.undetermined)
+        return replace(answer, solution=None, unadjusted=f"the images do not determine {loose}")
     return replace(answer, solution=solution, unadjusted="")
 
 

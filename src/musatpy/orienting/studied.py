@@ -17,7 +17,7 @@ def studied(answer: Answer | StripAnswer, title: str) -> tuple[Study, dict[str, 
     picture of them. Raises `MusatError` without the extra `plots`.
     """
     oriented = (
-        answer.strip.triplets[answer.plane[2]].oriented if isinstance(answer, StripAnswer) else answer.oriented
+        answer.strip.triplets[answer.strip.weakest].oriented if isinstance(answer, StripAnswer) else answer.oriented
     )
     result = study(oriented, starts=_STARTS)
     drawn = {

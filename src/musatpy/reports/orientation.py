@@ -20,6 +20,7 @@ from musatpy.units import ARC_SECOND, DEGREE
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.orienting.answer import Answer
     from musatpy.orienting.placement import Placement
+    from musatpy.orienting.strip_answer import StripAnswer
 
 _ABOUT = (
     "An orientation of photos through a plane of water (Okamoto and Mori 1974), in metres and radians; sigmas are "
@@ -221,11 +222,10 @@ def listing_of(
 
 def sections_of(answer: Answer) -> list[Section]:
     """Return what the listing says, section by section."""
-    plane = [*labelled(_plane(answer)), "", *wrapped([_plane_note(answer)])]
     return [
         verdict_section(answer),
         Section(title="Orientation In Short", lines=labelled(_short(answer))),
-        *([] if answer.scene.dry else [Section(title="Plane Of Water", lines=plane)]),
+        *([] if answer.scene.dry else [plane_section(answer)]),
         STATION_TABLE.section(answer),
         ATTITUDE_TABLE.section(answer),
         *filled([ROOT_TABLE], answer),
@@ -235,6 +235,11 @@ def sections_of(answer: Answer) -> list[Section]:
         Section(title="Correlations Of The Unknowns", lines=_matrix(answer), new_page=True),
         PAPER_TABLE.section(answer),
     ]
+
+
+def plane_section(answer: Answer | StripAnswer) -> Section:
+    """Return the plane of water with its verdict."""
+    return Section(title="Plane Of Water", lines=[*labelled(_plane(answer)), "", *wrapped([_plane_note(answer)])])
 
 
 def verdict_section(answer: Placement) -> Section:
@@ -279,16 +284,16 @@ _WEIGHTS = {
     Weights.FULL: "FULL by the sigmas of plates and control",
     Weights.EQUAL: "EQUAL for all conditions, those of rays that meet over base and lengths of the rays",
 }
-UNKNOWN = {
+_UNKNOWN = {
     PlaneTreatment.ADJUST: "ADJUST  tilt and level are unknown",
     PlaneTreatment.LEVEL: "LEVEL  the level is unknown",
     PlaneTreatment.KNOWN: "KNOWN  as on the cards",
 }
 
 
-def _plane(answer: Answer) -> dict[str, str]:
+def _plane(answer: Answer | StripAnswer) -> dict[str, str]:
     plane, share = answer.plane
-    lines = {"Plane": UNKNOWN[answer.scene.spec.plane], "Verdict": plane.upper()}
+    lines = {"Plane": _UNKNOWN[answer.scene.spec.plane], "Verdict": plane.upper()}
     if np.isfinite(share) and answer.scene.spec.plane is not PlaneTreatment.KNOWN:
         limit = f"{number_text('F8.4', share)}, limit {answer.scene.spec.limit:g}"
         lines["Sigma of the level over the mean depth"] = limit
@@ -304,7 +309,7 @@ def _plane(answer: Answer) -> dict[str, str]:
     return lines
 
 
-def _plane_note(answer: Answer) -> str:
+def _plane_note(answer: Answer | StripAnswer) -> str:
     """Return what the verdict on the plane means."""
     if answer.scene.in_model:
         where = "the axes of the model, whose Z is that of its first photos, not the vertical"
@@ -317,7 +322,7 @@ def _plane_note(answer: Answer) -> str:
     )
 
 
-def _middle(answer: Answer) -> str:
+def _middle(answer: Placement) -> str:
     """Return where the axes have their middle, in the system of the job."""
     middle = answer.scene.axes.system(np.zeros(3))
     if answer.block.options.system is CoordinateSystem.GEOGRAPHIC:

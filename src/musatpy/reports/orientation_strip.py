@@ -13,12 +13,13 @@ from musatpy.reports.orientation import (
     JOB,
     LEFT_OUT,
     LEFT_OUT_TABLE,
+    PLANE,
     POINT_TABLE,
     POINTS,
     STATION_TABLE,
     STATIONS,
-    UNKNOWN,
     VERDICT,
+    plane_section,
     sigma0_text,
     task_of,
     verdict_section,
@@ -52,19 +53,10 @@ FIT: Group[StripAnswer, StripAnswer] = Group(
         Field("unadjusted", "string", "why it does not, empty where it does"),
     ),
 )
-PLANE: Group[StripAnswer, StripAnswer] = Group(
+STRIP_PLANE: Group[Any, Any] = Group(
     "plane",
-    "the plane of water, its verdict by the triplet that determines it least",
-    (
-        Field("verdict", "string", "whether the photos determine it", lambda a: a.plane[0]),
-        Field("share", "number?", "sigma of the level over mean depth; null without limit", lambda a: a.plane[1]),
-        Field("photo", "string", "first photo of that triplet", lambda a: a.photos[a.plane[2]]),
-        Field("limit", "number", "of that share", lambda a: a.scene.spec.limit),
-        Field("slope", "2 number", "towards X and Y", lambda a: a.water[:2], unit="rad"),
-        Field("slope_sigma", "2 number?", "", lambda a: a.water_sigma[:2], unit="rad"),
-        Field("level", "number", "over the middle of the stations", lambda a: float(a.water[2]), unit="m"),
-        Field("level_sigma", "number?", "", lambda a: float(a.water_sigma[2]), unit="m"),
-    ),
+    "the plane of water Z = level + slope . (X, Y), about the middle of the axes; sigmas null without IIIA",
+    tuple(field for field in PLANE.fields if not field.name.startswith("paper")),
 )
 TRIPLETS: Rows[StripAnswer, StripAnswer] = Rows(
     "triplets",
@@ -82,8 +74,9 @@ TRIPLETS: Rows[StripAnswer, StripAnswer] = Rows(
               heading=("Tilt X\narc sec", "Tilt Y\narc sec"), edit="F12.2"),
         Field("level", "number", "of the water, over the middle of the points", lambda a: a.levels, unit="m",
               heading="Level\nm", edit="F14.4"),
-        Field("share", "number", "", lambda a: np.array([m.oriented.level_share for m in a.strip.triplets]),
-              heading="Of depth", edit="F8.4"),
+        Field("share", "number?", "sigma of the level, of the mean depth; null without limit",
+              lambda a: np.array([m.oriented.level_share for m in a.strip.triplets]), heading="Of depth",
+              edit="F8.4"),
         Field("paper", "3 number", "a, b and d of the paper", lambda a: a.planes * [1.0, -1.0, 1.0]),
     ),
 )  # fmt: skip
@@ -138,7 +131,7 @@ AGAINST: Rows[StripAnswer, StripAnswer] = Rows(
     ),
 )  # fmt: skip
 RECORD: tuple[Node[Any], ...] = (
-    *(JOB, VERDICT, FIT, PLANE, TRIPLETS, JOINS, CONTROL, STATIONS, POINTS, LEFT_OUT, AGAINST),
+    *(JOB, VERDICT, FIT, STRIP_PLANE, TRIPLETS, JOINS, CONTROL, STATIONS, POINTS, LEFT_OUT, AGAINST),
 )
 
 
@@ -166,6 +159,7 @@ def sections_of(answer: StripAnswer) -> list[Section]:
     return [
         verdict_section(answer),
         Section(title="Orientation In Short", lines=labelled(_short(answer))),
+        *([plane_section(answer)] if answer.solution is not None else []),
         STATION_TABLE.section(answer),
         ATTITUDE_TABLE.section(answer),
         TRIPLET_TABLE.section(answer, new_page=True, below=["", *wrapped([_NOTE])]),
@@ -178,25 +172,21 @@ def sections_of(answer: StripAnswer) -> list[Section]:
 
 
 def _short(answer: StripAnswer) -> dict[str, str]:
-    plane, share, number = answer.plane
-    least = f"{share:.4f} of the depth in photos {', '.join(answer.photos[number : number + 3])}"
     return {
         **task_of(answer),
         "Triplets, joins": f"{len(answer.strip.triplets)}, {len(answer.strip.joins)}",
         "Redundancy": str(answer.redundancy),
         "Sigma0": sigma0_text(answer.sigma0, answer.fits),
-        "Plane": UNKNOWN[answer.scene.spec.plane],
-        "Verdict on the plane": f"{plane.upper()}, limit {answer.scene.spec.limit:g}, {least}",
         "Adjusted by IIIA": _adjusted(answer),
     }
 
 
 def _adjusted(answer: StripAnswer) -> str:
     if answer.solution is None:
-        return f"no, first values without sigmas: {answer.unadjusted}"
+        return "no, first values without sigmas"
     worst = float(np.nanmax(np.abs(_in_sigmas(answer)), initial=0.0))
     largest = float(np.abs(answer.chain_difference).max())
-    return f"yes; the joined triplets were off by up to {largest:.5g} m, {worst:.2f} sigmas"
+    return f"yes, from joined triplets that are off by up to {largest:.5g} m, {worst:.2f} sigmas"
 
 
 def study_text(study: Study, title: str, limit: float) -> str:

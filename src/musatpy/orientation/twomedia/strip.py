@@ -76,7 +76,10 @@ class Strip:
         return out
 
     def orientation(self) -> Orientation:
-        """Return the photos, each as the middle one of its triplet, over their mean plane, or the known one."""
+        """Return the photos, each as the middle one of its triplet, over their mean plane.
+
+        What is known of the plane, with or without sigma, replaces the mean: priors are about what is stated.
+        """
         parts = [triplet.moved(move) for triplet, move in zip(self.triplets, self.moves, strict=True)]
         attitude, station = (
             np.concatenate(
@@ -86,11 +89,12 @@ class Strip:
             for name in ("attitude", "station")
         )  # fmt: skip
         slope, level = np.split(self.planes().mean(axis=0), [2])
-        if self.plane.treatment is not PlaneTreatment.ADJUST:
-            known = np.asarray(self.plane.slope)
+        plane = self.plane
+        if plane.treatment is not PlaneTreatment.ADJUST or plane.slope_sigma is not None:
+            known = np.asarray(plane.slope)
             slope, level = known, level + station[:, :2].mean(axis=0) @ (slope - known)
-        if self.plane.treatment is PlaneTreatment.KNOWN:
-            level = np.array([self.plane.level])
+        if plane.treatment is PlaneTreatment.KNOWN or plane.level_sigma is not None:
+            level = np.array([plane.level])
         return Orientation(
             attitude=attitude,
             station=station,
@@ -103,17 +107,16 @@ class Strip:
         """Return the plane of water (m - 2, 3), slopes and level, of every triplet."""
         return np.array([triplet.plane(move) for triplet, move in zip(self.triplets, self.moves, strict=True)])
 
-    def verdict(self, limit: float) -> tuple[Verdict, float, int]:
-        """Return whether the plane is determined by the triplet that does so least, its share and its number.
+    @property
+    def weakest(self) -> int:
+        """The triplet that determines its plane of water least."""
+        return int(np.argmax([triplet.oriented.level_share for triplet in self.triplets]))
 
-        A plane that is known is held.
-        """
-        shares = [triplet.oriented.level_share for triplet in self.triplets]
-        least = int(np.argmax(shares))
+    def verdict(self, limit: float) -> tuple[Verdict, float]:
+        """Return whether the weakest triplet determines the plane, and its share; a plane that is known is held."""
         if self.plane.treatment is PlaneTreatment.KNOWN:
-            return Verdict.HELD, 0.0, least
-        verdict, share = self.triplets[least].oriented.verdict(limit)
-        return verdict, share, least
+            return Verdict.HELD, 0.0
+        return self.triplets[self.weakest].oriented.verdict(limit)
 
 
 def orient_strip(sights: Sights, plane: Plane, *, base: float = 1.0, equal: bool = False) -> Strip:
