@@ -11,6 +11,7 @@ import csv
 import io
 import math
 import re
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -236,18 +237,20 @@ def _one_by_one(
 
 def _layout_of(source: str, lines: Iterator[str], wanted: Wanted) -> tuple[Layout, list[str], int, Iterator[str]]:
     """Return how a file is laid out, what is wrong with its names, and its rows with the number of the first."""
-    above, text, count = list[tuple[int, str]](), "", 0
+    above, text, count = deque[tuple[int, str]](maxlen=50), "", 0
     for count, text in enumerate(lines, 1):
         text = text.removeprefix("\ufeff").rstrip("\r\n")
         if _is_row(text):
             break
-        above.insert(0, (count, text.strip("# ")))
+        if text := text.strip("# "):
+            above.appendleft((count, text))
         text = ""
-    named = (at for at in [(count, text), *above] if wanted.are_named(_cells(at[1], _separator(at[1], wanted))))
-    line, header = next(named, (count, text))
+    heads = [(count, text), *above]
+    named = next((at for at in heads if wanted.are_named(_cells(at[1], _separator(at[1], wanted)))), None)
+    line, header = named or (count, text)
     separator = _separator(header, wanted)
     headings = _cells(header, separator) if header else []
-    if line == count and wanted.bare and np.isfinite(numbers(_decimal(headings, separator))).any():
+    if not named and wanted.bare and np.isfinite(numbers(_decimal(headings, separator))).any():
         line, header, bare = 0, "", len(wanted.bare)
         headings = [*wanted.bare, *(f"column{n}" for n in range(bare + 1, len(headings) + 1))][: len(headings)]
     if text and line != count:
