@@ -116,12 +116,12 @@ def _hints(kind: Any) -> dict[str, Any]:
 
 @cache
 def _shape(hint: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return what values of a type are read as: a dataclass, `tuple` and its members, or a scalar type."""
+    """Return what values of a type are read as: a dataclass, `tuple` or `dict` and members, or a scalar type."""
     if isinstance(hint, types.UnionType):
         hint = next(member for member in typing.get_args(hint) if member is not types.NoneType)
     origin = typing.get_origin(hint)
-    if origin is tuple:
-        return tuple, typing.get_args(hint)
+    if origin in (tuple, dict):
+        return origin, typing.get_args(hint)
     return (str if origin is typing.Literal else hint), ()
 
 
@@ -203,7 +203,15 @@ class Reader:
         kind, members = _shape(hint)
         if kind in _TESTS:
             return self._scalar(kind, raw, where)
+        if kind is dict:
+            return self._by_name(members[1], raw, where)
         return self._tuple(members, raw, where) if kind is tuple else self.table(kind, raw, where)
+
+    def _by_name(self, member: Any, raw: Any, where: str) -> Any:
+        """Return a table whose keys are any names, and its values all of one type."""
+        if not isinstance(raw, dict):
+            return self.complain(where, f"a table is expected, not {_shown(raw)}")
+        return {name: self._value(member, value, _join(where, name)) for name, value in raw.items()}
 
     def _tuple(self, members: tuple[Any, ...], raw: Any, where: str) -> Any:
         if members == (float,) * 3 and _is_number(raw):

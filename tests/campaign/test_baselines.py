@@ -381,9 +381,9 @@ def test_what_a_baseline_says_of_a_run_is_no_news(tmp_path):
     assert check(tmp_path / "base").unused_rules == ()  # of records nothing was compared
 
 
+ENTRY: dict[str, Any] = {"deck_sha256": "0", "version": "1", "status": 0}
 INDEX_OF_ONE: dict[str, Any] = {
-    "schema_version": "1.0", "decks_in": "..", "records": True, "formats": None,
-    "decks": {"a.crd": {"deck_sha256": "0", "version": "1", "status": 0}},
+    "schema_version": "1.0", "decks_in": "..", "records": True, "formats": None, "decks": {"a.crd": ENTRY},
 }  # fmt: skip
 
 
@@ -392,11 +392,12 @@ INDEX_OF_ONE: dict[str, Any] = {
     [
         ({"decks_in": 5}, "decks_in"), ({"more": 1}, "more"),
         ({"schema_version": "9.0"}, "schema 9.0 is not 1.0; another version"),
-        ({"decks": {"a.crd": 1}}, "decks, 'a.crd': no table"),
-        ({"decks": {"../a.crd": {}}}, "'../a.crd' is not the place of a deck"),
-        ({"decks": {"a\\b.crd": {}}}, "is not the place of a deck: it is not a plain name"),
-        ({"decks": {"a.crd": {"deck_sha256": "", "version": "1"}}}, "'a.crd': status"),
-        ({"decks": {"a.crd": {"deck_sha256": "", "version": "1", "status": 0, "inputs": {"x": 3}}}}, ": inputs"),
+        ({"decks": {"a.crd": 1}}, "decks.a.crd: a table is expected"),
+        ({"decks": {"../a.crd": ENTRY}}, "'../a.crd' is not the place of a deck"),
+        ({"decks": {"a\\b.crd": ENTRY}}, "is not the place of a deck: it is not a plain name"),
+        ({"runs": {"a.crd": "/b.crd"}}, "'/b.crd' is not the place of a deck"),
+        ({"decks": {"a.crd": {"deck_sha256": "", "version": "1"}}}, "decks.a.crd.status: is missing"),
+        ({"decks": {"a.crd": ENTRY | {"inputs": {"x": 3}}}}, "decks.a.crd.inputs.x: a text is expected"),
     ],
 )  # fmt: skip
 def test_an_index_that_was_spoilt(tmp_path, change, why):

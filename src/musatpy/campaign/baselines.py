@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -28,7 +28,6 @@ from musatpy.campaign.baseline_index import (
     Entry,
     below,
     load_baseline,
-    messages_of,
     place_fault,
     unknown_decks,
 )
@@ -37,6 +36,7 @@ from musatpy.campaign.batch_jobs import Outcome
 from musatpy.campaign.locks import FolderLocks, folder_locks
 from musatpy.campaign.manifest import check_jobs
 from musatpy.campaign.program import sources_sha256
+from musatpy.errors import of_each_kind, printable
 from musatpy.files import real_path, remove_leftovers, write_files
 from musatpy.listings import CannotCompareError, Difference, Rules, compare_bytes, load_rules
 
@@ -79,53 +79,60 @@ def save(
     decks, to be compiled on that one's run. Raises `BaselineError` for decks that are in it or
     cannot be, `RulesError`, `LockedError`, `OSError`.
     """
-    given = _rules_of(rules, record_rules)
-    for place in given.values():
-        load_rules(place)
-    fresh = _fresh(folder, decks if run is None else [*decks, run], formats, records, settings)
-    _to_save(fresh, decks, run, exact, given)  # refused before anything is made
+    given = {ending: path for ending, path in ((LISTING, rules), (RECORD, record_rules)) if path is not None}
+    for path in given.values():
+        load_rules(path)
+    files = {folder / RULES[ending]: path.read_bytes() for ending, path in given.items()}
+    if record_rules is not None and not records:
+        raise BaselineError(f"{folder}: rules for records go with records, and listings only are to be kept")
+    root = _root_of(folder, decks if run is None else [*decks, run])
+    fresh = Baseline(folder=folder, root=_seen_from(folder, root), records=records, settings=settings, entries={})
+    fresh = fresh if formats is None else replace(fresh, formats=_seen_from(folder, formats))
+    said = bool(formats or not records or settings or exact or given)
+    _with_decks(fresh, decks, run, said)  # refused before anything is made
     with _work_of(folder, None, to_write=True) as (work, locks):
-        baseline, chosen, files = _to_save(fresh, decks, run, exact, given)
+        baseline, chosen = _with_decks(fresh, decks, run, said)
+        if not (folder / INDEX).exists() and not exact:
+            own = [folder / RULES[ending] for ending in ((LISTING, RECORD) if records else (LISTING,))]
+            starters = {place: Path(__file__).with_name(place.name) for place in own if not place.exists()}
+            files = {place: starter.read_bytes() for place, starter in starters.items()} | files
         batch = run_batch(baseline.plan(chosen, work), processes=processes, watch=watch, again=True, locks=locks)
         return _take_over(baseline, chosen, batch, work, also=files, unusable=unusable)
 
 
-def _rules_of(listings: Path | None, records: Path | None) -> dict[str, Path]:
-    """Return the files of rules that are given, by the endings of what they are for."""
-    return {ending: place for ending, place in ((LISTING, listings), (RECORD, records)) if place is not None}
+def _seen_from(folder: Path, path: Path) -> str:
+    return os.path.relpath(real_path(path), real_path(folder))
 
 
-def _to_save(
-    new: Baseline, decks: Sequence[Path], run: Path | None, exact: bool, rules: Mapping[str, Path]
-) -> tuple[Baseline, list[str], dict[Path, bytes]]:
-    """Return the baseline that decks are added to, their names in it, and the files of rules that are missing.
+def _root_of(folder: Path, decks: Sequence[Path]) -> Path:
+    """Return the common folder of the decks of a new baseline: its own, or the one that has them all below it."""
+    if all(below(deck, folder) for deck in decks):
+        return folder
+    return Path(os.path.commonpath([real_path(deck).parent for deck in decks]))
 
-    That is `new`, or the one that is in its folder already.
+
+def _with_decks(fresh: Baseline, decks: Sequence[Path], run: Path | None, said: bool) -> tuple[Baseline, list[str]]:
+    """Return the baseline that decks are added to, `fresh` or that of its folder, and their names in it.
+
+    `said` is whether anything is said of a new baseline that one which is there says itself.
     """
-    folder, records = new.folder, new.records
-    fresh = not (folder / INDEX).exists()
-    baseline = new if fresh else load_baseline(folder)
-    if not fresh and (new.formats is not None or not records or new.settings or exact or rules):
+    there = (fresh.folder / INDEX).exists()
+    baseline = load_baseline(fresh.folder) if there else fresh
+    if there and said:
         raise BaselineError(
-            f"{folder} is a baseline already, whose rules, formats and settings are said: only decks are added"
+            f"{fresh.folder} is a baseline already, which has its rules, formats and settings: only decks are added"
         )
-    if RECORD in rules and not records:
-        raise BaselineError(f"{folder}: rules for records go with records, and listings only are to be kept")
     chosen = list(dict.fromkeys(_name_in(baseline, deck) for deck in decks))
-    for name in baseline.entries:
-        if name in chosen:
-            raise BaselineError(
-                f"{baseline.deck(name)} is in the baseline; musat baseline accept takes its new results over, "
-                "save adds others"
-            )
+    if old := [name for name in chosen if name in baseline.entries]:
+        raise BaselineError(
+            f"{baseline.deck(old[0])} is in the baseline; musat baseline accept takes its new results over, "
+            "save adds others"
+        )
     if run is not None:
         baseline = replace(baseline, runs=baseline.runs | dict.fromkeys(chosen, _name_in(baseline, run)))
-    _check_places(baseline, [*baseline.entries, *chosen])
-    endings = () if exact or not fresh else (LISTING, RECORD) if records else (LISTING,)
-    starters = {folder / RULES[ending]: _starter(ending) for ending in endings}
-    files = {place: text.encode() for place, text in starters.items() if not place.exists()}
-    files |= {folder / RULES[ending]: place.read_bytes() for ending, place in rules.items()}
-    return baseline, chosen, files
+    jobs = baseline.plan([*baseline.entries, *chosen], baseline.folder).jobs
+    check_jobs(jobs, also=[baseline.folder / INDEX])  # no file is that of two decks, a deck or the index
+    return baseline, chosen
 
 
 def _name_in(baseline: Baseline, deck: Path) -> str:
@@ -137,30 +144,6 @@ def _name_in(baseline: Baseline, deck: Path) -> str:
     if fault := place_fault(name):
         raise BaselineError(f"{deck}: its name in the baseline {fault}")
     return name
-
-
-def _starter(ending: str) -> str:
-    """Return the rules to start from: files beside this one."""
-    return Path(__file__).with_name(RULES[ending]).read_text(encoding="utf-8")
-
-
-def _fresh(
-    folder: Path, decks: Sequence[Path], formats: Path | None, records: bool, settings: tuple[str, ...]
-) -> Baseline:
-    """Return a baseline without decks: these are to be in its own folder, or below the one that has them all."""
-    if all(below(deck, folder) for deck in decks):
-        root = folder
-    else:
-        root = Path(os.path.commonpath([real_path(deck).parent for deck in decks]))
-    seen = None if formats is None else os.path.relpath(real_path(formats), real_path(folder))
-    place = os.path.relpath(real_path(root), real_path(folder))
-    return Baseline(folder=folder, root=place, entries={}, records=records, formats=seen, settings=settings)
-
-
-def _check_places(baseline: Baseline, names: Sequence[str]) -> None:
-    """Raise `MusatError` where what is kept of two decks would be one file, or go over a deck or the index."""
-    jobs = baseline.plan(names, baseline.folder).jobs
-    check_jobs(jobs, also=[baseline.folder / INDEX])
 
 
 def accept(
@@ -206,39 +189,52 @@ def _take_over(
     if batch.interrupted:
         raise BaselineError(f"{baseline.folder}: interrupted; nothing was taken over")
     entries = {name: entry for name, entry in baseline.entries.items() if name not in gone}
-    files: dict[Path, bytes] = dict(also or {})
+    files = dict(also or {})
     outdated = [place for name in gone for place in baseline.kept(name).values()]
-    changes: dict[str, list[str]] = {"new": [], "changed": [], "unchanged": [], "failed": []}
+    became: dict[str, list[str]] = {"new": [], "changed": [], "unchanged": [], "failed": []}
     for name, outcome in zip(names, batch.outcomes, strict=True):
         was = entries.get(name)
-        expected = unusable or (was is not None and was.fails)
-        if outcome.deck_sha256 is None or not (outcome.state.has_results or (outcome.unusable and expected)):
-            changes["failed"].append(name)
+        expected = outcome.unusable and (unusable or (was is not None and was.fails))
+        if outcome.deck_sha256 is None or not (outcome.state.has_results or expected):
+            became["failed"].append(name)
             continue
-        entry = _entry_of(outcome)
-        if was is not None and was.is_of(baseline.deck(name), entry.deck_sha256):
-            entry = replace(entry, deck_sha256=was.deck_sha256)  # the same deck with other line ends
-        contents = _contents(baseline, name, outcome, work)
-        if was is not None and was == replace(entry, sources=was.sources):
-            same = all(_is_kept(place, content) for place, content in contents.items())
-            entry = was if same else entry  # what other sources make too stays theirs that made it
-        else:
-            same = False
-        changes["unchanged" if same else "new" if was is None else "changed"].append(name)
-        if was is not None and was.fails != entry.fails:
-            outdated += baseline.kept(name).values()
+        entry = _entry_of(outcome, baseline.deck(name), was)
+        left, kept = _left(baseline, name, outcome, work), baseline.files(name, baseline.folder, fails=entry.fails)
+        contents = {kept[ending]: place.read_bytes() for ending, place in left.items()}
+        same = entry == was and all(_is_kept(place, content) for place, content in contents.items())
+        if was is not None and not same:
+            entry = replace(entry, sources=sources_sha256())
+            outdated += [] if was.fails == entry.fails else baseline.kept(name).values()
         entries[name] = entry
         files |= {} if same else contents
+        became["unchanged" if same else "new" if was is None else "changed"].append(name)
     result = replace(baseline, entries=entries)
-    remove_leftovers([*files, baseline.folder / INDEX, *baseline.folder.rglob("*")])
     index = baseline.folder / INDEX
+    remove_leftovers([*files, index, *baseline.folder.rglob("*")])
     if (entries or baseline.entries) and (files or outdated or not _is_kept(index, result.index())):
         # the index last: after a kill before it the old one is true of what is not there any more
         write_files(files | {index: result.index()}, outdated=outdated)
     if work == baseline.folder / WORK:
         _tidy(baseline, [*names, *gone], work)
     return Taken(
-        baseline=result, batch=batch, dropped=tuple(gone), **{key: tuple(value) for key, value in changes.items()}
+        baseline=result, batch=batch, dropped=tuple(gone), **{key: tuple(value) for key, value in became.items()}
+    )
+
+
+def _entry_of(outcome: Outcome, deck: Path, was: Entry | None) -> Entry:
+    """Return what the index says of a deck that is taken over, the same as it `was` where only line ends differ.
+
+    What other sources of the program make too stays theirs that made it first.
+    """
+    assert outcome.deck_sha256 is not None
+    same_deck = was is not None and was.is_of(deck, outcome.deck_sha256)
+    return Entry(
+        deck_sha256=was.deck_sha256 if was is not None and same_deck else outcome.deck_sha256,
+        version=musatpy.__version__,
+        status=int(outcome.state.status),
+        state=outcome.state.value,
+        inputs=outcome.inputs,
+        sources=sources_sha256() if was is None else was.sources,
     )
 
 
@@ -247,27 +243,48 @@ def _is_kept(place: Path, content: bytes) -> bool:
     return place.exists() and place.read_bytes().replace(b"\r\n", b"\n") == content
 
 
-def _entry_of(outcome: Outcome) -> Entry:
-    """Return what the index says of a deck that is taken over."""
-    assert outcome.deck_sha256 is not None
-    return Entry(
-        deck_sha256=outcome.deck_sha256,
-        version=musatpy.__version__,
-        status=int(outcome.state.status),
-        state=outcome.state.value,
-        inputs=outcome.inputs,
-        sources=sources_sha256(),
-    )
+def _left(baseline: Baseline, name: str, outcome: Outcome, work: Path) -> dict[str, Path]:
+    """Return the new files of a deck by their endings; what was said of one that cannot be used becomes one.
+
+    That are its state, exit status and all messages of its run. The deck has its name in the baseline there, so
+    that the text depends neither on the place of the baseline nor on the folder in which the program is started.
+    """
+    places = baseline.files(name, work, fails=outcome.unusable)
+    if outcome.unusable:
+        head = f"{outcome.state}, exit status {int(outcome.state.status)}: {outcome.message}"
+        messages = [problem.render() for problem in of_each_kind(outcome.problems)]
+        text = "\n".join([head, *messages]).replace(str(baseline.deck(name)), name)
+        write_files({places[MESSAGES]: f"{printable(text)}\n".encode()})
+    return places
 
 
-def _contents(baseline: Baseline, name: str, outcome: Outcome, work: Path) -> dict[Path, bytes]:
-    """Return what is to be kept of a deck: what its run left, or if it failed what was said."""
-    fails = outcome.unusable
-    new = baseline.files(name, work, fails=fails)
-    return {
-        place: messages_of(name, baseline.deck(name), outcome) if fails else new[ending].read_bytes()
-        for ending, place in baseline.files(name, baseline.folder, fails=fails).items()
-    }
+def _tidy(baseline: Baseline, names: Sequence[str], work: Path) -> None:
+    """Take the new results of decks away, and the work folder when it has none that could be accepted later."""
+    for name in names:
+        for ending in (LISTING, RECORD, MESSAGES):
+            (work / name).with_suffix(f".{ending}").unlink(missing_ok=True)
+    if not any(path.suffix in (f".{LISTING}", f".{MESSAGES}") for path in work.rglob("*.*")):
+        shutil.rmtree(work)
+
+
+@contextmanager
+def _work_of(folder: Path, work: Path | None, *, to_write: bool = False) -> Iterator[tuple[Path, FolderLocks]]:
+    """Give the work folder, locked, and the baseline too where it is to be written to.
+
+    A work folder below the baseline is nothing for git.
+    """
+    place = folder / WORK if work is None else work
+    if real_path(place) == real_path(folder):
+        raise BaselineError(f"{place}: new results would overwrite what the baseline keeps")
+    with folder_locks() as locks:
+        if to_write:
+            locks.take(folder)
+        locks.take(place, "; --out takes new results elsewhere")
+        if work is None:
+            write_files({place / ".gitignore": b"*\n"})
+        yield place, locks
+    with suppress(OSError):  # a new baseline in which nothing was kept
+        folder.rmdir()
 
 
 State = Literal["identical", "within the rules", "different", "failed"]
@@ -282,6 +299,7 @@ class Checked:
     outcome: Outcome
     notes: tuple[str, ...] = ()  # what is different besides the files, or why nothing could be compared
     differences: tuple[Difference, ...] = ()  # of the files that are not identical
+    unmatched: dict[str, tuple[str, ...]] = field(default_factory=dict)  # rules that matched nothing, by file
 
     @property
     def same(self) -> bool:
@@ -310,11 +328,6 @@ class Check:
         """True where no deck of the baseline differs by more than the rules let pass."""
         return all(deck.same for deck in self.decks)
 
-    @property
-    def versions(self) -> tuple[str, ...]:
-        """The versions of the program that made what is kept of these decks."""
-        return tuple(sorted({self.baseline.entries[deck.name].version for deck in self.decks}))
-
 
 def check(
     folder: Path,
@@ -339,140 +352,79 @@ def check(
     chosen = baseline.chosen(names)
     if not chosen:
         raise BaselineError(f"{folder}: the baseline has no deck any more; musat baseline save adds some")
-    given = _rules_of(rules, record_rules)
-    if RECORD in given and not baseline.records:
+    if record_rules is not None and not baseline.records:
         raise BaselineError(f"{folder}: the baseline keeps listings only; there are no records for these rules")
-    ruled = baseline.rules() | {ending: load_rules(place) for ending, place in given.items()}
+    places = {ending: folder / name for ending, name in RULES.items()}
+    given = {ending: path for ending, path in ((LISTING, rules), (RECORD, record_rules)) if path is not None}
+    there = {ending: path for ending, path in places.items() if path.exists()} | given
+    ruled = {ending: load_rules(path) for ending, path in there.items()}
     with _work_of(folder, work) as (place, locks):
         plan = replace(baseline, settings=(*baseline.settings, *settings)).plan(chosen, place)
         batch = run_batch(plan, processes=processes, again=True, watch=watch, locks=locks)
-        comparer = _Comparer(ruled)
-        decks = tuple(
-            _checked(baseline, name, outcome, place, comparer)
-            for name, outcome in zip(chosen, batch.outcomes, strict=True)
-        )
-        result = Check(
+        runs = zip(chosen, batch.outcomes, strict=True)
+        decks = tuple(_checked(baseline, name, outcome, place, ruled) for name, outcome in runs)
+        done = work is None and all(deck.same for deck in decks)
+        if done:
+            shutil.rmtree(place)
+        return Check(
             baseline=baseline,
             batch=batch,
             decks=decks,
-            unused_rules=comparer.unused(),
+            unused_rules=_unused(decks),
             unknown=() if names else tuple(unknown_decks(baseline)),
-            work=place,
-        )
-        if work is None and result.decks_same:
-            shutil.rmtree(place)
-            return replace(result, work=None)
-        return result
-
-
-class _Comparer:
-    """Compares files by the rules of their endings, and knows which rules ever matched."""
-
-    def __init__(self, rules: dict[str, Rules | None]) -> None:
-        self.rules = rules
-        self.unmatched = {
-            ending: [rule.name for rule in chosen.rules] if chosen else [] for ending, chosen in rules.items()
-        }
-        self.compared: set[str] = set()  # endings
-
-    def compare(self, ending: str, kept: Path, new: Path) -> Difference | None:
-        """Return what differs, None where the files are identical; raises `CannotCompareError`.
-
-        Files that are identical are compared as long as some rule has not matched yet, to know whether it does.
-        """
-        contents = kept.read_bytes(), new.read_bytes()
-        identical = contents[0] == contents[1]
-        if identical and not self.unmatched[ending]:
-            return None
-        difference = compare_bytes(*contents, self.rules[ending], names=(str(kept), str(new)))
-        self.compared.add(ending)
-        matched = {rule.name for rule in difference.rules if rule.matched}
-        self.unmatched[ending] = [name for name in self.unmatched[ending] if name not in matched]
-        return None if identical else difference
-
-    def unused(self) -> tuple[str, ...]:
-        """Return the rules that matched in no deck, of the endings that were compared at all."""
-        return tuple(
-            f"{RULES[end]}: {name}" for end in RULES if end in self.compared for name in self.unmatched[end]
+            work=None if done else place,
         )
 
 
-def _checked(baseline: Baseline, name: str, outcome: Outcome, work: Path, comparer: _Comparer) -> Checked:
+def _unused(decks: Sequence[Checked]) -> tuple[str, ...]:
+    """Return the rules that matched in no file that was compared, after the names of theirs."""
+    unused: dict[str, list[str]] = {}
+    for file, rules in (item for deck in decks for item in deck.unmatched.items()):
+        unused[file] = [rule for rule in unused.get(file, rules) if rule in rules]
+    return tuple(f"{file}: {rule}" for file, rules in unused.items() for rule in rules)
+
+
+def _checked(baseline: Baseline, name: str, outcome: Outcome, work: Path, rules: dict[str, Rules]) -> Checked:
     """Return one deck held against its baseline."""
-    entry, notes, differences = baseline.entries[name], [], []
+    entry, deck = baseline.entries[name], baseline.deck(name)
+    notes: list[str] = []
+    differences: list[Difference] = []
+    unmatched: dict[str, tuple[str, ...]] = {}
     if not outcome.state.has_results and not (entry.fails and outcome.unusable):
-        return Checked(name=name, state="failed", outcome=outcome, notes=(_why(baseline, name, outcome),))
-    if not entry.is_of(baseline.deck(name), outcome.deck_sha256):
+        why = f"{outcome.state}: {outcome.message}" if outcome.message else str(outcome.state)
+        why = why if os.path.lexists(deck) else "the deck is gone; musat baseline accept drops it"
+        return Checked(name=name, state="failed", outcome=outcome, notes=(why,))
+    if not entry.is_of(deck, outcome.deck_sha256):
         notes.append("the deck is not the one that was saved")
     if changed := entry.changed_inputs(outcome.inputs):
         notes.append(f"not the one that was saved: {', '.join(changed)}")
-    if int(outcome.state.status) != entry.status or entry.state not in ("", outcome.state):
-        notes.append(_other_end(entry, outcome))
-    if entry.fails == outcome.unusable:
-        for ending, new in _left(baseline, name, outcome, work).items():
-            kept = baseline.kept(name)[ending]
-            if not kept.exists():
-                notes.append(f"{kept} is gone")
+    if entry.fails and not outcome.unusable:
+        notes.append(f"it can be used now: {outcome.state}")
+    elif int(outcome.state.status) != entry.status or entry.state not in ("", outcome.state):
+        notes.append(f"it is {outcome.state} now" + (f", and was {entry.state}" if entry.state else ""))
+    left = _left(baseline, name, outcome, work) if entry.fails == outcome.unusable else {}
+    for ending, new in left.items():
+        kept = baseline.kept(name)[ending]
+        try:
+            contents = kept.read_bytes(), new.read_bytes()
+            if contents[0] == contents[1] and ending not in rules:
                 continue
-            try:
-                difference = comparer.compare(ending, kept, new)
-            except CannotCompareError as error:
-                notes.append(str(error))
-            else:
-                differences += [] if difference is None else [difference]
+            difference = compare_bytes(*contents, rules.get(ending), names=(str(kept), str(new)))
+        except FileNotFoundError:
+            notes.append(f"{kept} is gone")
+        except CannotCompareError as error:
+            notes.append(str(error))
+        else:
+            unmatched[RULES[ending]] = difference.unused_rules
+            differences += [] if contents[0] == contents[1] else [difference]
     state: State = "within the rules" if differences else "identical"
     if notes or not all(difference.same for difference in differences):
         state = "different"
-    return Checked(name=name, state=state, outcome=outcome, notes=tuple(notes), differences=tuple(differences))
-
-
-def _other_end(entry: Entry, outcome: Outcome) -> str:
-    """Return what is new about the end of a run."""
-    if entry.fails:
-        return f"it can be used now: {outcome.state}"
-    return f"it is {outcome.state} now, and was {entry.state}" if entry.state else f"it is {outcome.state} now"
-
-
-def _left(baseline: Baseline, name: str, outcome: Outcome, work: Path) -> dict[str, Path]:
-    """Return the new files of a deck by their endings; what was said of one that failed becomes one."""
-    places = baseline.files(name, work, fails=outcome.unusable)
-    if MESSAGES in places:
-        write_files({places[MESSAGES]: messages_of(name, baseline.deck(name), outcome)})
-    return places
-
-
-def _why(baseline: Baseline, name: str, outcome: Outcome) -> str:
-    """Return why a deck has no results."""
-    if not os.path.lexists(baseline.deck(name)):
-        return "the deck is gone; musat baseline accept drops it"
-    return f"{outcome.state}: {outcome.message}" if outcome.message else str(outcome.state)
-
-
-@contextmanager
-def _work_of(folder: Path, work: Path | None, *, to_write: bool = False) -> Iterator[tuple[Path, FolderLocks]]:
-    """Give the work folder, locked, and the baseline too where it is to be written to.
-
-    A work folder below the baseline is nothing for git.
-    """
-    place = folder / WORK if work is None else work
-    if real_path(place) == real_path(folder):
-        raise BaselineError(f"{place}: new results would overwrite what the baseline keeps")
-    with folder_locks() as locks:
-        if to_write:
-            locks.take(folder)
-        locks.take(place, "; --out takes new results elsewhere")
-        if work is None:
-            write_files({place / ".gitignore": b"*\n"})
-        yield place, locks
-    with suppress(OSError):  # a new baseline in which nothing was kept
-        folder.rmdir()
-
-
-def _tidy(baseline: Baseline, names: Iterable[str], work: Path) -> None:
-    """Take the new results of decks away, and the work folder when it has none that could be accepted later."""
-    for name in names:
-        for fails in (False, True):
-            for place in baseline.files(name, work, fails=fails).values():
-                place.unlink(missing_ok=True)
-    if not any(path.suffix in (f".{LISTING}", f".{MESSAGES}") for path in work.rglob("*.*")):
-        shutil.rmtree(work)
+    return Checked(
+        name=name,
+        state=state,
+        outcome=outcome,
+        notes=tuple(notes),
+        differences=tuple(differences),
+        unmatched=unmatched,
+    )

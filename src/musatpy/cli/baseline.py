@@ -159,7 +159,8 @@ def list_command(base: Path) -> None:
     for name, state in changed_decks(baseline).items():
         entry = baseline.entries[name]
         verdict = "  unusable" if entry.fails else f"  {entry.state}" if entry.state else ""
-        line = f"{name:<{width}}  {state:<12}  musatpy {entry.program}  {entry.deck_sha256[:12]}{verdict}"
+        program = f"{entry.version} ({entry.sources[:12]})" if entry.sources else entry.version
+        line = f"{name:<{width}}  {state:<12}  musatpy {program}  {entry.deck_sha256[:12]}{verdict}"
         tell(line)
 
 
