@@ -13,12 +13,12 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.as11_runs import run_of
 from musatpy.compilation.correcting import REASONS, Correction
-from musatpy.compilation.correction_clouds import correct_cloud
 from musatpy.compilation.correction_fields import smooth
 from musatpy.compilation.correction_layers import (
     Corrector,
     Survey,
     Tally,
+    correct_cloud,
     corrected_lines,
     corrected_points,
     total,

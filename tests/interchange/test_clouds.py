@@ -133,23 +133,13 @@ def test_names_of_coordinates_go_with_their_system(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "lines", "words"),
-    [
-        ("a.csv", "", [None], "the file is empty"),
-        ("a.csv", "x,y,z\n", [None], "there are no points"),
-        ("a.csv", "x,y,z\n1,2,3\n1,2\n1,two,3\n1,2,nan\n", [3, 4, 5], "2 values for 3 columns"),
-        ("a.xyz", "1 2 3\n4 5 6 7\n1 2 1e99\n", [2, 3], "4 values for 3 columns"),
-    ],
+    ("content", "message"),
+    [("", "the file is empty"), ("x,y,z\n", "there are no points"), ("1 2 3\n1 2 nan\n", ":2 cols 5-7 z: 'nan'")],
 )
-def test_lines_that_cannot_be_read(
-    tmp_path: Path, name: str, content: str, lines: list[int | None], words: str
-) -> None:
-    (tmp_path / name).write_text(content)
-    with pytest.raises(InterchangeError) as caught:
-        xyz.read(tmp_path / name)
-    problems = caught.value.problems
-    assert [problem.line for problem in problems] == lines
-    assert words in problems[0].headline() and problems[0].file == str(tmp_path / name)
+def test_files_without_points(tmp_path: Path, content: str, message: str) -> None:
+    (tmp_path / "a.csv").write_text(content)
+    with pytest.raises(InterchangeError, match=message):
+        xyz.read(tmp_path / "a.csv")
 
 
 def test_texts_do_not_go_among_bare_numbers(tmp_path: Path) -> None:

@@ -190,11 +190,12 @@ def test_a_row_comes_out_as_it_stands_with_decimal_commas_behind_it(tmp_path: Pa
     correction = Correction(cameras=read_cameras(LAGOON / "cameras.csv", camera=(152.0, 230.0, 230.0)), index=1.34)
     plain, semicolons, bare = tmp_path / "a.csv", tmp_path / "b.csv", tmp_path / "c.xyz"
     plain.write_text("name,x,y,z\nA.1,500.5,400,-3\nB,500,,-3\n")
-    semicolons.write_text("name;x;y;z\nA.1;500,5;400;-3\nB;500;;-3,0\n")
+    semicolons.write_bytes(b"name;x;y;z\r\nA.1;500,5;400;-3\r\nB;500;;-3,0\r\n")
     bare.write_text("500,5 400 -3\n")
     rows = {}
     for source, delimiter in ((plain, ","), (semicolons, ";"), (bare, ",")):
         correct_csv(source, tmp_path / "out.csv", correction)
+        assert b"\r" not in (tmp_path / "out.csv").read_bytes()  # of the line, not of its last value
         rows[source] = list(csv.reader((tmp_path / "out.csv").open(), delimiter=delimiter))
     assert rows[plain][0] == ["name", "x", "y", "z", *ADDED] and rows[bare][0] == ["x", "y", "z", *ADDED]
     assert rows[semicolons][1][:4] == ["A.1", "500,5", "400", "-3"]

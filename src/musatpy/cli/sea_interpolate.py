@@ -180,10 +180,8 @@ def _control_table(control: Path, job: _Job) -> ControlTable:
 def _correct(
     points: Path, out: Path, result: Interpolation, columns: Sequence[str], plan: Any, progress: Progress | None
 ) -> Tally:
+    from musatpy.sea.interpolation.mapped_points import correct_csv, correct_las
+
     if points.suffix.lower() in _LAS:
-        from musatpy.sea.interpolation.las import correct_las
-
         return correct_las(points, out, result, plan=plan, progress=progress)
-    from musatpy.sea.interpolation.mapped_points import correct_csv
-
     return correct_csv(points, out, result, columns=columns, plan=plan, progress=progress)

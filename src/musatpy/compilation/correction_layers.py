@@ -1,9 +1,10 @@
-"""Layers of an old compilation corrected: points and lines, and what came of them in numbers."""
+"""Layers of an old compilation corrected: points, clouds and lines, and what came of them in numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -11,8 +12,16 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.correcting import REASONS, Corrected
 from musatpy.interchange.layers import Column, Lines, Points
+from musatpy.pointfiles.las_files import coordinates, rewritten
 
 _FEW = 20_000  # points by which a file is known to be of the model
+_ADDED = {  # extra dimensions of a cloud
+    "depth": ("f4", "below the water, m"),
+    "sigma_depth": ("f4", "m"),
+    "sigma_east": ("f4", "m"),
+    "sigma_north": ("f4", "m"),
+    "sigma_up": ("f4", "m"),
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,3 +139,17 @@ def measures(done: Corrected, known: BoolArray) -> dict[str, Column]:
         "sigma_north": done.sigma[:, 1], "sigma_up": done.sigma[:, 2],
     }  # fmt: skip
     return {name: Column.of(column[known], "m") for name, column in values.items()}
+
+
+def correct_cloud(source: Path, target: Path, correction: Corrector, tallies: list[Tally]) -> None:
+    """Correct the points of a LAS or LAZ file by chunks; those without a position are left out, and tallied.
+
+    Raises `InterchangeError` for a file that has one of the dimensions of depths and sigmas already, or that cannot
+    hold the true points; `OSError`.
+    """
+    with rewritten(source, target, _ADDED) as (chunks, write):
+        for given in chunks:
+            done = correction(coordinates(given))
+            tallies.append(Tally.of(done))
+            measured = {name: column.values for name, column in measures(done, done.known).items()}
+            write(given[done.known], dict(zip("xyz", done.xyz[done.known].T, strict=True)) | measured)

@@ -15,6 +15,7 @@ from musatpy.files import whole_file
 from musatpy.geometry.crs import Plan
 from musatpy.geometry.systems import System
 from musatpy.pointfiles.columns import AXES, Column, Wanted, place_columns
+from musatpy.pointfiles.las_files import coordinates, rewritten
 from musatpy.pointfiles.point_tables import ENCODING, quoted, read_chunks
 from musatpy.sea.interpolation.control_tables import Mapped, RecordPoint
 from musatpy.sea.interpolation.interpolate import Interpolation
@@ -22,6 +23,13 @@ from musatpy.sea.interpolation.interpolate import Interpolation
 Progress = Callable[[int], None]  # told how many bytes more of a file are done
 
 ADDED = ("z_corrected", "correction", "sigma", "reason")
+# Extra dimension -> type and what it is, in the 32 characters that a file has for it
+_DIMENSIONS = {
+    "mapped_z": ("f8", "height before the correction, m"),
+    "correction": ("f4", "of the height, m"),
+    "sigma": ("f4", "of the correction, m"),
+    "reason": ("u1", "0 corrected, 1 no control near"),
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,6 +116,40 @@ def correct_csv(
                 tally += part
             if progress:
                 progress(table.size)
+    return tally
+
+
+def correct_las(
+    source: Path,
+    target: Path,
+    interpolation: Interpolation,
+    *,
+    plan: Plan | None = None,
+    progress: Progress | None = None,
+) -> Tally:
+    """Correct the heights of a LAS or LAZ file, in extra dimensions; `progress` is told of points.
+
+    A point that is not corrected keeps its height, and has 1 as the reason.
+
+    Raises `InterchangeError` without laspy, for a file that is none, has an extra dimension already or cannot hold
+    the heights; `OSError`.
+    """
+    tally = Tally()
+    with rewritten(source, target, _DIMENSIONS) as (chunks, write):
+        for given in chunks:
+            corrected, part = correct(interpolation, coordinates(given), plan)
+            good = np.array([not reason for reason in corrected.reason])
+            values = {
+                "mapped_z": given.z,
+                "reason": ~good,
+                "correction": np.where(good, corrected.correction, 0.0),
+                "sigma": np.where(good, corrected.sigma, 0.0),
+                "z": np.where(good, corrected.z, given.z),
+            }
+            write(given, values)
+            tally += part
+            if progress:
+                progress(len(given))
     return tally
 
 
