@@ -499,7 +499,7 @@ def test_a_result_of_watpt_far_from_the_rigorous_one_is_doubtful() -> None:
     (reason,) = verdict(far).reasons
     assert (reason.grade, reason.concern) == (model.Grade.DOUBTFUL, model.Concern.REFRACTION)
     assert "1.37 sigma" in reason.text and "up of photo 4; adjust with refraction RIGOROUS" in reason.text
-    assert not pipeline.doubtful(far)
+    assert not pipeline.doubtful(Statistics(far))
     rigorous = adjust(altered(block, options={"refraction": model.Refraction.RIGOROUS}))
     assert not verdict(rigorous).reasons
     apart = metric_differences(block, far.stations.position, rigorous.stations.position)

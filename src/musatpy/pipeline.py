@@ -16,8 +16,8 @@ from musatpy.model import Block, Cause, CauseKind, CauseSearch, Editing, Finding
 from musatpy.model.block import in_order_of_ids
 from musatpy.model.findings import NO_CARD_EXPLAINS, OF_FLAGS, SEARCH_GIVEN_UP
 from musatpy.model.progress import Progress
-from musatpy.statistics import Statistics
-from musatpy.statistics.verdict import verdict
+from musatpy.statistics.quality import Quality
+from musatpy.statistics.verdict import verdict_of
 
 if TYPE_CHECKING:
     from musatpy.blunders.scene import Effort
@@ -61,12 +61,13 @@ def adjust(
         texts = (*(f"possible cause: {cause}" for cause in found), *stopped)
         raise AdjustmentError(and_warnings(error.problems, texts)) from error
     of_flags: tuple[Cause, ...] = ()
-    if len(Statistics(solution).flags.doubted):
+    statistics = Quality(solution)
+    if len(statistics.flags.doubted):
         from musatpy.blunders.causes import flag_causes, with_other_flags  # few heights contradict flags
 
-        solution = with_other_flags(solution, progress, sea)
+        statistics = Quality(solution := with_other_flags(solution, progress, sea))
         of_flags = () if causes is CauseSearch.NONE else tuple(flag_causes(solution))
-    if not doubtful(solution):
+    if not doubtful(statistics):
         return replace(solution, causes=of_flags)
     from musatpy.blunders.causes import check_point_causes  # most runs are accepted
 
@@ -128,10 +129,10 @@ def _causes(
     return found, (_STOPPED,) if effort.left <= 0 else ()
 
 
-def doubtful(solution: Solution) -> bool:
+def doubtful(statistics: Quality) -> bool:
     """Return whether a run is not accepted, and there is something by which a cause could show."""
-    against = {reason.concern for reason in verdict(solution).reasons}
-    return solution.degrees_of_freedom > 0 and bool(against - NO_CARD_EXPLAINS - OF_FLAGS)
+    against = {reason.concern for reason in verdict_of(statistics).reasons}
+    return statistics.solution.degrees_of_freedom > 0 and bool(against - NO_CARD_EXPLAINS - OF_FLAGS)
 
 
 def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solution:

@@ -22,7 +22,7 @@ from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.pipeline import doubtful
 from musatpy.runs import run_deck
 from musatpy.simulation import simulate, spec_from_table
-from musatpy.statistics import metric_differences
+from musatpy.statistics import Statistics, metric_differences
 from musatpy.units import ARC_SECOND
 from reference import compare, dense_bundle, networks
 from reference.networks import Plan
@@ -99,7 +99,7 @@ def test_a_tilt_that_images_depend_on_is_doubtful(flagged: tuple[str, ...], sigm
     assert bool(undetermined(solution)) is not all(sigmas)
     for text in undetermined(solution):
         assert text.startswith("the tilt of the water: the images that depend on it do not determine it")
-        assert not doubtful(solution)  # no cause is looked for
+        assert not doubtful(Statistics(solution))  # no cause is looked for
 
 
 def with_rays_apart(seed: int, heights: float, *, kept_out: bool = False) -> tuple[model.Block, int]:

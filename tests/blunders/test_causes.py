@@ -19,6 +19,7 @@ from musatpy.cli.main import main
 from musatpy.formats.musat import check_deck
 from musatpy.model import Cause, CauseKind, Initial, PointStatus
 from musatpy.pipeline import causes_of, doubtful
+from musatpy.statistics import Statistics
 
 FINDS = Path(__file__).parents[2] / "fixtures/verdict"
 _K = CauseKind
@@ -85,7 +86,7 @@ def test_a_doubtful_run_names_the_cause_and_changes_nothing() -> None:
     block = strip(6)
     wrong = altered(block, control={"position": added(0, [0.0, 0.0, 10.0])})
     solution = adjust(wrong)
-    assert doubtful(solution)
+    assert doubtful(Statistics(solution))
     found = causes_of(wrong)
     assert found
     assert solution.causes[: len(found)] == found  # before flags: heights bend under the error, and contradict them
@@ -203,7 +204,7 @@ def test_plates_turned_by_a_right_angle_are_no_cause() -> None:
     turned = altered(
         strip(6), plates={"xy": lambda xy: xy[:, ::-1] * [-1.0, 1.0]}, options={"initial": Initial.COMPUTE}
     )
-    assert not doubtful(adjust(turned))
+    assert not doubtful(Statistics(adjust(turned)))
     assert not causes_of(turned)
 
 

@@ -316,13 +316,13 @@ class Simultaneous:
         return Linearisation(
             matrix=matrix,
             rhs=rhs,
-            objective=self.evaluate(state, follows),
+            objective=self.evaluate(state),
             context=follows,
             redundancy=self._redundancy,
             of_points=of_points,
         )
 
-    def evaluate(self, state: State, context: list[Follow]) -> float:
+    def evaluate(self, state: State, context: list[Follow] | None = None) -> float:
         """Return the weighted sum of squares at `state`."""
         return sum_of_squares(self.network, state)
 
@@ -333,7 +333,7 @@ class Simultaneous:
         squares, the points that got worse go from where they were to their optimum instead. So a step that is
         damped enough lowers the sum always.
         """
-        network, before = self.network, self.evaluate(state, context)
+        network, before = self.network, self.evaluate(state)
         new = state_after(network, state, step)
         ground = new.ground.copy()
         for follow in context:
@@ -343,7 +343,7 @@ class Simultaneous:
             squares = np.full_like(state.squares, np.inf)  # the step was too long
             return replace(after, squares=squares)
         after = self.with_squares(after)
-        if not_raised(self.evaluate(after, context), before):
+        if not_raised(self.evaluate(after), before):
             return after
         return self._settled(after, state)
 

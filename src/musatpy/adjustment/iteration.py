@@ -76,7 +76,7 @@ class LeastSquares(Protocol):
     def linearise(self, state: Any) -> Linearisation:
         """Return the normal equations at `state`."""
 
-    def evaluate(self, state: Any, context: Any) -> float:
+    def evaluate(self, state: Any, context: Any = None) -> float:
         """Return the objective at `state`; infinite where the state makes no sense."""
 
     def apply(self, state: Any, step: FloatArray, context: Any) -> Any:

@@ -233,13 +233,12 @@ class Triangulation:
         network = self.network
         normals = NormalEquations(network.pattern, network.border.size)
         left, _ = self._loops.eliminate(state, normals, [])
-        scale: Scale = None
-        if self.options.weights is Weights.FULL:
+        scale = self._scale(state)
+        if scale is None:
             parts = parts_of((group for group in left if not group.known), RAYS)
             for sums in side_by_side(partial(fully_weighted, network, state), parts, len(network.photo)):
                 normals.add_sums(sums)
         else:
-            scale = self.fixed_scale or simple_variances(network, state, self.options.weights)
             for group, variance in zip(network.pass_groups, scale, strict=True):
                 conditions = measured_conditions(network, state, group)
                 normals.add_sums(diagonally_weighted(network, group, conditions, variance))
@@ -256,16 +255,22 @@ class Triangulation:
             redundancy=self._redundancy,
         )
 
-    def evaluate(self, state: State, context: Scale) -> float:
+    def _scale(self, state: State) -> Scale:
+        """Return the variances of the conditions, None of full weights."""
+        if self.options.weights is Weights.FULL:
+            return None
+        return self.fixed_scale or simple_variances(self.network, state, self.options.weights)
+
+    def evaluate(self, state: State, context: Scale = None) -> float:
         """Return the weighted sum of squares at `state`."""
-        network = self.network
+        network, scale = self.network, context or self._scale(state)
         total = direct_squares(network, state)
         for number, group in enumerate(network.pass_groups):
-            if context is None:
+            if scale is None:
                 total += float(state.squares[group.point].sum())
             else:
                 value = measured_conditions(network, state, group).value
-                total += float(np.sum(np.square(value) / context[number]))
+                total += float(np.sum(np.square(value) / scale[number]))
         for group in network.control_groups:
             total += float(state.squares[group.point].sum())
         return total if np.isfinite(total) else np.inf

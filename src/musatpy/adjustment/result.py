@@ -83,18 +83,18 @@ def solution(
     Errors go through `refracted`, its true rays: straight ones would make depths look n times as sure.
     """
     block, part, measured = job.block, job.part, job.network
-    line = problem(network, state).linearise(state)
-    bent = line if refracted is network else problem(refracted, state).linearise(state)
-    factor, idle = factor_of(bent.matrix), _idle_photos(network, part)
+    line = problem(refracted, state).linearise(state)
+    squares = line.objective if refracted is network else problem(network, state).evaluate(state)
+    factor, idle = factor_of(line.matrix), _idle_photos(network, part)
     dof = (counts := count(network, len(idle), free.count if free else 0)).degrees_of_freedom
-    sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
+    sigma0 = float(np.sqrt(squares / dof)) if dof > 0 else 1.0
     part, state = _without_unmet(network, part, state, sigma0)
     if factor.is_weak(ILL_DETERMINED):
-        weak = describe_weakness(network, state, bent.matrix, 10.0 * ILL_DETERMINED, block)
+        weak = describe_weakness(network, state, line.matrix, 10.0 * ILL_DETERMINED, block)
         warnings += tuple(f"ill-determined: {sentence}" for sentence in weak)
     warnings += _what_is_odd(block.photos.ids[idle], free, dof)
     plates = _plate_residuals(network, measured, state, part)
-    known = precision(block, refracted, state, factor, free, plates.residual, line.objective, dof)
+    known = precision(block, refracted, state, factor, free, plates.residual, squares, dof)
     reach = reach_of(network, state, part)
     stated, points = _points(block, refracted, state, part, known, reach)
     name = unknown_name(refracted, block)
@@ -109,7 +109,7 @@ def solution(
         passes=passes,
         sigma0=sigma0,
         degrees_of_freedom=dof,
-        sum_of_squares=line.objective,
+        sum_of_squares=squares,
         observations=counts.observations,
         unknowns=counts.unknowns,
         stations=_stations(block, network, state, known, idle),
@@ -129,7 +129,7 @@ def solution(
         dependence=dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name),
         held=None if reason else held_parameters(block, refracted, state, part, known, free),
     )
-    return found if refracted is network else with_departure(found, refracted, bent, factor, state)
+    return found if refracted is network else with_departure(found, refracted, line, factor, state)
 
 
 def _without_unmet(

@@ -295,9 +295,9 @@ def _robust(scene: Scene, job: Job, state: State) -> State:
         scale = plate_scale(scene, size)
         problem = scene.problem({kind: cauchy(value, scale) for kind, value in size.items()})
         start = problem.with_squares(state)
-        before = problem.evaluate(start, [])
+        before = problem.evaluate(start)
         outcome = job.iterate(problem, problem.network, start, 0)
-        state, after = outcome.state, problem.evaluate(outcome.state, [])
+        state, after = outcome.state, problem.evaluate(outcome.state)
         # where a full step gains less than the misfits that it leaves, their weights hardly change
         if not outcome.failure or (outcome.change > 0.0 and before - after <= after):
             break
