@@ -28,6 +28,7 @@ from musatpy.adjustment.kinds import (
 )
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
 from musatpy.adjustment.normals import NormalEquations, Sums, factorised, summed
+from musatpy.adjustment.sparse import upper_triangle
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.model import INDEX_RANGE, ObservationKind, Options
@@ -218,7 +219,7 @@ def reduced(network: Network, group: PointGroup, E: Elimination) -> Reduced:
     k, m, _, q = E.A.shape
     At = np.swapaxes(E.A, 2, 3)
     rhs = -(At @ E.residual[..., None])[..., 0] - (E.cross @ E.shift[..., None]).reshape(k, m, q)
-    i, j = np.triu_indices(m)
+    i, j = upper_triangle(m)
     blocks = -E.cross.reshape(k, m, q, 3)[:, i] @ np.swapaxes(E.by_station, 1, 2)[:, j]
     blocks[:, i == j] += At @ E.A
     return Reduced(sums=summed(pattern, photo, blocks, rhs), **_of_extras(E, weight))

@@ -184,7 +184,7 @@ def _residuals(network: Network, state: State, images: BoolArray, lines: FloatAr
     lines, rays = lines.copy(), np.flatnonzero(images & finite_rows(state.ground)[network.point])
     lines[rays] = residuals(network, state, rays)
     known = lines[len(network.photo) :].reshape(network.points, 4)
-    for group in (*network.control_groups, *network.kept_groups):
+    for group in together((*network.control_groups, *network.kept_groups)):
         known[group.point] = -prior_rows(network, state, group.point, state.ground[group.point]).deviation
     return [lines, *(rows.residual for _, rows in direct_rows(network, state))]
 

@@ -322,8 +322,7 @@ def conditions(network: Network, state: State, group: PointGroup, xy: FloatArray
 
 def _windows(rows: FloatArray, length: int) -> FloatArray:
     """Return the runs of consecutive rays, (k, m - length + 1, length, 3)."""
-    m = rows.shape[1]
-    return np.stack([rows[:, i : m - length + 1 + i] for i in range(length)], axis=2)
+    return rows.take(np.arange(rows.shape[1] - length + 1)[:, None] + np.arange(length), axis=1)
 
 
 def fully_weighted(network: Network, state: State, group: PointGroup) -> Sums:

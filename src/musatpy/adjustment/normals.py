@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from musatpy.adjustment.sparse import Pattern, SparseFactor, factorise
+from musatpy.adjustment.sparse import Pattern, SparseFactor, factorise, upper_triangle
 from musatpy.arrays import FloatArray, IntArray
 
 SINGULAR = 1e-10  # smallest eigenvalue of the scaled matrix: healthy strips have 1e-5, six digits are left here
@@ -121,7 +121,7 @@ def summed(pattern: Pattern, photo: IntArray, blocks: FloatArray, rhs: FloatArra
 
 def upper(matrix: FloatArray) -> FloatArray:
     """Return the blocks (k, m (m + 1)/2, q, q) of the upper triangle of matrices (k, m, q, m, q)."""
-    i, j = np.triu_indices(matrix.shape[1])
+    i, j = upper_triangle(matrix.shape[1])
     return np.swapaxes(matrix, 2, 3)[:, i, j]
 
 
@@ -202,7 +202,7 @@ class Cofactors(Bordered):
         """Return the cofactors (k, m q, m q) of the unknowns of photos (k, m) that meet each other."""
         k, m = photo.shape
         q = self.pattern.size
-        i, j = np.triu_indices(m)
+        i, j = upper_triangle(m)
         first, second = photo[:, i], photo[:, j]
         upper = self.blocks[self.pattern.find(np.minimum(first, second), np.maximum(first, second))]
         turned = first > second

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -32,6 +32,12 @@ _LEAST_PART = 0.15  # of the blocks on the smaller side of a cut
 _SHARES = 8  # of the work, which a subtree has one of at most: fewer are left unequal, more leave much above them
 _LIGHT = 2  # unknowns of as much work as a ray: fronts wait for one another where they are small
 Runs = list[tuple[int, int, int]]
+
+
+@cache
+def upper_triangle(size: int) -> tuple[IntArray, IntArray]:
+    """Return `np.triu_indices`, once for every size: of few points the sums take no longer than these."""
+    return np.triu_indices(size)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,7 +129,7 @@ class Pattern:
         """
         key = (photo.shape[1], photo.tobytes())
         if key not in self._runs:
-            i, j = np.triu_indices(photo.shape[1])
+            i, j = upper_triangle(photo.shape[1])
             pairs = self.find(photo[:, i], photo[:, j]).reshape(-1)
             self._runs[key] = (SumsByRow.of(pairs), SumsByRow.of(photo.reshape(-1)))
         return self._runs[key]

@@ -382,39 +382,21 @@ def scale_restraint(P: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArra
     (B12 x u1).D12/|D12|^2 - (B23 x u3).D23/|D23|^2. P, u: (..., 3, 3). Returns values (...) in metres and
     partials (..., 3, 6).
     """
-    u1, u2, u3 = u[..., 0, :], u[..., 1, :], u[..., 2, :]
-    B12, B23 = P[..., 1, :] - P[..., 0, :], P[..., 2, :] - P[..., 1, :]
-    # k2 of the first model, ETL-0306 (3.3), and k1 of the second, (3.2)
-    k12, by_B12, by_u1, by_u2 = _distance(B12, u1, u2, u1)
-    k23, by_B23, by_u2_second, by_u3 = _distance(B23, u2, u3, u3)
-    partials = np.stack(
-        [
-            np.concatenate([-by_B12, by_u1], axis=-1),
-            np.concatenate([by_B12 + by_B23, by_u2 - by_u2_second], axis=-1),
-            np.concatenate([-by_B23, -by_u3], axis=-1),
-        ],
-        axis=-2,
-    )
-    return k12 - k23, partials
-
-
-def _distance(
-    B: FloatArray, u: FloatArray, w: FloatArray, a: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return k = (B x a).D/|D|^2 with D = u x w, and its gradients by B, u and w; `a` is `u` or `w` itself."""
-    D = cross(u, w)
+    B, first, second, outer = np.diff(P, axis=-2), u[..., :2, :], u[..., 1:, :], u[..., ::2, :]
+    # k2 of the first model, ETL-0306 (3.3), and k1 of the second, (3.2): k = (B x a).D/|D|^2, a the outer ray
+    D, Ba = cross(first, second), cross(B, outer)
     D2 = _dot(D, D)[..., None]
-    Ba = cross(B, a)
     k = _dot(Ba, D)[..., None] / D2
     # d(Ba.D) - k d(D.D) = dB.(a x D) + da.(D x B) + (Ba - 2k D).dD
-    E = Ba - 2.0 * k * D
-    by_u, by_w = cross(w, E), cross(E, u)
-    by_a = cross(D, B)
-    if a is u:
-        by_u = by_u + by_a
-    else:
-        by_w = by_w + by_a
-    return k[..., 0], cross(a, D) / D2, by_u / D2, by_w / D2
+    E, by_outer = Ba - 2.0 * k * D, cross(D, B)
+    by_B, by_first, by_second = cross(outer, D), cross(second, E), cross(E, first)
+    by_first[..., 0, :] += by_outer[..., 0, :]
+    by_second[..., 1, :] += by_outer[..., 1, :]
+    (B12, B23), (u1, other_u2), (u2, u3) = (
+        np.moveaxis(gradient / D2, -2, 0) for gradient in (by_B, by_first, by_second)
+    )
+    by_P, by_u = np.stack([-B12, B12 + B23, -B23], axis=-2), np.stack([u1, u2 - other_u2, -u3], axis=-2)
+    return k[..., 0, 0] - k[..., 1, 0], np.concatenate([by_P, by_u], axis=-1)
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
