@@ -82,7 +82,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "jobs": {"model", "geometry"},
     "depth": {"model", "geometry", "refraction", "systems", "pointfiles"},
     "sea": {"model", "geometry", "refraction", "systems", "depth", "pointfiles"},
-    "correction": {"model", "geometry", "compilation", "depth", "pointfiles"},
+    "correction": {"model", "geometry", "refraction", "compilation", "depth", "interchange", "pointfiles"},
     "point_flags": {"model", "formats", "jobs", "adjustment", "reduction", "statistics"},
     "runs": {
         "memory",

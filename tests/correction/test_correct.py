@@ -15,7 +15,13 @@ from musatpy.adjustment.job import adjust
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation.point_errors import PointErrors
 from musatpy.compilation.triangulation import of_solution
+from musatpy.correction.photographs import of_table
+from musatpy.depth.cameras import read_cameras
+from musatpy.depth.correction import Correction
 from musatpy.geometry.collinearity import attitude_matrix, image, image_by_vector
+from musatpy.geometry.projected import crs_of
+from musatpy.interchange import geotiff
+from musatpy.interchange.layers import LOCAL, Grid
 from musatpy.refraction.apparent import Stations, true_points
 from musatpy.refraction.flat import incidence
 from musatpy.reports.record import dumps, record
@@ -198,6 +204,31 @@ def test_a_cloud_has_the_points_of_a_table(tmp_path: Path) -> None:
     for name in ("east", "north", "height", "depth"):
         of_table = [float(row[f"sigma_{name}"]) for row in rows[:2]]
         np.testing.assert_allclose(found[f"sigma_{name}"][:2], of_table, atol=6e-5)
+
+
+def test_a_raster_has_the_points_of_its_posts(tmp_path: Path) -> None:
+    """To a nanometre those that the correction has for arrays; heights are read as they stand, in any rows."""
+    stations, _ = written(tmp_path, ".05,.05,.08,.002,.002,.002,.1")
+    heights = np.array([[-6.0, -9.0, 2.0], [-4.0, np.nan, -7.5]])
+    grid = Grid(west=100.0, south=50.0, spacing=100.0, bands={"z": heights}, crs=crs_of(LOCAL))
+    geotiff.write(tmp_path / "a.tif", grid)
+    options = ("--stations", stations, "--index", "1.34", "--pointing", "6", "-j", "1", "-q")
+    assert musat("correct", str(tmp_path / "a.tif"), "-o", str(tmp_path / "t.tif"), *options).exit_code == 0
+    found = geotiff.read(tmp_path / "t.tif")
+    places = np.column_stack([grid.posts.places(0, 2), heights.ravel()])
+    photographs = of_table(Path(stations), read_cameras(Path(stations)), 1.34, pointing=0.006)
+    work = Correction(cameras=photographs.cameras, index=1.34, errors=photographs.errors)
+    points, _ = work(places)
+    true = np.column_stack([found.bands[f"true_{axis}"].ravel() for axis in "xyz"])
+    np.testing.assert_allclose(true, points.position, atol=1e-9)
+    np.testing.assert_array_equal(found.bands["apparent"], heights)
+    np.testing.assert_array_equal(found.bands["reason"].ravel(), points.fault)
+    assert points.fault.tolist() == [0, 0, 2, 0, 1, 0]
+    np.testing.assert_allclose(found.bands["sigma_depth"].ravel(), points.depth_sigma, rtol=1e-12)
+    (tmp_path / "points.csv").write_text("x,y,z\n100,50,-6\n")
+    assert musat("correct", str(tmp_path / "points.csv"), "-o", str(tmp_path / "t.csv"), *options).exit_code == 0
+    row = rows_of(tmp_path / "t.csv")[0]
+    np.testing.assert_allclose([float(row[f"true_{axis}"]) for axis in "xyz"], true[0], atol=6e-5)
 
 
 def test_one_model_of_many_photographs(tmp_path: Path) -> None:

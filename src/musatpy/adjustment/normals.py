@@ -269,8 +269,9 @@ class Cofactors(Bordered):
             of_photo = by_stations[..., : (j + 1) * q] @ blocks.reshape(k, -1, q)
             out += of_photo @ np.swapaxes(by_stations[..., j * q : (j + 1) * q], 1, 2)
         if index.shape[1]:
-            border = self.border[self.pattern.rows(photo)[:, :, None], index[:, None, :]]
-            corner = 0.5 * self.corner[index[:, :, None], index[:, None, :]]
+            rows, g = self.pattern.rows(photo), len(self.corner)  # taken by one number, in half of the time
+            border = self.border.take(g * rows[:, :, None] + index[:, None, :])
+            corner = 0.5 * self.corner.take(g * index[:, :, None] + index[:, None, :])
             out += (by_stations @ border + by_globals @ corner) @ np.swapaxes(by_globals, 1, 2)
         return out + np.swapaxes(out, 1, 2)
 

@@ -30,7 +30,7 @@ from musatpy.cli.options import (
 if TYPE_CHECKING:
     from musatpy.correction.photographs import Photographs
 
-_CLOUDS = (".las", ".laz")
+_CLOUDS, _RASTERS = (".las", ".laz"), (".tif", ".tiff")
 correction_options = options_of(
     click.option("-o", "--out", required=True, type=NamedPath(), help="The file of true points."),
     click.option(
@@ -46,6 +46,7 @@ correction_options = options_of(
     index_options,
     camera_options,
     columns_option,
+    click.option("--band", default="", help="Band of a raster that has the heights, if it has several."),
     click.option(
         "-j", "--jobs", type=click.IntRange(min=1), help="Processes; as many as there are cores where not given."
     ),
@@ -60,7 +61,7 @@ correction_options = options_of(
 @correction_options
 @click.pass_context
 def command(ctx: click.Context, /, points: Path, run: Path | None, stations: Path | None, **given: Any) -> None:
-    """Correct the apparent points of POINTS (.csv, .las, .laz) for refraction, by all photographs that see them.
+    """Correct the apparent points of POINTS (.csv, .las, .laz, .tif) for refraction, by all photos that see them.
 
     A camera sees a point that lies in its format, which needs attitudes, focal length and format, and within
     --angle of the vertical; one of the two rules is needed. Points are in the system of the stations, metres with Z
@@ -85,6 +86,7 @@ def correct(
     is_run: bool,
     out: Path,
     columns: tuple[str, ...],
+    band: str,
     jobs: int | None,
     quiet: bool,
     **given: Any,
@@ -94,16 +96,16 @@ def correct(
     from musatpy.runs import ExitStatus
 
     refuse_overwriting([out], [points, source])
-    if (points.suffix.lower() in _CLOUDS) != (out.suffix.lower() in _CLOUDS):
+    if any((points.suffix.lower() in kind) != (out.suffix.lower() in kind) for kind in (_CLOUDS, _RASTERS)):
         raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
     names = columns_of(points, columns)
     photographs, index = _photographs(source, is_run, given)
     if not photographs.cameras.has_rule:
         message = "what a camera sees is not known: attitudes, focal length and format are needed, or --angle"
         raise click.UsageError(message)
-    with progress_through(points, quiet) as progress:
+    with progress_through(points, quiet or points.suffix.lower() in _RASTERS) as progress:
         done = correct_file(
-            points, out, photographs, index, crs=given["crs"], geoid=given["geoid"], columns=names,
+            points, out, photographs, index, crs=given["crs"], geoid=given["geoid"], columns=names, band=band,
             jobs=jobs or _cores(), progress=progress,
         )  # fmt: skip
     if not quiet:

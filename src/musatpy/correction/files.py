@@ -1,4 +1,4 @@
-"""A file of apparent points, table or LAS, written again with the true ones (`musat correct`).
+"""A file of apparent points, table, LAS or raster, written again with the true ones (`musat correct`).
 
 A point that cannot be corrected keeps its apparent place, has no true place, and has a reason.
 """
@@ -7,15 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from musatpy.correction.photographs import Photographs
+from musatpy.correction.rasters import band_of, correct_raster
 from musatpy.depth.correction import Correction, Progress, Tally
 from musatpy.depth.csv_points import correct_csv
 from musatpy.depth.las_points import correct_las
 from musatpy.depth.point_systems import system_of_points
 from musatpy.errors import DepthError, Problem
+from musatpy.geometry.projected import crs_of
 from musatpy.geometry.systems import System
+from musatpy.interchange import geotiff
+from musatpy.interchange.any_file import RASTERS
+from musatpy.interchange.layers import LOCAL, placed
 from musatpy.pointfiles.las_files import SUFFIXES
 
 
@@ -45,22 +51,34 @@ def correct_file(
     crs: str | None = None,
     geoid: str | None = None,
     columns: Sequence[str] = ("x", "y", "z"),
+    band: str = "",
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> CorrectedFile:
     """Correct the apparent points of a file of any size, and write one of the same kind with the true ones.
 
     `crs`, `geoid`: system of the points, as `system_of_points` has it; `columns`: names of coordinates in a table;
-    `jobs`: processes; `progress` is told of bytes of a table, points of a cloud. Raises `DepthError` and
-    `SystemsError` for what cannot be used, and `OSError`; then nothing is written.
+    `band`: that of the heights of a raster of several; `jobs`: processes; `progress` is told of bytes of a table,
+    points of a cloud, posts of a raster. Raises `DepthError`, `InterchangeError` and `SystemsError` for what cannot
+    be used, and `OSError`; then nothing is written.
     """
-    las = source.suffix.lower() in SUFFIXES
-    if las != (target.suffix.lower() in SUFFIXES):
+    suffix, kinds = source.suffix.lower(), (SUFFIXES, RASTERS)
+    if any((suffix in kind) != (target.suffix.lower() in kind) for kind in kinds):
         raise DepthError([Problem(message=f"{source.name} and {target.name} are not of one kind")])
-    system = system_of_points(source, photographs.cameras, crs, geoid)
-    work = Correction(cameras=photographs.cameras, index=index, system=system, errors=photographs.errors)
-    if las:
-        tally = correct_las(source, target, work, jobs=jobs, progress=progress)
+    cameras = photographs.cameras
+    work = partial(Correction, cameras=cameras, index=index, errors=photographs.errors)
+    if suffix in RASTERS:
+        unstated = LOCAL if cameras.system.ellipsoid is None else crs
+        with geotiff.opened(source, crs_of(unstated) if unstated else None) as raster:
+            stated = placed(raster.posts.crs)
+            system = system_of_points(source, cameras, crs or (None if stated is None else stated.to_wkt()), geoid)
+            tally = correct_raster(
+                raster, target, band_of(raster, band), work(system=system), jobs=jobs, progress=progress
+            )
+        return CorrectedFile(tally=tally, system=system, without=photographs.without)
+    system = system_of_points(source, cameras, crs, geoid)
+    if suffix in SUFFIXES:
+        tally = correct_las(source, target, work(system=system), jobs=jobs, progress=progress)
     else:
-        tally = correct_csv(source, target, work, columns=columns, jobs=jobs, progress=progress)
+        tally = correct_csv(source, target, work(system=system), columns=columns, jobs=jobs, progress=progress)
     return CorrectedFile(tally=tally, system=system, without=photographs.without)
