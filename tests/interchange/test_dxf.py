@@ -13,7 +13,7 @@ from pyogrio import raw
 
 from interchange.layer_samples import DIGIT, HEIGHTS, UTM, lines, points, same_twice
 from musatpy.errors import InterchangeError
-from musatpy.interchange import dxf, dxf_tags
+from musatpy.interchange import dxf
 
 
 def test_a_drawing_is_read_by_gdal(tmp_path: Path) -> None:
@@ -53,37 +53,36 @@ def test_what_is_read_is_what_was_written(tmp_path: Path, crs: pyproj.CRS | None
 def test_plain_drawings_are_read_as_ezdxf_has_them(
     tmp_path: Path, release: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Tag by tag and as objects: lines of every plain kind, closed, elevated, with names of other scripts."""
+    """By GDAL and by ezdxf: lines of every plain kind, closed, elevated, with names of other scripts."""
     document = ezdxf.new(release)
     space = document.modelspace()
     for row, name in enumerate(("Tiefe_5", "HÖHE" if release != "R12" else "HOEHE", "0")):
         at = {"layer": name, "color": row}
         space.add_polyline3d([(row, 0, -1), (1, 1, -2), (2, 0.5, -3.25)], close=row == 1, dxfattribs=at)
-        space.add_polyline2d([(row, 0), (3, 1)], dxfattribs=at | {"elevation": (0, 0, -7)})
         space.add_line((row, 0, -1), (1, 1, -2), dxfattribs=at)
         space.add_point((1, 2, -3 - row), dxfattribs=at)
         space.add_text("5", dxfattribs=at)
         if release != "R12":
-            space.add_lwpolyline([(row, 0), (1, 1), (2, 0)], close=True, dxfattribs=at | {"elevation": -5})
+            space.add_lwpolyline([(row, 0), (1, 1), (2, -1)], close=True, dxfattribs=at | {"elevation": -5})
     document.saveas(tmp_path / "a.dxf")
     dots, drawn = dxf.read(tmp_path / "a.dxf")
     with monkeypatch.context() as patch:
         patch.setattr(ezdxf, "readfile", None)
-        dxf.read(tmp_path / "a.dxf")  # without its objects
-    monkeypatch.setattr(dxf, "plain_entities", lambda *_: None)
+        dxf.read(tmp_path / "a.dxf")
+    monkeypatch.setattr(dxf, "_by_gdal", lambda *_: None)
     other_dots, other_drawn = dxf.read(tmp_path / "a.dxf")
     np.testing.assert_array_equal(dots.xyz, other_dots.xyz)
     assert dots.columns["layer"].values.tolist() == other_dots.columns["layer"].values.tolist()
     assert drawn.columns["layer"].values.tolist() == other_drawn.columns["layer"].values.tolist()
-    assert len(drawn.vertices) == (12 if release != "R12" else 9)
+    assert len(drawn.vertices) == (9 if release != "R12" else 6)
     np.testing.assert_array_equal(drawn.closed, other_drawn.closed)
     for line, other in zip(drawn.vertices, other_drawn.vertices, strict=True):
         np.testing.assert_array_equal(line, other)
 
 
-@pytest.mark.parametrize("what", ["extruded", "paper", "block", "bent", "fitted", "binary"])
-def test_drawings_that_are_not_plain_go_through_ezdxf(tmp_path: Path, what: str) -> None:
-    """What tilts, hides, bends or stands in blocks is never read tag by tag."""
+@pytest.mark.parametrize("what", ["extruded", "paper", "block", "bent", "fitted", "binary", "old"])
+def test_what_gdal_would_change_goes_through_ezdxf(tmp_path: Path, what: str) -> None:
+    """What is tilted, bent, elevated in the old way or stands in blocks; what is hidden is left out."""
     document = ezdxf.new("R2010")
     space = document.modelspace()
     space.add_polyline3d([(0, 0, -1), (1, 1, -2)])
@@ -92,6 +91,8 @@ def test_drawings_that_are_not_plain_go_through_ezdxf(tmp_path: Path, what: str)
         space.add_lwpolyline(points, dxfattribs={"extrusion": (0, 0, -1), "elevation": 5})
     elif what == "paper":
         document.paperspace().add_polyline3d([(0, 0, -1), (1, 1, -2)])
+    elif what == "old":
+        space.add_polyline2d([(0, 0), (3, 1)], dxfattribs={"elevation": (0, 0, -7)})
     elif what == "block":
         document.blocks.new("B").add_line((0, 0, -1), (1, 1, -1))
         space.add_blockref("B", (0, 0))
@@ -100,14 +101,15 @@ def test_drawings_that_are_not_plain_go_through_ezdxf(tmp_path: Path, what: str)
     elif what == "fitted":
         space.add_polyline3d([(0, 0, -1), (1, 1, -2)]).dxf.flags |= 2
     document.saveas(tmp_path / "a.dxf", fmt="bin" if what == "binary" else "asc")
-    assert what == "binary" or dxf_tags.plain_entities(tmp_path / "a.dxf", "utf-8") is None
     if what in ("block", "bent", "fitted"):
         with pytest.raises(InterchangeError, match=r"of the kind (INSERT|POLYLINE with curves)"):
             dxf.read(tmp_path / "a.dxf")
         return
     _, drawn = dxf.read(tmp_path / "a.dxf")
     assert drawn.vertices[0].tolist() == [[0.0, 0.0, -1.0], [1.0, 1.0, -2.0]]
-    assert len(drawn.vertices) == (2 if what == "extruded" else 1)
+    assert len(drawn.vertices) == (2 if what in ("extruded", "old") else 1)
+    if what == "old":
+        assert drawn.vertices[1].tolist() == [[0.0, 0.0, -7.0], [3.0, 1.0, -7.0]]
     if what == "extruded":  # x and z turned over
         assert drawn.vertices[1].tolist() == [[0.0, 0.0, -5.0], [-1.0, 1.0, -5.0], [-2.0, 0.0, -5.0]]
 
@@ -183,13 +185,24 @@ def test_files_that_are_none(tmp_path: Path, content: bytes, words: str) -> None
         dxf.read(tmp_path / "a.dxf")
 
 
-def test_coordinates_that_are_no_numbers(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("number", "words"), [("nan", "layer SPOTS: a coordinate is no number"), ("12x4", "is no DXF file")]
+)
+def test_coordinates_that_are_no_numbers(tmp_path: Path, number: str, words: str) -> None:
     dxf.write(tmp_path / "a.dxf", {"spots": replace(points(), columns={})})
     text = (tmp_path / "a.dxf").read_text()
     x = f"{points().xyz[0, 0]:.4f}".rstrip("0")
     assert x in text
-    (tmp_path / "a.dxf").write_text(text.replace(x, "nan", 1))
-    with pytest.raises(InterchangeError, match="layer SPOTS: a coordinate is no number"):
+    (tmp_path / "a.dxf").write_text(text.replace(x, number, 1))
+    with pytest.raises(InterchangeError, match=words):
+        dxf.read(tmp_path / "a.dxf")
+
+
+def test_a_drawing_that_breaks_off(tmp_path: Path) -> None:
+    dxf.write(tmp_path / "a.dxf", {"contours": lines()})
+    text = (tmp_path / "a.dxf").read_text()
+    (tmp_path / "a.dxf").write_text(text[: text.rindex("POLYLINE")])
+    with pytest.raises(InterchangeError, match="is no DXF file"):
         dxf.read(tmp_path / "a.dxf")
 
 

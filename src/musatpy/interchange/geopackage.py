@@ -7,8 +7,8 @@ described. Needs the packages pyogrio and shapely, the extra `gis`.
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from collections.abc import Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,15 @@ from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError
 from musatpy.files import whole_path
 from musatpy.interchange.layers import Column, Lines, Points, Polygons, placed
-from musatpy.interchange.packages import fault, package, refuse, require_content, upsets
+from musatpy.interchange.packages import fault, gdal_options, package, refuse, require_content, upsets
 
 _USE = "GeoPackages need"
 _LAST_CHANGE = "1983-09-01T00:00:00.000Z"  # the month of ETL-0306: equal layers make equal files
+_FIXED = {  # one date for the last change, and the journal of SQLite in memory
+    "OGR_CURRENT_DATE": _LAST_CHANGE,
+    "OGR_SQLITE_JOURNAL": "MEMORY",
+    "OGR_SQLITE_SYNCHRONOUS": "OFF",
+}
 _CARTESIAN, _GEOGRAPHIC = -1, 0  # numbers of undefined systems: of local layers, of degrees without a datum
 _POINT, _LINE, _MANY_POINTS, _MANY_LINES = 0, 1, 4, 5  # numbers of kinds of geometry in shapely
 _SCHEMA = """
@@ -45,7 +50,7 @@ def write(path: Path, layers: Mapping[str, Points | Lines]) -> None:
     """
     raw, shapely = package("pyogrio.raw", _USE), package("shapely", _USE)
     with upsets(path, "cannot be written"), whole_path(path) as temporary:
-        with _fixed_date():
+        with gdal_options(_USE, _FIXED):
             for position, (name, layer) in enumerate(layers.items()):
                 fields = list(layer.columns)
                 raw.write(
@@ -121,19 +126,6 @@ def _stored(column: Column) -> Any:
 
 def _local(layer: Points | Lines) -> dict[str, str]:
     return {"SRID": str(_CARTESIAN)} if layer.crs is None else {}
-
-
-@contextmanager
-def _fixed_date() -> Iterator[None]:
-    """Have GDAL write one date for the last change, and keep the journal of SQLite in memory."""
-    pyogrio = package("pyogrio", _USE)
-    fixed = {"OGR_CURRENT_DATE": _LAST_CHANGE, "OGR_SQLITE_JOURNAL": "MEMORY", "OGR_SQLITE_SYNCHRONOUS": "OFF"}
-    before = {name: pyogrio.get_gdal_config_option(name) for name in fixed}
-    pyogrio.set_gdal_config_options(fixed)
-    try:
-        yield
-    finally:
-        pyogrio.set_gdal_config_options(before)
 
 
 def _describe(path: Path, layers: Mapping[str, Points | Lines]) -> None:

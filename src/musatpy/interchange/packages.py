@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -33,6 +33,18 @@ def fault(path: Path, place: str, found: str, expected: str, line: int | None = 
 def refuse(path: Path, place: str, found: str, expected: str) -> InterchangeError:
     """Return the error of one fault."""
     return InterchangeError([fault(path, place, found, expected)])
+
+
+@contextmanager
+def gdal_options(use: str, options: Mapping[str, str]) -> Iterator[None]:
+    """Set configuration options of the GDAL of pyogrio for a while."""
+    pyogrio = package("pyogrio", use)
+    before = {name: pyogrio.get_gdal_config_option(name) for name in options}
+    pyogrio.set_gdal_config_options(options)
+    try:
+        yield
+    finally:
+        pyogrio.set_gdal_config_options(before)
 
 
 @contextmanager
