@@ -32,16 +32,15 @@ _RMS = "F9.3"  # mm, of the plates
 Component = tuple[str, str, DifferenceStatistics]
 _OF_ROW = "the row's"
 _DIFFERENCES: tuple[Field[Component], ...] = (
-    Field("component", "string", "name of the component", lambda c: c[0], heading="Component", edit="A10",
-          is_id=True),
-    Field("unit", "string", "unit of the numbers of the row", lambda c: c[1], choices=("rad", "m"), heading="Unit",
-          edit="A4"),
-    Field("size", "integer", "sample size N", lambda c: c[2].size, heading="Sample Size", edit="I8"),
-    Field("sum", "number", "sum of differences", lambda c: c[2].sum, _OF_ROW),
-    Field("mean", "number?", "sum / N", lambda c: c[2].mean, _OF_ROW),
-    Field("rms", "number?", "root of the sum of squares / N", lambda c: c[2].rms, _OF_ROW),
-    Field("deviation", "number?", "standard deviation from the mean, N - 1", lambda c: c[2].deviation, _OF_ROW),
-    Field("maximum", "number?", "signed difference of the largest magnitude", lambda c: c[2].maximum, _OF_ROW),
+    Field("component", "string", "name of the component", lambda c: c[0], "Component", "A10", is_id=True),
+    Field("unit", "string", "unit of the numbers of the row", lambda c: c[1], "Unit", "A4", choices=("rad", "m")),
+    Field("size", "integer", "sample size N", lambda c: c[2].size, "Sample Size", "I8"),
+    Field("sum", "number", "sum of differences", lambda c: c[2].sum, unit=_OF_ROW),
+    Field("mean", "number?", "sum / N", lambda c: c[2].mean, unit=_OF_ROW),
+    Field("rms", "number?", "root of the sum of squares / N", lambda c: c[2].rms, unit=_OF_ROW),
+    Field("deviation", "number?", "standard deviation from the mean, N - 1", lambda c: c[2].deviation,
+          unit=_OF_ROW),
+    Field("maximum", "number?", "signed difference of the largest magnitude", lambda c: c[2].maximum, unit=_OF_ROW),
     Field("maximum_id", "string?", "photo or point of the maximum", lambda c: c[2].maximum_id or None),
 )  # fmt: skip
 
@@ -98,9 +97,9 @@ FRAMES = Rows[Statistics, Statistics](
     "frames",
     "one row per photo",
     (
-        identity("photo", lambda s: s.block.photos.ids),
-        Field("count", "3 integer", "points of each kind", lambda s: s.plates.count),
-        Field("rms", "3x2 number?", "x and y of each kind", lambda s: s.plates.rms, "mm"),
+        identity("photo", "block.photos.ids"),
+        Field("count", "3 integer", "points of each kind", "plates.count"),
+        Field("rms", "3x2 number?", "x and y of each kind", "plates.rms", unit="mm"),
     ),
 )  # fmt: skip
 
@@ -115,13 +114,12 @@ PLATE_STATISTICS = Group[Statistics, Statistics](
     "RMS plate residuals",
     (
         Field("kinds", "3 string", "order of the kinds in count, rms, largest and the totals",
-              lambda s: PLATE_KINDS, heading="Points", edit="A16", is_id=True),
+              lambda s: PLATE_KINDS, "Points", "A16", is_id=True),
         FRAMES,
         Field("largest", "3 string?", "photo of the largest root of x^2 + y^2 of each kind", _largest),
-        Field("total_count", "3 integer", "points of each kind in the job", lambda s: s.plates.total_count,
-              heading="Number", edit="I8"),
-        Field("total_rms", "3x2 number?", "x and y of each kind in the job", lambda s: s.plates.total_rms, "mm",
-              heading=("RMS x\num", "RMS y\num"), edit="F10.2"),
+        Field("total_count", "3 integer", "points of each kind in the job", "plates.total_count", "Number", "I8"),
+        Field("total_rms", "3x2 number?", "x and y of each kind in the job", "plates.total_rms",
+              ("RMS x\num", "RMS y\num"), "F10.2"),
     ),
 )  # fmt: skip
 

@@ -9,7 +9,7 @@ import numpy as np
 from musatpy.arrays import IntArray
 from musatpy.model import ControlKind, CoordinateSystem, PointStatus, Refraction
 from musatpy.reports.editing import edited, number_text
-from musatpy.reports.fields import Field, Rows, identity
+from musatpy.reports.fields import Field, Rows, flag, identity
 from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values
@@ -34,33 +34,31 @@ BATHYMETRIC = Rows[Statistics, Statistics](
         identity("point", lambda s: s.block.points.ids[s.solution.bathymetric.point]),
         Field("no_refraction", "3 number?",
               "X, Y, Z where straight rays of the adjusted stations meet; null where two rays that are not "
-              "parallel do not give it", lambda s: s.bathymetric_xyz[:, 0], "m", exact=True, heading=_HEADINGS[0],
-              edit="F14.1"),
+              "parallel do not give it", lambda s: s.bathymetric_xyz[:, 0], _HEADINGS[0], "F14.1", unit="m",
+              exact=True),
         Field("predicted", "3 number?", "X, Y, Z below it along the local vertical, at n times its depth",
-              lambda s: s.bathymetric_xyz[:, 1], "m", exact=True, heading=_HEADINGS[1], edit="F14.1"),
-        Field("refraction", "3 number?", "X, Y, Z adjusted", lambda s: s.bathymetric_xyz[:, 2], "m", exact=True,
-              heading=_HEADINGS[2], edit="F14.1"),
+              lambda s: s.bathymetric_xyz[:, 1], _HEADINGS[1], "F14.1", unit="m", exact=True),
+        Field("refraction", "3 number?", "X, Y, Z adjusted", lambda s: s.bathymetric_xyz[:, 2], _HEADINGS[2],
+              "F14.1", unit="m", exact=True),
         Field("photos", "integer", "photos whose rays give the point",
-              lambda s: s.solution.points.rays[s.solution.bathymetric.point], heading="Photos", edit="I6"),
+              lambda s: s.solution.points.rays[s.solution.bathymetric.point], "Photos", "I6"),
         Field("incidence", "number?", "mean angle of incidence of these rays, in air",
-              lambda s: s.solution.bathymetric.incidence, "rad", heading="Incidence\ndegrees", edit="F9.1"),
+              "solution.bathymetric.incidence", "Incidence\ndegrees", "F9.1"),
         Field("water_level", "number?", "mean height of the water at the point, over the photos that give it",
-              lambda s: s.solution.bathymetric.water_level, "m", heading="Water level\nm", edit="F11.3"),
+              "solution.bathymetric.water_level", "Water level\nm", "F11.3"),
         Field("depth_no_refraction", "number?", "where straight rays meet, below the water level",
-              lambda s: s.solution.bathymetric.apparent_depth, "m", heading="Depth, no refr.\nm", edit="F12.3"),
+              "solution.bathymetric.apparent_depth", "Depth, no refr.\nm", "F12.3"),
         Field("depth_predicted", "number?", "n times that; null where there is no index",
-              lambda s: s.solution.bathymetric.predicted_depth, "m", heading="Depth, predicted\nm", edit="F12.3"),
-        Field("depth", "number?", "adjusted, below the water level", lambda s: s.solution.bathymetric.depth, "m",
-              heading="Depth, refraction\nm", edit="F12.3"),
-        Field("depth_sigma", "number?", "of the depth", lambda s: s.solution.bathymetric.depth_sigma, "m",
-              heading="Sigma\nm", edit="F9.3"),
-        Field("height", "number?", "of the adjusted point: water level minus depth",
-              lambda s: s.solution.bathymetric.height, "m", heading="Height\nm", edit="F9.3"),
+              "solution.bathymetric.predicted_depth", "Depth, predicted\nm", "F12.3"),
+        Field("depth", "number?", "adjusted, below the water level", "solution.bathymetric.depth",
+              "Depth, refraction\nm", "F12.3"),
+        Field("depth_sigma", "number?", "of the depth", "solution.bathymetric.depth_sigma", "Sigma\nm", "F9.3"),
+        Field("height", "number?", "of the adjusted point: water level minus depth", "solution.bathymetric.height",
+              "Height\nm", "F9.3"),
         Field("control", "string?", "kind of control that gives its height; null where none does", _given_heights,
-              choices=("full", "vertical", "check"), heading="Ctrl", edit="A4",
+              "Ctrl", "A4", choices=("full", "vertical", "check"),
               words={"full": "F", "vertical": "V", "check": "C", None: ""}),
-        Field("residual", "number?", "adjusted minus given depth", lambda s: s.sounding_residuals, "m",
-              heading="Residual\nm", edit="F8.3"),
+        Field("residual", "number?", "adjusted minus given depth", "sounding_residuals", "Residual\nm", "F8.3"),
     ),
 )  # fmt: skip
 
@@ -113,18 +111,16 @@ FLAGS = Rows[Statistics, Statistics](
     "one row per point whose height contradicts its flag, the worst first; with the other flag for all too",
     (
         identity("point", lambda s: s.block.points.ids[s.flags.point[_rows(s)]]),
-        Field("bathymetric", "boolean", "flagged as submerged", lambda s: s.flags.flagged[_rows(s)], heading="Flag",
-              edit="A4", words={True: "B", False: ""}),
-        Field("height", "number", "adjusted", lambda s: s.flags.height[_rows(s)], "m", heading="Height\nm",
-              edit="F12.3"),
+        flag("bathymetric", "flagged as submerged", "Flag", "B", lambda s: s.flags.flagged[_rows(s)]),
+        Field("height", "number", "adjusted", lambda s: s.flags.height[_rows(s)], "Height\nm", "F12.3"),
         Field("water", "number", "lowest over a point that is not flagged, highest over one that is",
-              lambda s: s.flags.water[_rows(s)], "m", heading="Water\nm", edit="F10.3"),
-        Field("sigma", "number", "of the height above the water", lambda s: s.flags.sigma[_rows(s)], "m",
-              heading="Sigma\nm", edit="F8.3"),
+              lambda s: s.flags.water[_rows(s)], "Water\nm", "F10.3"),
+        Field("sigma", "number", "of the height above the water", lambda s: s.flags.sigma[_rows(s)], "Sigma\nm",
+              "F8.3"),
         Field("sigmas", "number", "on the wrong side of the water", lambda s: s.flags.sigmas[_rows(s)],
-              heading="Sigmas\nbeyond", edit="F8.1"),
+              "Sigmas\nbeyond", "F8.1"),
         Field("other_height", "number?", "with the other flag; null where it was not to be had",
-              lambda s: s.flags.other_height[_rows(s)], "m", heading="Other flag\nm", edit="F12.3"),
+              lambda s: s.flags.other_height[_rows(s)], "Other flag\nm", "F12.3"),
     ),
 )  # fmt: skip
 FLAG_TABLE: Report[Statistics] = Report(title=TITLE, table=FLAGS)

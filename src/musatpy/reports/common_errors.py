@@ -42,16 +42,11 @@ def _moves(kind: int) -> tuple[Field[Statistics], ...]:
 
     reference, smallest = (lambda e: e.held.reference), (lambda e: e.smallest)
     return (
-        Field(noun, "string", f"{noun} that moves most in its sigmas", lambda s: _moved_names(s, kind),
-              heading=head, edit="A8"),
-        Field(f"{noun}_shift", "number?", "by the reference error", by(reference, 0), "m", heading=f"{head}\nm",
-              edit="F8.3"),
-        Field(f"{noun}_sigmas", "number?", "the same in sigmas", by(reference, 1), heading=f"{head}\nsigmas",
-              edit="F6.1"),
-        Field(f"{noun}_hidden", "number?", "by the smallest error found", by(smallest, 0), "m", heading="\nm",
-              edit="F8.3"),
-        Field(f"{noun}_hidden_sigmas", "number?", "the same in sigmas", by(smallest, 1), heading="\nsigmas",
-              edit="F6.1"),
+        Field(noun, "string", f"{noun} that moves most in its sigmas", lambda s: _moved_names(s, kind), head, "A8"),
+        Field(f"{noun}_shift", "number?", "by the reference error", by(reference, 0), f"{head}\nm", "F8.3"),
+        Field(f"{noun}_sigmas", "number?", "the same in sigmas", by(reference, 1), f"{head}\nsigmas", "F6.1"),
+        Field(f"{noun}_hidden", "number?", "by the smallest error found", by(smallest, 0), "\nm", "F8.3"),
+        Field(f"{noun}_hidden_sigmas", "number?", "the same in sigmas", by(smallest, 1), "\nsigmas", "F6.1"),
     )  # fmt: skip
 
 
@@ -59,18 +54,17 @@ PARAMETERS = Rows[Statistics, Statistics](
     "parameters",
     "one row per parameter that is held",
     (
-        Field("parameter", "string", "name", lambda s: _errors(s).held.names, heading="Parameter", edit="A29",
-              is_id=True),
-        Field("unit", "enum", "of its errors", lambda s: _errors(s).held.units, choices=("mm", "m", ""),
-              heading="Unit", edit="A4"),
-        Field("tested", "boolean", "residuals show an error that may be", lambda s: _errors(s).tested, heading="",
-              edit="A7", words={True: "", False: "no test"}),
-        Field("test", "number?", "test value", lambda s: _errors(s).test, heading="Test\nvalue", edit="F7.2"),
+        Field("parameter", "string", "name", lambda s: _errors(s).held.names, "Parameter", "A29", is_id=True),
+        Field("unit", "enum", "of its errors", lambda s: _errors(s).held.units, "Unit", "A4",
+              choices=("mm", "m", "")),
+        Field("tested", "boolean", "residuals show an error that may be", lambda s: _errors(s).tested, "", "A7",
+              words={True: "", False: "no test"}),
+        Field("test", "number?", "test value", lambda s: _errors(s).test, "Test\nvalue", "F7.2"),
         Field("estimated", "number?", "error, given minus true", lambda s: _errors(s).estimated),
         Field("smallest", "number?", "error found with a power of 0.80", lambda s: _errors(s).smallest,
-              heading="Smallest\nfound", edit="F9.4"),
+              "Smallest\nfound", "F9.4"),
         Field("reference", "number", "error by which movements are stated", lambda s: _errors(s).held.reference,
-              heading="Reference\nerror", edit="F9.4"),
+              "Reference\nerror", "F9.4"),
         Field("believed", "number", "largest error that anybody would believe", lambda s: _errors(s).held.limit),
         *_moves(0),
         *_moves(1),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.reports import analyses
-from musatpy.reports.fields import Document, Each, Field, Rows, identity
+from musatpy.reports.fields import Document, Each, Field, Rows, flag, identity
 from musatpy.reports.pages import Section, labelled, print_titled
 from musatpy.reports.table import Report
 from musatpy.statistics.differences import DifferenceStatistics, analysis_of
@@ -27,17 +27,16 @@ RUN_POINTS: Rows[tuple[Compiled, list[AgainstRun]], tuple[Compiled, list[Against
     (
         identity("model", lambda s: _models_of(s)),
         identity("point", lambda s: _points_of(s)),
-        Field("shared", "boolean", "its readings are those of the run", lambda s: _of(s, "shared"), heading="Same",
-              edit="A4", words={True: "S", False: ""}),
-        Field("difference", "3 number", "compiled minus run, east, north, up", lambda s: _of(s, "difference"), "m",
-              heading=("East\nm", "North\nm", "Up\nm"), edit="F7.4"),
-        Field("length", "number", "of that", lambda s: _of(s, "length"), "m", heading="Length\nm", edit="F8.4"),
-        Field("sigma", "3 number?", "of the difference; null where not known", lambda s: _of(s, "sigma"), "m",
-              heading=[f"Sigma {axis}\nm" for axis in ("E", "N", "U")], edit="F7.4"),
-        Field("test", "number?", "root of the mean square over its covariance", lambda s: _of(s, "test"),
-              heading="Test", edit="F6.2"),
-        Field("stages", "2x2 number", "read minus predicted, left and right", lambda s: _of(s, "stages"), "mm",
-              heading=[f"{side} {axis}\num" for side in ("Left", "Right") for axis in "xy"], edit="F7.2"),
+        flag("shared", "its readings are those of the run", "Same", "S", lambda s: _of(s, "shared")),
+        Field("difference", "3 number", "compiled minus run, east, north, up", lambda s: _of(s, "difference"),
+              ("East\nm", "North\nm", "Up\nm"), "F7.4"),
+        Field("length", "number", "of that", lambda s: _of(s, "length"), "Length\nm", "F8.4"),
+        Field("sigma", "3 number?", "of the difference; null where not known", lambda s: _of(s, "sigma"),
+              [f"Sigma {axis}\nm" for axis in ("E", "N", "U")], "F7.4"),
+        Field("test", "number?", "root of the mean square over its covariance", lambda s: _of(s, "test"), "Test",
+              "F6.2"),
+        Field("stages", "2x2 number", "read minus predicted, left and right", lambda s: _of(s, "stages"),
+              [f"{side} {axis}\num" for side in ("Left", "Right") for axis in "xy"], "F7.2"),
     ),
 )  # fmt: skip
 ANALYSIS: Each[tuple[Compiled, list[AgainstRun]], tuple[str, DifferenceStatistics]] = Each(
@@ -47,11 +46,13 @@ ANALYSIS: Each[tuple[Compiled, list[AgainstRun]], tuple[str, DifferenceStatistic
     fields=(
         Field("component", "string", "East, North, Up", lambda d: d[0]),
         Field("size", "integer", "sample size N", lambda d: d[1].size),
-        Field("sum", "number", "of the differences", lambda d: d[1].sum, "m"),
-        Field("mean", "number?", "sum / N", lambda d: d[1].mean, "m"),
-        Field("rms", "number?", "root of the sum of squares / N", lambda d: d[1].rms, "m"),
-        Field("deviation", "number?", "standard deviation from the mean, N - 1", lambda d: d[1].deviation, "m"),
-        Field("maximum", "number?", "signed, of the largest magnitude", lambda d: d[1].maximum, "m"),
+        Field("sum", "number", "of the differences", lambda d: d[1].sum, unit="m"),
+        Field("mean", "number?", "sum / N", lambda d: d[1].mean, unit="m"),
+        Field("rms", "number?", "root of the sum of squares / N", lambda d: d[1].rms, unit="m"),
+        Field(
+            "deviation", "number?", "standard deviation from the mean, N - 1", lambda d: d[1].deviation, unit="m"
+        ),
+        Field("maximum", "number?", "signed, of the largest magnitude", lambda d: d[1].maximum, unit="m"),
         Field("maximum_id", "string?", "its point", lambda d: d[1].maximum_id or None),
     ),
 )
@@ -145,19 +146,19 @@ DISTANCES: Each[Contoured, ContourDistance] = Each(
     fields=(
         Field("surface", "integer", "number, as in the record of a compilation", heading="Surface", edit="I7",
               is_id=True),
-        Field("depth", "number", "below the datum", unit="m", heading="Depth\nm", edit="F8.3", is_id=True),
+        Field("depth", "number", "below the datum", heading="Depth\nm", edit="F8.3", is_id=True),
         Field("of", "string", "source whose contours are sampled", heading="From", edit="A8", is_id=True),
-        Field("length", "number", "of the contours", unit="m", heading="Length\nm", edit="F10.1"),
-        Field("beyond", "number", "length past open ends of the other or too far, left out", unit="m",
-              heading="Left out\nm", edit="F10.1"),
-        Field("mean", "number", "of the distances", unit="m", heading="Mean\nm", edit="F8.2"),
-        Field("rms", "number", "of the distances", unit="m", heading="RMS\nm", edit="F8.2"),
-        Field("most", "number", "distance that 95 % do not exceed", unit="m", heading="95 %\nm", edit="F8.2"),
-        Field("mean_depth", "number?", "compiled less the other, by the slope", unit="m", heading="Mean depth\nm",
+        Field("length", "number", "of the contours", heading="Length\nm", edit="F10.1"),
+        Field("beyond", "number", "length past open ends of the other or too far, left out", heading="Left out\nm",
+              edit="F10.1"),
+        Field("mean", "number", "of the distances", heading="Mean\nm", edit="F8.2"),
+        Field("rms", "number", "of the distances", heading="RMS\nm", edit="F8.2"),
+        Field("most", "number", "distance that 95 % do not exceed", heading="95 %\nm", edit="F8.2"),
+        Field("mean_depth", "number?", "compiled less the other, by the slope", heading="Mean depth\nm",
               edit="F10.3"),
-        Field("rms_depth", "number?", "of these", unit="m", heading="RMS depth\nm", edit="F10.3"),
-        Field("most_depth", "number?", "magnitude that 95 % of these do not exceed", unit="m",
-              heading="95 % depth\nm", edit="F10.3"),
+        Field("rms_depth", "number?", "of these", heading="RMS depth\nm", edit="F10.3"),
+        Field("most_depth", "number?", "magnitude that 95 % of these do not exceed", heading="95 % depth\nm",
+              edit="F10.3"),
     ),
 )  # fmt: skip
 AREAS: Each[Contoured, ContourArea] = Each(
@@ -167,10 +168,9 @@ AREAS: Each[Contoured, ContourArea] = Each(
     fields=(
         Field("surface", "integer", "number, as in the record of a compilation", heading="Surface", edit="I7",
               is_id=True),
-        Field("depth", "number", "below the datum", unit="m", heading="Depth\nm", edit="F8.3", is_id=True),
-        Field("area", "number?", "between the contours", unit="m2", heading="Area\nm2", edit="F14.1"),
-        Field("width", "number?", "of that, by the mean of both lengths", unit="m", heading="Mean width\nm",
-              edit="F10.2"),
+        Field("depth", "number", "below the datum", heading="Depth\nm", edit="F8.3", is_id=True),
+        Field("area", "number?", "between the contours", heading="Area\nm2", edit="F14.1", unit="m2"),
+        Field("width", "number?", "of that, by the mean of both lengths", heading="Mean width\nm", edit="F10.2"),
         Field("reason", "string", "why there is none; empty where there is", heading="Without, because",
               edit="A60"),
     ),

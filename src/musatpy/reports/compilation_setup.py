@@ -12,7 +12,7 @@ import numpy as np
 
 from musatpy.reports import compilation
 from musatpy.reports.compilation import JOB, MODELS, RECOVERED
-from musatpy.reports.fields import Document, Field, Rows, identity, same
+from musatpy.reports.fields import Document, Field, Rows, flag, identity, same
 from musatpy.reports.table import Report
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
@@ -66,17 +66,15 @@ RUN_POINTS: Rows[SetUps, SetUps] = Rows(
     (
         identity("model", _models("again.points")),
         identity("point", lambda s: _of_run(s, "ids")),
-        Field("submerged", "boolean", "flagged so", lambda s: _of_run(s, "bathymetric"), heading="Bath", edit="A4",
-              words={True: "B", False: ""}),
-        Field("position", "3 number", "in the model", _in_model, "m", exact=True),
-        Field("predicted", "2x2 number", "stages, left and right, x and y", _all("again.predicted"), "mm",
-              exact=True, heading=[f"{side} {axis}\nmm" for side in "LR" for axis in "xy"], edit="F10.4"),
-        Field("difference", "2x2 number?", "read less predicted", _difference, "mm",
-              heading=[f"Read {side}{axis}\nless\num" for side in "LR" for axis in "xy"], edit="F8.2"),
-        Field("y_parallax", "number?", "of refracted rays, by readings where there are any",
-              _all("again.parallax"), "mm", heading="py\num", edit="F7.2"),
-        Field("straight_y_parallax", "number?", "of straight rays", _all("again.straight"), "mm",
-              heading="straight\num", edit="F8.2"),
+        flag("submerged", "flagged so", "Bath", "B", lambda s: _of_run(s, "bathymetric")),
+        Field("position", "3 number", "in the model", _in_model, unit="m", exact=True),
+        Field("predicted", "2x2 number", "stages, left and right, x and y", _all("again.predicted"),
+              [f"{side} {axis}\nmm" for side in "LR" for axis in "xy"], "F10.4", exact=True),
+        Field("difference", "2x2 number?", "read less predicted", _difference,
+              [f"Read {side}{axis}\nless\num" for side in "LR" for axis in "xy"], "F8.2"),
+        Field("y_parallax", "number?", "of refracted rays, by readings where there are any", _all("again.parallax"),
+              "py\num", "F7.2"),
+        Field("straight_y_parallax", "number?", "of straight rays", _all("again.straight"), "straight\num", "F8.2"),
     ),
 )  # fmt: skip
 EXPECTED: Rows[SetUps, SetUps] = Rows(
@@ -84,19 +82,16 @@ EXPECTED: Rows[SetUps, SetUps] = Rows(
     "standard errors to expect of points at places of a model",
     (
         identity("model", _models("expected.depth")),
-        Field("place", "3 number", "in the model", _all("expected.place"), "m", exact=True,
-              heading=("X\nm", "Y\nm", "Z\nm"), edit="F10.2"),
-        Field("depth", "number", "below the water; 0: dry, at its height", _all("expected.depth"), "m",
-              heading="Depth\nm", edit="F7.2"),
-        Field("sigma", "3 number?", "east, north, up", _all("expected.sigma"), "m",
-              heading=[f"Sigma {axis}\nm" for axis in ("E", "N", "U")], edit="F8.3"),
-        Field("depth_sigma", "number?", "of the depth",
-              _all("expected.points.depth_sigma"), "m", heading="Depth\nm",
-              edit="F8.3"),
-        Field("pointing_sigma", "number?", "of the height, by pointing", _all("expected.pointing"), "m",
-              heading="Pointing\nm", edit="F8.3"),
-        Field("run_sigma", "number?", "of the height, by the run", _all("expected.of_run"), "m",
-              heading="Run\nm", edit="F8.3"),
+        Field("place", "3 number", "in the model", _all("expected.place"), ("X\nm", "Y\nm", "Z\nm"), "F10.2",
+              exact=True),
+        Field("depth", "number", "below the water; 0: dry, at its height", _all("expected.depth"), "Depth\nm",
+              "F7.2"),
+        Field("sigma", "3 number?", "east, north, up", _all("expected.sigma"),
+              [f"Sigma {axis}\nm" for axis in ("E", "N", "U")], "F8.3"),
+        Field("depth_sigma", "number?", "of the depth", _all("expected.points.depth_sigma"), "Depth\nm", "F8.3"),
+        Field("pointing_sigma", "number?", "of the height, by pointing", _all("expected.pointing"), "Pointing\nm",
+              "F8.3"),
+        Field("run_sigma", "number?", "of the height, by the run", _all("expected.of_run"), "Run\nm", "F8.3"),
     ),
 )  # fmt: skip
 DOCUMENT: Document[Compiled] = Document(

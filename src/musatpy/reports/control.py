@@ -8,7 +8,7 @@ from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.model import ControlKind, ObservationKind
 from musatpy.reports.analyses import CHECK_POINTS, analysis_section
 from musatpy.reports.editing import along_axes
-from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, identity
+from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, flag, identity
 from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report, filled, worst_first
 from musatpy.reports.values import names, plain
@@ -22,20 +22,17 @@ CONTROL = Table(
     (
         identity("point", lambda s: s.block.points.ids[s.block.control.point]),
         Field("kind", "string", "components that are known", lambda s: names(ControlKind, s.block.control.kind),
-              choices=("full", "horizontal", "vertical", "check"), heading="Kind", edit="A10", is_id=True),
-        Field("fixed", "boolean", "held without error", lambda s: s.block.control.fixed, heading="Fixed", edit="A5",
-              words={True: "X", False: ""}),
-        Field("given_position", "3 number?", "of the deck, null where blank", lambda s: s.block.control.position,
-              POSITION_UNIT),
-        Field("given_sigma", "3 number?", f"of the deck, {ENU}", lambda s: s.block.control.sigma, "m",
-              heading=along_axes("Sigma ")),
-        Field("difference", "3 number?", f"adjusted minus given, {ENU}", lambda s: s.control_difference, "m",
-              heading=along_axes()),
-        Field("used", "3 boolean", "the component took part in the adjustment", lambda s: s.block.control.known),
+              "Kind", "A10", choices=("full", "horizontal", "vertical", "check"), is_id=True),
+        flag("fixed", "held without error", "Fixed", "X", "block.control.fixed"),
+        Field("given_position", "3 number?", "of the deck, null where blank", "block.control.position",
+              unit=POSITION_UNIT),
+        Field("given_sigma", "3 number?", f"of the deck, {ENU}", "block.control.sigma", along_axes("Sigma ")),
+        Field("difference", "3 number?", f"adjusted minus given, {ENU}", "control_difference", along_axes()),
+        Field("used", "3 boolean", "the component took part in the adjustment", "block.control.known"),
         Field("adjusted_sigma", "3 number?", f"of the adjusted position, {ENU}",
-              lambda s: s.point_sigmas[s.block.control.point], "m", heading=along_axes("Sigma ")),
+              lambda s: s.point_sigmas[s.block.control.point], along_axes("Sigma ")),
         Field("test", "3 number?", f"test values of the components, {ENU}, as `normal_test` of the observations",
-              lambda s: s.control_tests, heading=along_axes("Test\n", edit="F6.1", unit="")),
+              "control_tests", along_axes("Test\n", edit="F6.1", unit="")),
     ),
 )  # fmt: skip
 
@@ -84,15 +81,14 @@ EQUAL_ELEVATIONS = Table(
     "equal_elevations",
     "one row per group",
     (
-        identity("group", lambda s: s.block.equal_elevations.ids),
-        Field("given_sigma", "number", "of a point about the level", lambda s: s.block.equal_elevations.sigma, "m",
-              heading="Sigma given\nm", edit="F9.4"),
-        Field("level", "number?", "adjusted", lambda s: s.solution.levels, "m", heading="Level\nm", edit="F11.4"),
-        Field("level_sigma", "number?", "a posteriori", lambda s: s.solution.level_sigmas, "m", heading="Sigma\nm",
-              edit="F9.4"),
-        Field("points", "* string", "point ids", _members, heading="Point", edit="A8", is_id=True),
+        identity("group", "block.equal_elevations.ids"),
+        Field("given_sigma", "number", "of a point about the level", "block.equal_elevations.sigma",
+              "Sigma given\nm", "F9.4"),
+        Field("level", "number?", "adjusted", "solution.levels", "Level\nm", "F11.4"),
+        Field("level_sigma", "number?", "a posteriori", "solution.level_sigmas", "Sigma\nm", "F9.4"),
+        Field("points", "* string", "point ids", _members, "Point", "A8", is_id=True),
         Field("difference", "* number?", "adjusted elevation of each point minus the level", _level_differences,
-              "m", heading="Point minus level\nm", edit="F11.4"),
+              "Point minus level\nm", "F11.4"),
     ),
 )  # fmt: skip
 _K = ObservationKind
@@ -110,13 +106,12 @@ def _between(name: str, text: str, ends: str, what: str, kind: ObservationKind) 
         name,
         text,
         (
-            Field(ends, "2 string", f"{end} ids", ids, heading=(end.capitalize(),) * 2, edit="A8", is_id=True),
-            Field(f"given_{what}", "number", "of the deck", lambda s: getattr(getattr(s.block, name), what), "m",
-                  heading="Given\nm", edit="F13.4"),
-            Field("given_sigma", "number", "of the deck", lambda s: getattr(s.block, name).sigma, "m",
-                  heading="Sigma given\nm", edit="F9.4"),
-            Field(what, "number?", "adjusted", lambda s: s.solution.measured[kind], "m", heading="Adjusted\nm",
-                  edit="F13.4"),
+            Field(ends, "2 string", f"{end} ids", ids, (end.capitalize(),) * 2, "A8", is_id=True),
+            Field(f"given_{what}", "number", "of the deck", lambda s: getattr(getattr(s.block, name), what),
+                  "Given\nm", "F13.4"),
+            Field("given_sigma", "number", "of the deck", lambda s: getattr(s.block, name).sigma, "Sigma given\nm",
+                  "F9.4"),
+            Field(what, "number?", "adjusted", lambda s: s.solution.measured[kind], "Adjusted\nm", "F13.4"),
         ),
     )  # fmt: skip
 

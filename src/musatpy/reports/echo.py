@@ -18,7 +18,7 @@ from musatpy.model.block import parts_of_block
 from musatpy.model.tables import Table, columns
 from musatpy.reports import job_record, residuals
 from musatpy.reports.editing import SEXAGESIMAL, field_width
-from musatpy.reports.fields import Field, Group, Rows, of_job, same
+from musatpy.reports.fields import POSITION_UNIT, Field, Group, Rows, of_job, same
 from musatpy.reports.pages import MOST_PAGES, Section, wrapped
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values
@@ -47,39 +47,38 @@ WAVES: Rows[Statistics, tuple[Waves, Any]] = Rows(
     "one row per wave on the water; empty where it is level",
     of=_trains,
     fields=(
-        Field("wave", "string", "wave id", lambda w: w[0].ids, heading="Wave", edit="A4", is_id=True),
-        Field("shape", "string", "of the wave", _shapes, choices=("sinusoidal", "stokes", "trochoidal"),
-              heading="Shape", edit="A10"),
+        Field("wave", "string", "wave id", lambda w: w[0].ids, "Wave", "A4", is_id=True),
+        Field("shape", "string", "of the wave", _shapes, "Shape", "A10",
+              choices=("sinusoidal", "stokes", "trochoidal")),
         Field("depth", "number?", "of the water, for the theory of the wave; null is deep", lambda w: w[0].depth,
-              "m", heading="Depth\nm", edit="F8.2"),
-        Field("period", "number", "as given, or found by linear theory", lambda w: w[1].period, "s",
-              heading="Period\ns", edit="F8.3"),
-        Field("length", "number", "as given, or found by linear theory", lambda w: w[1].length, "m",
-              heading="Length\nm", edit="F9.3"),
-        Field("speed", "number", "of the crests: length over period", lambda w: w[1].speed, "m/s",
-              heading="Speed\nm/s", edit="F8.3"),
+              "Depth\nm", "F8.2"),
+        Field("period", "number", "as given, or found by linear theory", lambda w: w[1].period, "Period\ns",
+              "F8.3"),
+        Field("length", "number", "as given, or found by linear theory", lambda w: w[1].length, "Length\nm",
+              "F9.3"),
+        Field("speed", "number", "of the crests: length over period", lambda w: w[1].speed, "Speed\nm/s", "F8.3"),
         Field("group_speed", "number", "of groups of such waves, by linear theory", lambda w: w[1].group_speed,
-              "m/s", heading="Group\nm/s", edit="F8.3"),
-        Field("height", "number", "from trough to crest", lambda w: w[0].height, "m", heading="Height\nm",
-              edit="F8.3"),
+              "Group\nm/s", "F8.3"),
+        Field("height", "number", "from trough to crest", lambda w: w[0].height, "Height\nm", "F8.3"),
         Field("breaking_height", "number", "that the wave cannot exceed, by linear theory",
-              lambda w: w[1].breaking_height, "m", heading="Breaks at\nm", edit="F9.2"),
+              lambda w: w[1].breaking_height, "Breaks at\nm", "F9.2"),
         Field("azimuth", "number", "direction it runs to, clockwise from true north (+Y in LOCL jobs)",
-              lambda w: w[0].azimuth, "rad", heading="Towards\ndegrees", edit="F9.3"),
+              lambda w: w[0].azimuth, "Towards\ndegrees", "F9.3"),
         Field("crest", "number", "distance from the origin, in that direction, of a crest at time 0",
-              lambda w: w[0].crest, "m", heading="Crest\nm", edit="F10.3"),
-        Field("given_period", "number?", "on its card", lambda w: w[0].period, "s"),
-        Field("given_length", "number?", "on its card", lambda w: w[0].length, "m"),
-        Field("given_speed", "number?", "on its card", lambda w: w[0].speed, "m/s"),
-        Field("height_sigma", "number?", "a priori; null where it is known", lambda w: w[0].height_sigma, "m"),
-        Field("length_sigma", "number?", "a priori; null where it is known", lambda w: w[0].length_sigma, "m"),
-        Field("azimuth_sigma", "number?", "a priori; null where it is known", lambda w: w[0].azimuth_sigma, "rad"),
-        Field("crest_sigma", "number?", "a priori; null where it is known", lambda w: w[0].crest_sigma, "m"),
+              lambda w: w[0].crest, "Crest\nm", "F10.3"),
+        Field("given_period", "number?", "on its card", lambda w: w[0].period, unit="s"),
+        Field("given_length", "number?", "on its card", lambda w: w[0].length, unit="m"),
+        Field("given_speed", "number?", "on its card", lambda w: w[0].speed, unit="m/s"),
+        Field("height_sigma", "number?", "a priori; null where it is known", lambda w: w[0].height_sigma, unit="m"),
+        Field("length_sigma", "number?", "a priori; null where it is known", lambda w: w[0].length_sigma, unit="m"),
+        Field("azimuth_sigma", "number?", "a priori; null where it is known", lambda w: w[0].azimuth_sigma,
+              unit="rad"),
+        Field("crest_sigma", "number?", "a priori; null where it is known", lambda w: w[0].crest_sigma, unit="m"),
     ),
 )  # fmt: skip
 WAVE_ORIGIN = Field[Statistics](
     "wave_origin", "3 number or null", "place from which crests count; null without waves",
-    lambda s: None if s.block.wave_origin is None else s.block.wave_origin.position, "rad, rad, m (GEOG) or m",
+    lambda s: None if s.block.wave_origin is None else s.block.wave_origin.position, unit=POSITION_UNIT,
 )  # fmt: skip
 SEA: Report[Statistics] = Report(title="Waves On The Water", table=WAVES)
 

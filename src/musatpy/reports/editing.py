@@ -51,10 +51,15 @@ def named(heading: str) -> tuple[str, str]:
     return " ".join((*words, last)).strip(), ""
 
 
+def _recorded(heading: str) -> tuple[str, str]:
+    """Return a heading in one line, and the unit that the record has."""
+    words, unit = named(heading)
+    return words, "rad" if unit == SEXAGESIMAL else _RECORDED.get(unit, unit)
+
+
 def with_unit(heading: str) -> str:
     """Return a heading in one line, with the unit of the record in brackets: `East (m)`."""
-    words, unit = named(heading)
-    unit = "rad" if unit == SEXAGESIMAL else _RECORDED.get(unit, unit)
+    words, unit = _recorded(heading)
     return f"{words} ({unit})" if unit else words
 
 
@@ -88,6 +93,13 @@ def along_axes(label: str = "", edit: str = "F9.3", unit: str = "\nm") -> Headin
     """Return the headings, behind a label, of what is along east, north, up; X, Y, Z in local jobs."""
     enu, xyz = ([f"{label}{name}{unit}" for name in names] for names in (("East", "North", "Up"), "XYZ"))
     return Headings(enu, (edit,) * 3, xyz, (edit,) * 3, (CoordinateSystem.LOCAL,))
+
+
+def recorded_unit(heading: str | Sequence[str] | Headings) -> str:
+    """Return the unit in the record of what is printed below a heading, empty where components have several."""
+    texts = heading.usual if isinstance(heading, Headings) else [heading] if isinstance(heading, str) else heading
+    units = {_recorded(text)[1] for text in texts}
+    return "".join(units - {"sigmas"}) if len(units) == 1 else ""
 
 
 ATTITUDES_AS_ANGLES = [f"{name}\nD  M  S   " for name in ("X-Tilt", "Y-Tilt", "Heading")]

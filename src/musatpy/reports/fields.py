@@ -1,6 +1,6 @@
 """The record, said once: every field with its kind, unit, meaning and values; JSON and its schema are made from it.
 
-The values of a field are those of the attribute by its name, where it does not say another way to them.
+The values of a field are those of the attribute by its name, where it does not say another, or a function.
 
 A kind is that of one value: `string`, `integer`, `number`, `boolean`, with `?` where it may be null. Sizes before
 it make lists of it: `3 number?`, `6x6 number`, `* string` of any length. ` or null` makes the whole null where
@@ -16,11 +16,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property, partial
+from operator import attrgetter
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from musatpy.reports.editing import Headings, field_width, printed_unit, with_decimals
+from musatpy.reports.editing import Headings, field_width, printed_unit, recorded_unit, with_decimals
 from musatpy.reports.values import Json, LazyColumn, Values, number, plain, rounded, unnested
 
 Schema = dict[str, Any]
@@ -66,19 +67,19 @@ class Field(Node[Source]):
     """One field: of an object its value, of a table its values, one per row (an array, or a list as it is).
 
     Where it is printed it has a heading and an edit descriptor; of a vector one for each component, or one for all.
-    What is printed and not recorded has no kind.
+    What is printed and not recorded has no kind. Its unit is that of its heading, where it does not say another.
     """
 
     kind: str = ""
     text: str = ""  # what it means
-    values: Callable[[Source], Any] | None = None
+    values: Callable[[Source], Any] | str = ""  # or the path of the attribute; empty: that by its name
+    heading: str | Sequence[str] | Headings = ""  # one or two lines, parted by a line feed
+    edit: str | Sequence[str] = ""  # edit descriptor (see `musatpy.reports.editing`)
     unit: str = ""
     choices: Iterable[Any] = ()
     exact: bool = False  # of numbers in tables: at full precision whatever the unit, as coordinates are
     seldom: bool = False  # stands in the record only where it says something
     significant: int = DIGITS  # digits of its numbers in a table, where it does not have all of them
-    heading: str | Sequence[str] | Headings = ""  # one or two lines, parted by a line feed
-    edit: str | Sequence[str] = ""  # edit descriptor (see `musatpy.reports.editing`)
     is_id: bool = False  # names what the row is about
     words: Mapping[Any, str] = dataclasses.field(default_factory=dict)  # what it says -> what is printed
     shown: Callable[[Values], Any] | None = None  # what is printed of a table in its stead, in units of the record
@@ -86,6 +87,10 @@ class Field(Node[Source]):
     of_run: bool = False  # printed of what no record has
     card_width: int = 0  # columns of a number on its card, with whose decimals it is printed
     when: Callable[[Values], bool] | None = None  # in a table where it is printed; None: in all
+
+    def __post_init__(self) -> None:
+        if self.kind and not self.unit:
+            object.__setattr__(self, "unit", recorded_unit(self.heading))
 
     @property
     def digits(self) -> int | None:
@@ -95,7 +100,7 @@ class Field(Node[Source]):
 
     def of(self, source: Source) -> Any:
         """Return its value, or of a table its values."""
-        return getattr(source, self.name) if self.values is None else self.values(source)
+        return attrgetter(self.values or self.name)(source) if isinstance(self.values, str) else self.values(source)
 
     @cached_property
     def width(self) -> int:
@@ -299,10 +304,16 @@ def _field(fields: Iterable[Node[Item]], path: str) -> Field[Item]:
     return {field.name: field for field in fields if isinstance(field, Field)}[path.partition("[")[0]]
 
 
-def identity(name: str, values: Callable[[Any], Any] | None = None, text: str = "") -> Field[Any]:
+def identity(name: str, values: Callable[[Any], Any] | str = "", text: str = "") -> Field[Any]:
     """Return the field of the ids of a row: of photos, points, models."""
     text = text or f"{name} id"
     return Field(name, "string", text, values, heading=name.capitalize(), edit="A8", is_id=True)
+
+
+def flag(name: str, text: str, heading: str, mark: str, values: Callable[[Any], Any] | str = "") -> Field[Any]:
+    """Return a field that is true or not, and printed as a mark where it is."""
+    words = {True: mark, False: ""}
+    return Field(name, "boolean", text, values, heading=heading, edit=f"A{len(mark)}", words=words)
 
 
 def unrecorded(heading: str, edit: str, values: Callable[[Any], Any]) -> Field[Any]:

@@ -156,7 +156,7 @@ def _fields(
             f"{sizes} {base}{'?' if is_open else ''}".strip(),
             text,
             _values_of(column, about.link, codes, base, part, block),
-            about.unit or _unit(path),
+            unit=about.unit or _unit(path),
             choices=[value.name.lower() for value in dict.fromkeys(codes)] or _allowed(path),
             exact=True,
         )

@@ -53,7 +53,7 @@ _HEAD: tuple[Node[Statistics], ...] = (
             Field("name", "const", "name of the program", lambda s: "musatpy", choices=("musatpy",)),
             Field("version", "string", "version of the program", lambda s: musatpy.__version__),
             Field("kernels", "string", "that did the work point after point; no difference to `diff`",
-                  lambda s: s.solution.kernels),
+                  "solution.kernels"),
         ),
     ),
     Group[Statistics, Statistics](
@@ -65,9 +65,9 @@ _HEAD: tuple[Node[Statistics], ...] = (
             Field("plate", "const", "of plate coordinates and their residuals", lambda s: "mm", choices=("mm",)),
         ),
     ),
-    Field("titles", "* string", "title cards", lambda s: s.block.titles),
+    Field("titles", "* string", "title cards", "block.titles"),
     Field("settings", "* string", "what was set for the run: `OP2.water_level=ONE` of its cards, `causes=all`",
-          lambda s: s.block.settings, seldom=True),
+          "block.settings", seldom=True),
 )  # fmt: skip
 _RESULTS: tuple[Node[Statistics], ...] = (
     echo.WAVES,

@@ -21,7 +21,7 @@ from musatpy.model import (
 from musatpy.model.reduction import SPREAD_LEVEL, Quantity, Reduced
 from musatpy.reports import job_record
 from musatpy.reports.editing import edited, number_text
-from musatpy.reports.fields import Each, Field, Group, Rows, identity
+from musatpy.reports.fields import Each, Field, Group, Rows, flag, identity
 from musatpy.reports.pages import Section, labelled, wrapped
 from musatpy.reports.table import Content, Labels, Report, numbers_at
 from musatpy.reports.values import Values
@@ -60,8 +60,8 @@ READINGS: Rows[Reduced, Reduced] = Rows(
     (
         Field("photo", "string", "photo id", lambda r: r.given.photos.ids[r.given.plates.photo]),
         Field("point", "string", "point id", lambda r: r.given.points.ids[r.given.plates.point]),
-        Field("xy", "2 number", "reading", lambda r: r.given.plates.xy, "unit", exact=True),
-        Field("sigma", "2 number?", "of the reading, as given", lambda r: r.given.plates.sigma, "unit"),
+        Field("xy", "2 number", "reading", "given.plates.xy", unit="unit", exact=True),
+        Field("sigma", "2 number?", "of the reading, as given", "given.plates.sigma", unit="unit"),
     ),
     of_images=True,
 )
@@ -69,20 +69,19 @@ _MARKS: Rows[ReducedPlate, ReducedPlate] = Rows(
     "marks",
     "one row per measured mark",
     (
-        Field("mark", "string", "mark id", lambda p: p.marks, heading="Mark", edit="A4", is_id=True),
-        Field("residual", "2 number?", "transformed minus calibrated", lambda p: p.residuals, "mm",
-              heading=("Resid. x\num", "Resid. y\num"), edit="F10.2"),
-        Field("normalized", "2 number?", "residual over its own sigma", edit="F9.2",
-              heading=("Over own\nsigma x", "\nsigma y")),
+        Field("mark", "string", "mark id", "marks", "Mark", "A4", is_id=True),
+        Field("residual", "2 number?", "transformed minus calibrated", "residuals",
+              ("Resid. x\num", "Resid. y\num"), "F10.2"),
+        Field("normalized", "2 number?", "residual over its own sigma", heading=("Over own\nsigma x", "\nsigma y"),
+              edit="F9.2"),
     ),
 )  # fmt: skip
 _DISTANCES: Rows[ReducedPlate, ReducedPlate] = Rows(
     "distances",
     "one row per distance, where the transformation goes by distances",
     (
-        Field("marks", "2 string", "mark ids", lambda p: p.ends, heading=("Mark", "Mark"), edit="A4", is_id=True),
-        Field("residual", "number?", "scaled minus calibrated", lambda p: p.distance_residuals, "mm",
-              heading="Residual\num", edit="F10.2"),
+        Field("marks", "2 string", "mark ids", "ends", ("Mark", "Mark"), "A4", is_id=True),
+        Field("residual", "number?", "scaled minus calibrated", "distance_residuals", "Residual\num", "F10.2"),
     ),
 )  # fmt: skip
 _PARAMETERS: Each[ReductionStep, Quantity] = Each(
@@ -90,7 +89,7 @@ _PARAMETERS: Each[ReductionStep, Quantity] = Each(
     "one row per parameter",
     of=lambda step: step.parameters,
     fields=(
-        Field("parameter", "string", "name; of the lens those of the distortion", lambda q: q.name),
+        Field("parameter", "string", "name; of the lens those of the distortion", "name"),
         Field("value", "number?", "in its unit"),
         Field("sigma", "number?", "standard deviation, null where given"),
         Field("unit", "string", "unit; empty of coefficients", choices=("", "count", "mm", "m", "rad", "mm/unit")),
@@ -101,7 +100,7 @@ _STEPS: Each[ReducedPlate, ReductionStep] = Each(
     "one row per step taken, in their order",
     of=lambda p: p.steps,
     fields=(
-        Field("step", "string", "name of the step", lambda step: step.name,
+        Field("step", "string", "name of the step", "name",
               choices=("comparator", "fiducials", "reseau", "lens", "refraction", "curvature")),
         Field("largest", "number?", "largest displacement, null of a step that changes the system", unit="mm"),
         _PARAMETERS,
@@ -112,17 +111,16 @@ _SPREADS: Each[ReducedPlate, Spread] = Each(
     "one row per kind of repeated readings",
     of=lambda p: p.spreads,
     fields=(
-        Field("of", "string", "what was read", lambda s: s.what, choices=("marks", "points", "crosses"),
-              heading="Of", edit="A7", is_id=True),
+        Field("of", "string", "what was read", "what", "Of", "A7", choices=("marks", "points", "crosses"),
+              is_id=True),
         Field("freedom", "integer", "readings less targets", heading="Freedom", edit="I7"),
-        Field("sigma", "2 number?", "of one reading, by coordinate", lambda s: np.array(s.pooled), "unit",
-              heading=("Sigma u\nunit", "Sigma v\nunit"), edit="F9.5"),
+        Field("sigma", "2 number?", "of one reading, by coordinate", lambda s: np.array(s.pooled),
+              ("Sigma u\nunit", "Sigma v\nunit"), "F9.5"),
         Field("probability", "2 number?", "of so large a spread by chance", lambda s: np.array(s.probability),
-              heading=("Probability\nu", "Probability\nv"), edit="F11.4"),
-        Field("unlikely", "boolean", "a probability is below 0.05", heading="Test", edit="A4",
-              words={True: "*", False: ""}),
-        Field("largest", "number?", "deviation from a mean", unit="unit", heading="Largest\ndeviation",
-              edit="F9.5"),
+              ("Probability\nu", "Probability\nv"), "F11.4"),
+        flag("unlikely", "a probability is below 0.05", "Test", "*"),
+        Field("largest", "number?", "deviation from a mean", heading="Largest\ndeviation", edit="F9.5",
+              unit="unit"),
         Field("beyond", "* string", "targets with readings beyond the limit"),
     ),
 )  # fmt: skip
@@ -136,12 +134,11 @@ REDUCED_PLATES: Each[Reduced, ReducedPlate] = Each(
               lambda p: p.refusal or None),
         Field("reason", "string?",
               "the same in one word: MISSING, SWAPPED, MIRRORED, MISPLACED, DEGENERATE, LIMIT, HEIGHTS, LOST",
-              lambda p: p.reason or None, heading="Refused", edit="A10"),
+              lambda p: p.reason or None, "Refused", "A10"),
         Field("sigma0", "number?", "of the fiducial transformation, null without redundancy", heading="Sigma0",
               edit="F7.3"),
         Field("freedom", "integer", "its degrees of freedom", heading="Freedom", edit="I7"),
-        Field("rms", "2 number?", "of the residuals of the marks", unit="mm", heading=("RMS x\num", "RMS y\num"),
-              edit="F8.2"),
+        Field("rms", "2 number?", "of the residuals of the marks", heading=("RMS x\num", "RMS y\num"), edit="F8.2"),
         _MARKS,
         _DISTANCES,
         Field("missing", "* string", "calibrated marks that were not measured", heading="Not\nmeasured", edit="I8",

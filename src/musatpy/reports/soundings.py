@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.compilation.point_orders import order_names, orders_of_points
-from musatpy.reports.fields import Document, Each, Field, Group, Rows
+from musatpy.reports.fields import Document, Each, Field, Group, Rows, flag
 from musatpy.reports.pages import Section, labelled, print_titled, wrapped
 from musatpy.reports.table import Report
 from musatpy.soundings.differences import (
@@ -46,7 +46,7 @@ MATCHING: Group[Sounded, Matching] = Group(
             "number?",
             "of points whose plane is the bottom; null: triangles",
             lambda m: _limit(m.radius),
-            "m",
+            unit="m",
         ),
         Field("datum", "number", "of the soundings below that of the bottom", unit="m"),
         Field("datum_sigma", "number", "of that", unit="m"),
@@ -61,23 +61,18 @@ SAMPLES: Each[Sounded, Sample] = Each(
     "compiled less sounded depths, in numbers",
     of=lambda s: samples(s.differences),
     fields=(
-        Field("sample", "string", "which soundings, by sounded depth", lambda p: p.what, heading="Sample",
-              edit="A16", is_id=True),
-        Field("size", "integer", "sample size N", lambda p: p.statistics.size, heading="Size", edit="I7"),
-        Field("sum", "number", "of the differences", lambda p: p.statistics.sum, "m", heading="Sum\nm",
-              edit="F11.3"),
-        Field("mean", "number?", "sum / N", lambda p: p.statistics.mean, "m", heading="Mean\nm", edit="F9.3"),
-        Field("rms", "number?", "root of the sum of squares / N", lambda p: p.statistics.rms, "m", heading="RMS\nm",
-              edit="F9.3"),
-        Field("deviation", "number?", "standard deviation from the mean, N - 1", lambda p: p.statistics.deviation,
-              "m", heading="Deviation\nm", edit="F9.3"),
-        Field("maximum", "number?", "signed difference of the largest magnitude", lambda p: p.statistics.maximum,
-              "m", heading="Maximum\nm", edit="F9.3"),
-        Field("maximum_id", "string?", "its sounding", lambda p: p.statistics.maximum_id or None, heading="at",
-              edit="A10"),
-        Field("median", "number?", "", lambda p: p.median, "m", heading="Median\nm", edit="F9.3"),
-        Field("spread", "number?", "median absolute deviation times 1.4826", lambda p: p.spread, "m",
-              heading="NMAD\nm", edit="F9.3"),
+        Field("sample", "string", "which soundings, by sounded depth", "what", "Sample", "A16", is_id=True),
+        Field("size", "integer", "sample size N", "statistics.size", "Size", "I7"),
+        Field("sum", "number", "of the differences", "statistics.sum", "Sum\nm", "F11.3"),
+        Field("mean", "number?", "sum / N", "statistics.mean", "Mean\nm", "F9.3"),
+        Field("rms", "number?", "root of the sum of squares / N", "statistics.rms", "RMS\nm", "F9.3"),
+        Field("deviation", "number?", "standard deviation from the mean, N - 1", "statistics.deviation",
+              "Deviation\nm", "F9.3"),
+        Field("maximum", "number?", "signed difference of the largest magnitude", "statistics.maximum",
+              "Maximum\nm", "F9.3"),
+        Field("maximum_id", "string?", "its sounding", lambda p: p.statistics.maximum_id or None, "at", "A10"),
+        Field("median", "number?", "", heading="Median\nm", edit="F9.3"),
+        Field("spread", "number?", "median absolute deviation times 1.4826", heading="NMAD\nm", edit="F9.3"),
     ),
 )  # fmt: skip
 REGRESSION: Group[Sounded, Regression] = Group(
@@ -99,8 +94,8 @@ SHARES: Each[Sounded, OrderShare] = Each(
     "differences within the vertical uncertainty of the orders of S-44",
     of=lambda s: order_shares(s.differences),
     fields=(
-        Field("order", "string", "of the survey", lambda o: o.name, heading="Order", edit="A10", is_id=True),
-        Field("share", "number", "of the differences", lambda o: o.share, heading="Within", edit="F7.3"),
+        Field("order", "string", "of the survey", "name", "Order", "A10", is_id=True),
+        Field("share", "number", "of the differences", heading="Within", edit="F7.3"),
         Field("met", "boolean", "95 % are within", heading="95 %", edit="A4", words={True: "met", False: "NO"}),
     ),
 )  # fmt: skip
@@ -108,28 +103,22 @@ DIFFERENCES: Rows[Sounded, Sounded] = Rows(
     "differences",
     "one row per sounding that meets the bottom",
     (
-        Field("sounding", "string", "its name, or line", lambda s: s.differences.names, heading="Sounding",
-              edit="A16", is_id=True),
-        Field("compiled", "number", "depth", lambda s: s.differences.compiled, "m", heading="Compiled\nm",
-              edit="F9.3"),
-        Field("sounded", "number", "depth below the same datum", lambda s: s.differences.sounded, "m",
-              heading="Sounded\nm", edit="F9.3"),
-        Field("difference", "number", "compiled less sounded", lambda s: s.differences.difference, "m",
-              heading="Difference\nm", edit="F9.3"),
-        Field("sigma", "number", "of the difference", lambda s: s.differences.sigma, "m", heading="Sigma\nm",
-              edit="F9.3"),
-        Field("blunder", "boolean", "beyond 3.29 robust deviations", lambda s: s.differences.blunders,
-              heading="Blunder", edit="A4", words={True: "*", False: ""}),
-        Field("place", "2 number", "east and north on the map of the first model, or raster", lambda s: s.xy, "m"),
+        Field("sounding", "string", "its name, or line", "differences.names", "Sounding", "A16", is_id=True),
+        Field("compiled", "number", "depth", "differences.compiled", "Compiled\nm", "F9.3"),
+        Field("sounded", "number", "depth below the same datum", "differences.sounded", "Sounded\nm", "F9.3"),
+        Field("difference", "number", "compiled less sounded", "differences.difference", "Difference\nm", "F9.3"),
+        Field("sigma", "number", "of the difference", "differences.sigma", "Sigma\nm", "F9.3"),
+        flag("blunder", "beyond 3.29 robust deviations", "Blunder", "*", "differences.blunders"),
+        Field("place", "2 number", "east and north on the map of the first model, or raster", "xy", unit="m"),
     ),
 )  # fmt: skip
 LEFT_OUT: Rows[Sounded, Sounded] = Rows(
     "left_out",
     "soundings that do not meet the bottom",
     (
-        Field("sounding", "string", "its name, or line", lambda s: s.soundings.names[list(s.reasons)],
-              heading="Sounding", edit="A16", is_id=True),
-        Field("reason", "string", "why", lambda s: list(s.reasons.values()), heading="Reason", edit="A60"),
+        Field("sounding", "string", "its name, or line", lambda s: s.soundings.names[list(s.reasons)], "Sounding",
+              "A16", is_id=True),
+        Field("reason", "string", "why", lambda s: list(s.reasons.values()), "Reason", "A60"),
     ),
 )  # fmt: skip
 POINT_ORDERS: Field[Compiled | None] = Field(
