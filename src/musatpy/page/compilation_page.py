@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -25,11 +24,11 @@ from musatpy.reports.table import Report
 
 _POINTS = 200  # rows
 _AGAINST = "Comparison With The Run: In Numbers"
-_LEFT_OUT: Report[Any] = Report(
-    title="Points Without Coordinates",
-    table=compilation_points.POINTS,
+_LEFT_OUT = Report(
+    "Points Without Coordinates",
+    compilation_points.POINTS,
+    ("model point", compilation_points.POINTS.column("reason", "Reason", "A80")),
     which=lambda t: np.flatnonzero([reason is not None for reason in t["reason"]]),
-    columns=("model", "point", compilation_points.POINTS.column("reason", "Reason", "A80")),
 )
 _open = partial(PageReport, folded=False)
 _MODELS = (

@@ -76,11 +76,8 @@ _OPTION_WORDS: Mapping[str, Mapping[Any, str]] = {
     "water_level": titles.WATER_LEVEL,
     "editing": titles.EDITING,
 }
-_FINDINGS: Report[Any] = Report(
-    title=answer.BLUNDERS.title,
-    table=blunders.FINDINGS,
-    worst=lambda t: np.abs(t["test"]),
-    columns=(*answer.BLUNDERS.columns, "note"),
+_FINDINGS = Report(
+    answer.BLUNDERS.title, blunders.FINDINGS, (*answer.BLUNDERS.columns, "note"), worst=lambda t: np.abs(t["test"])
 )
 _open = partial(PageReport, folded=False)
 _of_photos = partial(PageReport, listed=_PHOTOS)
@@ -321,7 +318,7 @@ def _computed(tables: Tables) -> Iterator[Part]:
         yield Sentences(texts=[f"Set for this run: {', '.join(settings)}."])
     yield _options(tables["options"])
     for report in analyses.REPORTS:
-        yield analysis_table(at(tables, report.path), report.title, str(report.columns[-1].heading))
+        yield analysis_table(at(tables, report.path), report.title, str(report.stated()[-1].heading))
     yield from tables_of(_COMPUTED, tables)
 
 

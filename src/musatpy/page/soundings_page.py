@@ -36,17 +36,13 @@ _ACCURACY = (
         note=f"Share of the differences within the vertical uncertainty of an order. {source()}.",
     ),
 )
-_DIFFERENCES: Report[Any] = Report(
-    title="Differences",
-    table=soundings.DIFFERENCES,
+_DIFFERENCES = Report(
+    "Differences",
+    soundings.DIFFERENCES,
+    "sounding compiled sounded difference sigma blunder",
     worst=lambda t: np.abs(t["difference"]),
-    columns=("sounding", "compiled", "sounded", "difference", "sigma", "blunder"),
 )
-_LEFT_OUT: Report[Any] = Report(
-    title="Soundings That Do Not Meet The Bottom",
-    table=soundings.LEFT_OUT,
-    columns=("sounding", "reason"),
-)
+_LEFT_OUT = Report("Soundings That Do Not Meet The Bottom", soundings.LEFT_OUT, "sounding reason")
 _SOUNDINGS = (
     PageReport(_DIFFERENCES, _LISTED, note="* beyond 3.29 robust deviations from the median."),
     PageReport(_LEFT_OUT, _LISTED),

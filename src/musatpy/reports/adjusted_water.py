@@ -175,8 +175,8 @@ def sections(statistics: Statistics) -> list[Section]:
     if water is None:
         return []
     lines = labelled(_lines(water))
-    text = "Blank: not determined by the images, if any depend on it."
-    note = ["", text] if any(name.startswith("the level") for name in water.undetermined) else []
+    is_open = any(name.startswith("the level") for name in water.undetermined)
+    note = "Blank: not determined by the images, if any depend on it." if is_open else ""
     return [
         *([CORRECTIONS.section(statistics, note, worst=())] if len(water.correction) else []),
         *([Section(title=SURFACE.title, lines=lines)] if lines else []),
@@ -193,7 +193,7 @@ def _not_adjusted(statistics: Statistics) -> list[Section]:
             "Their errors are not adjusted: they are in the sigmas of stations, points and depths, and the tests "
             f"allow for them. Without what they explain, sigma0 is {number_text('F8.3', solution.unit_sigma)}."
         )
-        sections.append(CONSIDERED.section(statistics, ["", *wrapped([note])]))
+        sections.append(CONSIDERED.section(statistics, note))
     exact = exact_water(statistics.block)
     if exact:
         note = f"Taken to be without error, as the cards give no sigma: {'; '.join(exact)}."
@@ -201,29 +201,27 @@ def _not_adjusted(statistics: Statistics) -> list[Section]:
     return sections
 
 
-WAVES: Report[AdjustedWaves] = Report(
-    title="Water: Adjusted Waves",
-    table=_WAVES,
+WAVES = Report(
+    "Water: Adjusted Waves",
+    _WAVES,
+    "wave period length speed height azimuth crest",
     path="adjusted_water.waves.waves",
-    columns=("wave", "period", "length", "speed", "height", "azimuth", "crest"),
 )
 
 
-PARAMETERS_OF_WAVES: Report[AdjustedWaves] = Report(
-    title="Water: How Well The Waves Are Known", table=_PARAMETERS, path="adjusted_water.waves.parameters"
+PARAMETERS_OF_WAVES = Report(
+    "Water: How Well The Waves Are Known", _PARAMETERS, path="adjusted_water.waves.parameters"
 )
-CORRELATIONS: Report[AdjustedWaves] = Report(
-    title="Water: Correlations Of The Waves",
-    table=_CORRELATIONS_OF_WAVES,
+CORRELATIONS = Report(
+    "Water: Correlations Of The Waves",
+    _CORRELATIONS_OF_WAVES,
     path="adjusted_water.waves.correlations",
     worst=lambda t: np.abs(t["correlation"]),
 )
-CONSIDERED: Report[Statistics] = Report(
-    title="Water: Known With An Error", table=_CONSIDERED, path="adjusted_water.considered"
-)
-CORRECTIONS: Report[Statistics] = Report(
-    title="Water: Corrections Of The Tides",
-    table=_CORRECTIONS,
+CONSIDERED = Report("Water: Known With An Error", _CONSIDERED, path="adjusted_water.considered")
+CORRECTIONS = Report(
+    "Water: Corrections Of The Tides",
+    _CORRECTIONS,
     path="adjusted_water.corrections",
     worst=lambda t: np.abs(t["correction"]),
 )
@@ -252,7 +250,7 @@ def _waves(waves: AdjustedWaves) -> list[Section]:
     )
     return [
         WAVES.section(waves),
-        PARAMETERS_OF_WAVES.section(waves, ["", *wrapped([note])]),
+        PARAMETERS_OF_WAVES.section(waves, note),
         CORRELATIONS.section(waves, worst=()),
     ]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.model import Block, Refraction
 from musatpy.reports.editing import edited, prints_as_zero
-from musatpy.reports.fields import Each, Field, Group, Rows, identity
+from musatpy.reports.fields import Each, Field, Group, Rows, identity, within
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values
@@ -30,19 +30,28 @@ _ACROSS = 10  # frames on the width of the paper
 _RMS = "F9.3"  # mm, of the plates
 
 Component = tuple[str, str, DifferenceStatistics]
-_OF_ROW = "the row's"
+
+
+def differences(unit: str, of: str = "photo or point") -> tuple[Field[DifferenceStatistics], ...]:
+    """Return the statistics of differences in a unit, the largest with the name of what it is of."""
+    return (
+        Field("size", "integer", "sample size N", heading="Size", edit="I7"),
+        Field("sum", "number", "sum of differences", "", f"Sum\n{unit}", "F11.3", unit=unit),
+        Field("mean", "number?", "sum / N", "", f"Mean\n{unit}", "F9.3", unit=unit),
+        Field("rms", "number?", "root of the sum of squares / N", "", f"RMS\n{unit}", "F9.3", unit=unit),
+        Field("deviation", "number?", "standard deviation from the mean, N - 1", "", f"Deviation\n{unit}", "F9.3",
+              unit=unit),
+        Field("maximum", "number?", "signed difference of the largest magnitude", "", f"Maximum\n{unit}", "F9.3",
+              unit=unit),
+        Field("maximum_id", "string?", f"{of} of the maximum", lambda d: d.maximum_id or None, "at", "A10"),
+    )  # fmt: skip
+
+
 _DIFFERENCES: tuple[Field[Component], ...] = (
     Field("component", "string", "name of the component", lambda c: c[0], "Component", "A10", is_id=True),
     Field("unit", "string", "unit of the numbers of the row", lambda c: c[1], "Unit", "A4", choices=("rad", "m")),
-    Field("size", "integer", "sample size N", lambda c: c[2].size, "Sample Size", "I8"),
-    Field("sum", "number", "sum of differences", lambda c: c[2].sum, unit=_OF_ROW),
-    Field("mean", "number?", "sum / N", lambda c: c[2].mean, unit=_OF_ROW),
-    Field("rms", "number?", "root of the sum of squares / N", lambda c: c[2].rms, unit=_OF_ROW),
-    Field("deviation", "number?", "standard deviation from the mean, N - 1", lambda c: c[2].deviation,
-          unit=_OF_ROW),
-    Field("maximum", "number?", "signed difference of the largest magnitude", lambda c: c[2].maximum, unit=_OF_ROW),
-    Field("maximum_id", "string?", "photo or point of the maximum", lambda c: c[2].maximum_id or None),
-)  # fmt: skip
+    *within(lambda c: c[2], differences("the row's")),
+)
 
 
 def _analysis(name: str, text: str, of: Callable[[Statistics], Analysis]) -> Each[Statistics, Component]:
@@ -69,14 +78,16 @@ ANALYSES = Group[Statistics, Statistics]("analyses", "the standard analyses, one
 def _report(table: Each[Statistics, Component], title: str, row: str) -> Report[Statistics]:
     """Return an analysis in print; `row` is what its differences are of."""
     return Report(
-        title=title,
-        table=table,
-        path=f"analyses.{table.name}",
-        layout="across",
-        columns=(
-            *("component", "unit", "size", *(table.column(name, label, "F16.3") for label, name in ROWS)),
+        title,
+        table,
+        (
+            "component unit",
+            table.column("size", "Sample Size", "I8"),
+            *(table.column(name, label, "F16.3") for label, name in ROWS),
             table.column("maximum_id", f"{row} with Max. Difference", "A8", shown=_maximum),
         ),
+        path=f"analyses.{table.name}",
+        layout="across",
     )
 
 
@@ -146,19 +157,17 @@ def _stars(label: str, kind: int) -> Field[Statistics]:
     return Field(label, heading=label, edit="A4", shown=shown)
 
 
-BY_PHOTO: Report[Statistics] = Report(
-    title="Plate Residuals By Photo",
-    table=FRAMES,
+BY_PHOTO = Report(
+    "Plate Residuals By Photo",
+    FRAMES,
+    ("photo", *_by_kind(0, "Trig."), *_by_kind(1, "Not trig."), *_by_kind(2, "All")),
     path="plate_statistics.frames",
     worst=lambda t: np.linalg.norm(np.nan_to_num(t["rms"][:, 0]), axis=1) / MICROMETRE,
-    columns=("photo", *_by_kind(0, "Trig."), *_by_kind(1, "Not trig."), *_by_kind(2, "All")),
 )
-FRAMES_ACROSS: Report[Statistics] = Report(
-    title="Plate Residuals",
-    layout="across",
-    table=PLATE_STATISTICS,
-    nested="frames",
-    columns=(
+FRAMES_ACROSS = Report(
+    "Plate Residuals",
+    PLATE_STATISTICS,
+    (
         FRAMES.column("photo", "Frame", "A8"),
         *(
             _rms(f"RMS of {name} - {axis}", kind, n)
@@ -170,6 +179,8 @@ FRAMES_ACROSS: Report[Statistics] = Report(
             for kind, name in enumerate(("Trig.", "Non-Trig.", "All"))
         ),
     ),
+    layout="across",
+    nested="frames",
 )
 STATED = (*REPORTS, BY_PHOTO, FRAMES_ACROSS)
 
@@ -206,7 +217,7 @@ def laid_out(
         label: [edited(edits[unit], [value])[0] for unit, value in zip(units, values, strict=True)]
         for label, values in numbers.items()
     }
-    rows[str(report.columns[-1].heading)] = _maximum(t, edits)
+    rows[str(report.stated()[-1].heading)] = _maximum(t, edits)
     title = "\n".join((report.title, *runs, *(["(Degrees, Minutes, Seconds)"] if "rad" in units else [])))
     heads = [_HEADINGS.get(name, name) for name in t["component"]]
     return _across(title, {"": heads}, rows, (_LABEL_WIDTH, _CELL_WIDTH), **layout)

@@ -61,20 +61,13 @@ def _run_numbers(content: Content) -> dict[str, Sequence[float | None]]:
     }  # fmt: skip
 
 
-BLUNDERS: Report[Statistics] = Report(
-    title="Blunders Found",
-    table=blunders.FINDINGS,
-    columns=("blunder", "photo", "point", "test", "action"),
-)
-WORST: Report[Statistics] = Report(
-    title="Worst Observations",
-    table=residuals.OBSERVATIONS,
+BLUNDERS = Report("Blunders Found", blunders.FINDINGS, "blunder photo point test action")
+WORST = Report(
+    "Worst Observations",
+    residuals.OBSERVATIONS,
+    ("kind of component", residuals.UNIT, "residual normal_test estimated_error"),
     which=lambda t: t.source.worst_observations[:_WORST],
     some=True,
-    columns=(
-        *("kind", "of", "component", residuals.UNIT, "residual"),
-        *("normal_test", "estimated_error"),
-    ),
 )
 
 

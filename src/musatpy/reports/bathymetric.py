@@ -73,30 +73,25 @@ def _has_given(t: Values) -> bool:
     return t.source is None or (_is_refracted(t) and _are_given(t.source))
 
 
-DEPTHS: Report[Statistics] = Report(
-    title="Depths Of Bathymetric Points",
-    table=BATHYMETRIC,
-    worst=lambda t: t["depth_sigma"],
-    columns=(
-        "point", "photos", "incidence", "water_level", "depth_no_refraction", "depth_predicted",
+DEPTHS = Report(
+    "Depths Of Bathymetric Points",
+    BATHYMETRIC,
+    (
+        "point photos incidence water_level depth_no_refraction depth_predicted",
         *(BATHYMETRIC.column(name, when=_is_refracted) for name in ("depth", "depth_sigma", "height")),
         *(BATHYMETRIC.column(name, when=_has_given) for name in ("control", "residual")),
     ),
-)  # fmt: skip
-COORDINATES: Report[Statistics] = Report(
-    title="Bathymetric Points",
-    layout="xyz",
-    table=BATHYMETRIC,
-    columns=("point", "no_refraction", "predicted", "refraction"),
+    worst=lambda t: t["depth_sigma"],
 )
-_POSITIONS: Report[Statistics] = Report(
-    title=COORDINATES.title,
-    table=BATHYMETRIC,
-    columns=(
+COORDINATES = Report("Bathymetric Points", BATHYMETRIC, "point no_refraction predicted refraction", layout="xyz")
+_POSITIONS = Report(
+    COORDINATES.title,
+    BATHYMETRIC,
+    (
         "point",
         *(
             BATHYMETRIC.column(name, [f"{heading}, {axis}\nm" for axis in "XYZ"], "F14.1")
-            for name, heading in zip(COORDINATES.columns[1:], _HEADINGS, strict=True)
+            for name, heading in zip(("no_refraction", "predicted", "refraction"), _HEADINGS, strict=True)
         ),
     ),
 )
@@ -123,7 +118,7 @@ FLAGS = Rows[Statistics, Statistics](
               lambda s: s.flags.other_height[_rows(s)], "Other flag\nm", "F12.3"),
     ),
 )  # fmt: skip
-FLAG_TABLE: Report[Statistics] = Report(title=TITLE, table=FLAGS)
+FLAG_TABLE = Report(TITLE, FLAGS)
 
 
 RECORD, STATED = (FLAGS,), (COORDINATES, DEPTHS, FLAG_TABLE)
@@ -223,4 +218,4 @@ def _flags(statistics: Statistics) -> list[Section]:
         own = statistics.solution.sum_of_squares
         squares = [number_text("F12.1", value) for value in (own, other.sum_of_squares)]
         note += f" v'Pv is {squares[0]}, with all of them flagged the other way {squares[1]}."
-    return [FLAG_TABLE.section(statistics, below=["", *wrapped([note])])]
+    return [FLAG_TABLE.section(statistics, note)]

@@ -97,15 +97,17 @@ def _findings(statistics: Statistics, unit: str) -> Section:
         )
 
     numbers = [notes.get(findings[row].note, "") for row in rows]
-    report: Report[Statistics] = Report(
-        title=_TITLES[unit],
-        table=FINDINGS,
-        which=lambda t: np.array(rows),
-        columns=(
-            *("blunder", "photo", "point", FINDINGS.column("test", "Test\nvalue", "F9.1")),
+    report = Report(
+        _TITLES[unit],
+        FINDINGS,
+        (
+            "blunder photo point",
+            FINDINGS.column("test", "Test\nvalue", "F9.1"),
             *(component(axis) for axis in range(max(len(findings[row].size) for row in rows))),
-            *("action", Field("note", heading="Note", edit="A4", shown=lambda t: numbers)),
+            "action",
+            Field("note", heading="Note", edit="A4", shown=lambda t: numbers),
         ),
+        which=lambda t: np.array(rows),
     )
     return report.section(statistics, ["", *(f"{number}  {note}" for note, number in notes.items())])
 
@@ -137,15 +139,15 @@ def _cause_report(causes: tuple[Cause, ...], numbers: Mapping[str, str]) -> Repo
         return Field(heading, heading=heading, edit=edit, shown=lambda t: values)
 
     return Report(
-        title="Blunders: Causes",
-        table=CAUSES,
-        columns=(
-            *("group", "rank", "cause"),
+        "Blunders: Causes",
+        CAUSES,
+        (
+            "group rank cause",
             each("Photo, point", "A20", lambda cause, axis: _owner(cause)),
             each("Of", "A17", _component),
             each("Size", "F12.3", lambda cause, axis: _at(cause.size, axis)),
             each("Sigma", "F9.3", lambda cause, axis: _at(cause.sigma, axis)),
-            *("unit", "test"),
+            "unit test",
             each("Note", "A4", lambda cause, axis: numbers[cause.advice]),
         ),
     )

@@ -10,7 +10,7 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.probability import FAMILY_RISK
 from musatpy.reports.editing import number_text
 from musatpy.reports.fields import Field, Group, Rows
-from musatpy.reports.pages import Section, wrapped
+from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
 from musatpy.statistics import Statistics
 from musatpy.statistics.quality import BETA, CommonErrors
@@ -86,21 +86,21 @@ _ERRORS = Group[Statistics, Statistics](
 )  # fmt: skip
 
 
-TESTS: Report[Statistics] = Report(
-    title=COMMON_ERRORS,
-    table=PARAMETERS,
-    path="common_errors.parameters",
-    columns=(
-        *("parameter", "unit", "test", "tested", "smallest", "reference"),
+TESTS = Report(
+    COMMON_ERRORS,
+    PARAMETERS,
+    (
+        "parameter unit test tested smallest reference",
         *(f"{noun}_{what}" for noun in MOVED for what in ("shift", "sigmas")),
     ),
+    path="common_errors.parameters",
 )
-HIDDEN: Report[Statistics] = Report(
-    title=f"{COMMON_ERRORS}: What Moves Most, By The Smallest Error Found",
-    table=PARAMETERS,
+HIDDEN = Report(
+    f"{COMMON_ERRORS}: What Moves Most, By The Smallest Error Found",
+    PARAMETERS,
+    ("parameter", *(f"{noun}{what}" for noun in MOVED for what in ("", "_hidden", "_hidden_sigmas"))),
     path="common_errors.parameters",
     which=lambda t: np.flatnonzero(t["tested"]),
-    columns=("parameter", *(f"{noun}{what}" for noun in MOVED for what in ("", "_hidden", "_hidden_sigmas"))),
 )
 RECORD, STATED = (_ERRORS,), (TESTS, HIDDEN)
 
@@ -126,6 +126,6 @@ def sections(statistics: Statistics) -> list[Section]:
     if left:
         note += f" Left out, as their errors are in the sigmas: {' and '.join(left)}."
     return [
-        TESTS.section(statistics, ["", *wrapped([note])], new_page=True),
+        TESTS.section(statistics, note, new_page=True),
         *([HIDDEN.section(statistics)] if tested else []),
     ]

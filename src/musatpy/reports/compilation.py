@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -200,32 +200,23 @@ def _rms(values: FloatArray) -> float:
 
 # --- the listing ---
 
-MODEL_TABLE: Report[Any] = Report(
-    title="Model Set-Up",
-    table=MODELS,
-    columns=(
-        *("model", "photos", "mode", "vertical", "tide", "rays"),
-        *("pointing", "base", "height", "tides", "points", "y_parallax"),
-    ),
+MODEL_TABLE = Report(
+    "Model Set-Up", MODELS, "model photos mode vertical tide rays pointing base height tides points y_parallax"
 )
-RECOVERED_TABLE: Report[Any] = Report(
-    title="Recoverability: Points Read Again, Less What The Run Predicts",
-    table=RECOVERED,
-    columns=(
-        "model",
-        "points",
+RECOVERED_TABLE = Report(
+    "Recoverability: Points Read Again, Less What The Run Predicts",
+    RECOVERED,
+    (
+        "model points",
         *(
             RECOVERED.column(f"rms[{i}][{j}]", f"RMS {side} {axis}\num", "F9.2")
             for i, side in enumerate(("L", "R"))
             for j, axis in enumerate("xy")
         ),
-        "largest",
-        "point",
-        "limit",
-        "recovered",
+        "largest point limit recovered",
     ),
 )
-SHORE_TABLE: Report[Any] = Report(title="Shoreline: Heights Over The Tide", table=SHORELINES)
+SHORE_TABLE = Report("Shoreline: Heights Over The Tide", SHORELINES)
 WARNINGS = Texts("Warnings Of Run And Readings", lambda r: sentences_at(r, "warnings"), "warnings")
 STATED = (WARNINGS, MODEL_TABLE, SHORE_TABLE, RECOVERED_TABLE, compilation_comparisons.RUN_TABLE)
 
@@ -266,14 +257,13 @@ def model_sections(compiled: Compiled, against: list[AgainstRun], warnings: Sequ
     ]
 
 
-def _of_waves(compiled: Compiled) -> list[str]:
+def _of_waves(compiled: Compiled) -> str:
     """Return the note that rays go through the waves of the run, where it has some."""
     sea = compiled.run.sea
     if sea is None:
-        return []
+        return ""
     names = f" ({', '.join(sea.names)})" if sea.names else ""
-    note = f"Through the waves of the run{names}, as they stood at each exposure. Depths count from the tides."
-    return ["", *wrapped([note])]
+    return f"Through the waves of the run{names}, as they stood at each exposure. Depths count from the tides."
 
 
 def listing_of(

@@ -144,19 +144,17 @@ def _levels(bottoms: Bottoms, of: str) -> list[Level]:
     return rows
 
 
-SURFACE_TABLE: Report[Any] = Report(title="Surfaces", table=SURFACES)
-GRID_TABLE: Report[Any] = Report(
-    title="Grids Of Posts", table=GRIDS, columns=("grid", "spacing", "posts", "empty", "least", "greatest")
-)
-COLLOCATED_TABLE: Report[Any] = Report(
-    title="Grids By Collocation: Points Left Out And Predicted",
-    table=GRIDS,
+SURFACE_TABLE = Report("Surfaces", SURFACES)
+GRID_TABLE = Report("Grids Of Posts", GRIDS, "grid spacing posts empty least greatest")
+COLLOCATED_TABLE = Report(
+    "Grids By Collocation: Points Left Out And Predicted",
+    GRIDS,
+    "grid left_out_rms left_out_test mean_sigma",
     which=lambda t: np.flatnonzero(t["collocated"]),
-    columns=("grid", "left_out_rms", "left_out_test", "mean_sigma"),
 )
-EDGE_TABLE: Report[Any] = Report(title="Edge Match: The First Model Less The Second", table=EDGES)
-CONTOUR_TABLE: Report[Any] = Report(title="Contours", table=CONTOURS)
-HEIGHT_TABLE: Report[Any] = Report(title="Contours Of Height", table=HEIGHT_CONTOURS)
+EDGE_TABLE = Report("Edge Match: The First Model Less The Second", EDGES)
+CONTOUR_TABLE = Report("Contours", CONTOURS)
+HEIGHT_TABLE = Report("Contours Of Height", HEIGHT_CONTOURS)
 STATED = (SURFACE_TABLE, EDGE_TABLE, CONTOUR_TABLE, HEIGHT_TABLE, GRID_TABLE, COLLOCATED_TABLE)
 
 

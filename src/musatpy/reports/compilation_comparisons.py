@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.reports import analyses
-from musatpy.reports.fields import Document, Each, Field, Rows, flag, identity
+from musatpy.reports.fields import Document, Each, Field, Rows, flag, identity, within
 from musatpy.reports.pages import Section, labelled, print_titled
 from musatpy.reports.table import Report
 from musatpy.statistics.differences import DifferenceStatistics, analysis_of
@@ -45,26 +45,18 @@ ANALYSIS: Each[tuple[Compiled, list[AgainstRun]], tuple[str, DifferenceStatistic
     of=lambda s: _statistics(s[1]),
     fields=(
         Field("component", "string", "East, North, Up", lambda d: d[0]),
-        Field("size", "integer", "sample size N", lambda d: d[1].size),
-        Field("sum", "number", "of the differences", lambda d: d[1].sum, unit="m"),
-        Field("mean", "number?", "sum / N", lambda d: d[1].mean, unit="m"),
-        Field("rms", "number?", "root of the sum of squares / N", lambda d: d[1].rms, unit="m"),
-        Field(
-            "deviation", "number?", "standard deviation from the mean, N - 1", lambda d: d[1].deviation, unit="m"
-        ),
-        Field("maximum", "number?", "signed, of the largest magnitude", lambda d: d[1].maximum, unit="m"),
-        Field("maximum_id", "string?", "its point", lambda d: d[1].maximum_id or None),
+        *within(lambda d: d[1], analyses.differences("m", "point")),
     ),
 )
 CAUTION: Field[tuple[Compiled, list[AgainstRun]]] = Field(
     "caution", "string?", "what is to be known of the run, on every page", lambda s: s[0].run.caution or None
 )
 RECORD = (RUN_POINTS, ANALYSIS)
-RUN_TABLE: Report[Any] = Report(title="Comparison With The Run", table=RUN_POINTS, worst=lambda t: t["length"])
-_ANALYSIS_TABLE: Report[Any] = Report(
-    title="Ground Point Analysis",
-    table=ANALYSIS,
-    columns=(*("component", "size"), ANALYSIS.column("maximum_id", "Point with Max. Difference", "A8")),
+RUN_TABLE = Report("Comparison With The Run", RUN_POINTS, worst=lambda t: t["length"])
+_ANALYSIS_TABLE = Report(
+    "Ground Point Analysis",
+    ANALYSIS,
+    ("component size", ANALYSIS.column("maximum_id", "Point with Max. Difference", "A8")),
 )
 AGAINST_RUN: Document[tuple[Compiled, list[AgainstRun]]] = Document(
     name="point_comparison_version",
@@ -176,8 +168,8 @@ AREAS: Each[Contoured, ContourArea] = Each(
     ),
 )  # fmt: skip
 STATED: tuple[Report[Any], ...] = (
-    Report(title="Comparison Of Contours: Distances And Depths By The Slope", table=DISTANCES),
-    Report(title="Areas Between Contours", table=AREAS),
+    Report("Comparison Of Contours: Distances And Depths By The Slope", DISTANCES),
+    Report("Areas Between Contours", AREAS),
 )
 CONTOURS: Document[Contoured] = Document(
     name="contour_comparison_version",

@@ -92,34 +92,27 @@ def _words(compiled: Compiled) -> Words | None:
     return words_of(compiled.run.stated, compiled.run.block)
 
 
-POINT_TABLE: Report[Any] = Report(
-    title="Point Compilation: True Coordinates",
-    table=POINTS,
+POINT_TABLE = Report(
+    "Point Compilation: True Coordinates",
+    POINTS,
+    "model point class submerged position sigma depth depth_sigma",
     worst=lambda t: np.linalg.norm(t["sigma"], axis=1),
-    columns=("model", "point", "class", "submerged", "position", "sigma", "depth", "depth_sigma"),
 )
-APPARENT_TABLE: Report[Any] = Report(
-    title="Point Compilation: Apparent Coordinates, And True Ones In The Model",
-    table=POINTS,
-    columns=("model", "point", "apparent", "model_position"),
+APPARENT_TABLE = Report(
+    "Point Compilation: Apparent Coordinates, And True Ones In The Model",
+    POINTS,
+    "model point apparent model_position",
 )
-RAY_TABLE: Report[Any] = Report(
-    title="Point Compilation: Water And Rays",
-    table=POINTS,
-    worst=lambda t: np.abs(t["y_parallax_test"]),
-    columns=(
-        "model",
-        "point",
-        "water_level",
-        "datum_depth",
-        "datum_depth_sigma",
-        "incidence",
+RAY_TABLE = Report(
+    "Point Compilation: Water And Rays",
+    POINTS,
+    (
+        "model point water_level datum_depth datum_depth_sigma incidence",
         POINTS.column("wet[0]", "Wet\nleft", "A4", words={True: "W", False: ""}),
         POINTS.column("wet[1]", "Wet\nright", "A5", words={True: "W", False: ""}),
-        "y_parallax",
-        "y_parallax_test",
-        "remark",
+        "y_parallax y_parallax_test remark",
     ),
+    worst=lambda t: np.abs(t["y_parallax_test"]),
 )
 # What the answer of the run is stated in: the record has it in words of its own.
 ANSWER_TABLES: tuple[Report[Any], Report[Any]] = (
@@ -187,18 +180,16 @@ def _of_values(part: CompiledProfile, of: Any) -> float:
     return float(of(values)) if len(values) else np.nan
 
 
-PROFILE_TABLE: Report[Any] = Report(
-    title="Profile Compilation",
-    table=PROFILES,
-    columns=("model", "profile", "line", "readings", "spikes", "needed", "length", "least", "greatest", "reason"),
+PROFILE_TABLE = Report(
+    "Profile Compilation", PROFILES, "model profile line readings spikes needed length least greatest reason"
 )
-PACE_TABLE: Report[Any] = Report(
-    title="Pace Of Profiles",
-    table=PROFILES,
+PACE_TABLE = Report(
+    "Pace Of Profiles",
+    PROFILES,
+    "model profile line timed duration speed fastest turns",
     which=lambda t: np.flatnonzero(t["timed"] > 0),
-    columns=("model", "profile", "line", "timed", "duration", "speed", "fastest", "turns"),
 )
-SCAN_TABLE: Report[Any] = Report(title="Scans By Profiles Side By Side", table=SCANS)
+SCAN_TABLE = Report("Scans By Profiles Side By Side", SCANS)
 OF_PROFILES = (PROFILE_TABLE, PACE_TABLE, SCAN_TABLE)
 
 

@@ -108,12 +108,11 @@ DOCUMENT: Document[Compiled] = Document(
 
 # --- the listing ---
 
-AXES_TABLE: Report[Any] = Report(
-    title="Model Axes In Working Axes",
-    table=MODELS,
-    columns=(
-        "model",
-        "origin",
+AXES_TABLE = Report(
+    "Model Axes In Working Axes",
+    MODELS,
+    (
+        "model origin",
         *(
             MODELS.column(f"axes[{i}][{j}]", f"{name}{axis}", "F7.4")
             for i, name in enumerate("XYZ")
@@ -121,13 +120,11 @@ AXES_TABLE: Report[Any] = Report(
         ),
     ),
 )
-GEOMETRY_TABLE: Report[Any] = Report(
-    title="Scales, And Origins In The System Of The Job",
-    table=MODELS,
-    columns=("model", "scale", "base", "height", "origin_position"),
+GEOMETRY_TABLE = Report(
+    "Scales, And Origins In The System Of The Job", MODELS, "model scale base height origin_position"
 )
-POINT_TABLE: Report[Any] = Report(title="Points Of The Run In The Model", table=RUN_POINTS)
-EXPECTED_TABLE: Report[Any] = Report(title="Standard Errors To Expect", table=EXPECTED)
+POINT_TABLE = Report("Points Of The Run In The Model", RUN_POINTS)
+EXPECTED_TABLE = Report("Standard Errors To Expect", EXPECTED)
 STATED = (GEOMETRY_TABLE, AXES_TABLE, POINT_TABLE, EXPECTED_TABLE)
 
 

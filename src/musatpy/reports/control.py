@@ -9,7 +9,7 @@ from musatpy.model import ControlKind, ObservationKind
 from musatpy.reports.analyses import CHECK_POINTS, analysis_section
 from musatpy.reports.editing import along_axes
 from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, flag, identity
-from musatpy.reports.pages import Section, wrapped
+from musatpy.reports.pages import Section
 from musatpy.reports.table import Report, filled, worst_first
 from musatpy.reports.values import names, plain
 from musatpy.statistics import Statistics
@@ -41,27 +41,24 @@ NOTE = (
     f"*  A component fails its own test: its residual is beyond {TEST_LIMIT:.2f} of the standard deviations of "
     "that residual. Blank: not given, or nothing else checks it."
 )
-RESIDUALS: Report[Statistics] = Report(
-    title="Control Residuals: Adjusted Minus Given, With The Sigmas Given",
-    table=CONTROL,
-    which=lambda t: np.flatnonzero(t["kind"] != "check"),
-    worst=lambda t: np.nan_to_num(np.abs(t["test"]), nan=-1.0).max(axis=1),
-    columns=(
-        "point",
-        "kind",
-        "fixed",
+RESIDUALS = Report(
+    "Control Residuals: Adjusted Minus Given, With The Sigmas Given",
+    CONTROL,
+    (
+        "point kind fixed",
         CONTROL.column("difference", shown=lambda t: np.where(t["used"], t["difference"], np.nan)),
-        "given_sigma",
-        "test",
+        "given_sigma test",
         Field("fails", heading="Fails", edit="A5", shown=lambda t: np.where(_fails(t["test"]), "*", "")),
     ),
+    which=lambda t: np.flatnonzero(t["kind"] != "check"),
+    worst=lambda t: np.nan_to_num(np.abs(t["test"]), nan=-1.0).max(axis=1),
 )
-DIFFERENCES: Report[Statistics] = Report(
-    title="Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Position",
-    table=CONTROL,
+DIFFERENCES = Report(
+    "Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Position",
+    CONTROL,
+    "point difference adjusted_sigma",
     which=lambda t: np.flatnonzero(t["kind"] == "check"),
     worst=lambda t: np.nan_to_num(np.abs(t["difference"]), nan=-1.0).max(axis=1),
-    columns=("point", "difference", "adjusted_sigma"),
 )
 
 
@@ -137,18 +134,16 @@ def _adjusted(title: str, table: Table, ends: str, what: str) -> Report[Statisti
     change: Field[Statistics] = Field(
         "change", heading="Adjusted minus given\nm", edit="F10.4", shown=lambda t: t[what] - t[f"given_{what}"]
     )
-    return Report(title=title, table=table, columns=(ends, f"given_{what}", what, change, "given_sigma"))
+    return Report(title, table, (ends, f"given_{what}", what, change, "given_sigma"))
 
 
 CONSTRAINTS: tuple[Report[Statistics], ...] = (
+    Report("Equal Elevation Levels", EQUAL_ELEVATIONS, ("group", _COUNT, "level level_sigma")),
     Report(
-        title="Equal Elevation Levels", table=EQUAL_ELEVATIONS, columns=("group", _COUNT, "level", "level_sigma")
-    ),
-    Report(
-        title="Equal Elevation Points",
-        table=EQUAL_ELEVATIONS,
+        "Equal Elevation Points",
+        EQUAL_ELEVATIONS,
+        "group points difference given_sigma",
         expand=("points", "difference"),
-        columns=("group", "points", "difference", "given_sigma"),
     ),
     *(_adjusted(*kind) for kind in BETWEEN),
 )
@@ -160,7 +155,7 @@ def sections(statistics: Statistics) -> list[Section]:
     is_check = statistics.block.control.kind == ControlKind.CHECK
     sections = []
     if not is_check.all():
-        sections.append(RESIDUALS.section(statistics, ["", *wrapped([NOTE])], new_page=True))
+        sections.append(RESIDUALS.section(statistics, NOTE, new_page=True))
     if is_check.any():
         worst = worst_first(statistics.check_test.squares).tolist()
         sections += [DIFFERENCES.section(statistics, worst=worst), analysis_section(CHECK_POINTS, statistics)]

@@ -80,7 +80,7 @@ WAVE_ORIGIN = Field[Statistics](
     "wave_origin", "3 number or null", "place from which crests count; null without waves",
     lambda s: None if s.block.wave_origin is None else s.block.wave_origin.position, unit=POSITION_UNIT,
 )  # fmt: skip
-SEA: Report[Statistics] = Report(title="Waves On The Water", table=WAVES)
+SEA = Report("Waves On The Water", WAVES)
 
 
 def _waves(statistics: Statistics) -> list[Section]:
@@ -107,12 +107,11 @@ _STATED = ("options", "photos", "control", "wave_origin")  # what may name or us
 # What the record has of these differs from what stands on the card: the computed index, what a run has used.
 _OTHERWISE = ("plates.sigma", "plates.triangulated", "waves.shape")
 
-REFINED: Report[Statistics] = Report(
-    title="Input: Plate Measurements, Refined",
-    table=residuals.PLATES,
-    columns=(
-        "photo",
-        "point",
+REFINED = Report(
+    "Input: Plate Measurements, Refined",
+    residuals.PLATES,
+    (
+        "photo point",
         residuals.PLATES.column("xy", ("x\nmm", "y\nmm"), "F12.7"),
         residuals.PLATES.column("sigma", ("sigma x\num", "sigma y\num"), "F7.2"),
         of_job("Bath", "A4", lambda s: s.block.points.letters[s.block.plates.point]),
@@ -185,10 +184,10 @@ def report_of(spec: CardSpec, unit: AngleUnit = AngleUnit.DMS, *, readings: bool
     table = _record_of(_table(spec))
     places = {"plates": "reduction.readings" if readings else "", "wave_origin": "."}  # the record itself
     return Report(
-        title=f"Input: {spec.title} ({spec.mnemonic})" + (f": {_READINGS}" if readings else ""),
-        table=table,
+        f"Input: {spec.title} ({spec.mnemonic})" + (f": {_READINGS}" if readings else ""),
+        table,
+        (first, *(replace(column, when=partial(_is_given, column)) for column in others)),
         path=places.get(_table(spec), ""),
-        columns=(first, *(replace(column, when=partial(_is_given, column)) for column in others)),
         some=True,
     )
 

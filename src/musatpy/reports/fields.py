@@ -304,6 +304,15 @@ def _field(fields: Iterable[Node[Item]], path: str) -> Field[Item]:
     return {field.name: field for field in fields if isinstance(field, Field)}[path.partition("[")[0]]
 
 
+def within(part: Callable[[Source], Part], fields: Iterable[Field[Part]]) -> list[Field[Source]]:
+    """Return the fields of a part of a source as fields of the source."""
+
+    def values(field: Field[Part], source: Source) -> Any:
+        return field.of(part(source))
+
+    return [replace(field, values=partial(values, field)) for field in fields]  # type: ignore[misc]
+
+
 def identity(name: str, values: Callable[[Any], Any] | str = "", text: str = "") -> Field[Any]:
     """Return the field of the ids of a row: of photos, points, models."""
     text = text or f"{name} id"

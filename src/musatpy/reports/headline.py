@@ -82,11 +82,11 @@ def headline(content: Content, edited: Edited = number_text) -> Iterator[Figure]
     if total:
         numbers = [total[name] for name in ("factor", "low", "high")]
         factor, low, high = (edited("F12.3", number) for number in numbers)
-        outside = "" if total["accepted"] else ": too low" if numbers[0] < numbers[1] else ": TOO HIGH"
+        outside = statistical_tests.outside(numbers[0], numbers[1], total["accepted"])
         yield Figure(
             label="Check points, chi-square over components",
             value=factor,
-            detail=f", by chance {low} to {high} (95 %){outside}",
+            detail=f", by chance {low} to {high} (95 %){outside and f': {outside}'}",
             section="Statistics: Check Points",
             numbers=numbers,
         )
@@ -122,8 +122,8 @@ def _sigma0(content: Content, edited: Edited) -> Figure:
             test = chi_square(unit_sigma**2 * freedom, freedom)
             low, high = (edited("F8.3", math.sqrt(limit)) for limit in (test.low, test.high))
             doubt = edited("F8.3", sigma0_doubt(freedom))
-            outside = "" if test.accepted else ": too low" if test.factor < test.low else ": TOO HIGH"
-            detail += f", by chance {low} to {high} (95 %), at most {doubt} (99.9 %){outside}"
+            outside = statistical_tests.outside(test.factor, test.low, test.accepted)
+            detail += f", by chance {low} to {high} (95 %), at most {doubt} (99.9 %){outside and f': {outside}'}"
     return Figure(label="Sigma0", value=text, detail=detail, section="Statistics: Sigma0", numbers=[value])
 
 

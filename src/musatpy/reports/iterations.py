@@ -5,7 +5,7 @@ from __future__ import annotations
 from musatpy.model import Iteration, Solution, Verdict, WaterPass
 from musatpy.model.findings import Reason
 from musatpy.reports.fields import Each, Field, Group
-from musatpy.reports.pages import Section, wrapped
+from musatpy.reports.pages import Section
 from musatpy.reports.table import Report, unless_zero
 from musatpy.statistics import Statistics
 from musatpy.units import ARC_SECOND
@@ -117,11 +117,9 @@ PASSES = Each[Statistics, tuple[WaterPass, str]](
 
 # The name of what moved most is left out where the movement prints as zero: which one it is, is then rounding error
 # of the machine, and a listing must not depend on that.
-ITERATION_TABLE: Report[Statistics] = Report(title="Iterations", table=ITERATIONS)
-PASS_TABLE: Report[Statistics] = Report(
-    title="Passes Of The Water Point Correction: ",
-    pattern=r"Passes Of The Water Point Correction: \d+",
-    table=PASSES,
+ITERATION_TABLE = Report("Iterations", ITERATIONS)
+PASS_TABLE = Report(
+    "Passes Of The Water Point Correction: ", PASSES, pattern=r"Passes Of The Water Point Correction: \d+"
 )
 STATED = (ITERATION_TABLE, PASS_TABLE)
 
@@ -129,6 +127,6 @@ STATED = (ITERATION_TABLE, PASS_TABLE)
 def sections(statistics: Statistics) -> list[Section]:
     """Return the iterations, and the passes where there are any."""
     solution, passes = statistics.solution, len(statistics.solution.passes)
-    start = ["", *wrapped([f"Two starts were made. The iterations are those from {solution.start}."])]
-    first = ITERATION_TABLE.section(statistics, start if solution.start else (), new_page=True)
+    start = f"Two starts were made. The iterations are those from {solution.start}." if solution.start else ""
+    first = ITERATION_TABLE.section(statistics, start, new_page=True)
     return [first, PASS_TABLE.section(statistics, title=f"{PASS_TABLE.title}{passes}")] if passes else [first]

@@ -88,16 +88,16 @@ LEVEL_PAIRS = Rows[Statistics, tuple[TextArray, LevelPairs]](
 )  # fmt: skip
 
 
-POSITIONS: Report[Statistics] = Report(
-    title="Adjusted Exposure Stations: Positions",
-    table=STATIONS,
-    columns=("photo", "camera", "position", "position_sigma"),
+POSITIONS = Report(
+    "Adjusted Exposure Stations: Positions",
+    STATIONS,
+    "photo camera position position_sigma",
     worst=lambda t: np.linalg.norm(t["position_sigma"], axis=1),
 )
-ATTITUDES: Report[Statistics] = Report(
-    title="Adjusted Exposure Stations: Attitudes",
-    table=STATIONS,
-    columns=("photo", "attitude", "attitude_sigma"),
+ATTITUDES = Report(
+    "Adjusted Exposure Stations: Attitudes",
+    STATIONS,
+    "photo attitude attitude_sigma",
     worst=lambda t: np.linalg.norm(t["attitude_sigma"], axis=1),
 )
 
@@ -127,19 +127,19 @@ POINTS = Rows[Statistics, Statistics](
               unit="m2"),
     ),
 )  # fmt: skip
-GROUND_POINTS: Report[Statistics] = Report(
-    title="Adjusted Ground Points",
-    table=POINTS,
+GROUND_POINTS = Report(
+    "Adjusted Ground Points",
+    POINTS,
+    "point bathymetric dry status rays position sigma",
     which=lambda t: np.flatnonzero(t["status"] != "not_determined"),
     worst=lambda t: np.linalg.norm(t["sigma"], axis=1),
-    columns=("point", "bathymetric", "dry", "status", "rays", "position", "sigma"),
 )
-NO_PART: Report[Statistics] = Report(
-    title="Points That Took No Part, Or Have No Position",
+NO_PART = Report(
+    "Points That Took No Part, Or Have No Position",
+    POINTS,
+    "point status reason",
     layout="texts",
-    table=POINTS,
     which=lambda t: np.flatnonzero(t["status"] != "triangulated"),
-    columns=("point", "status", "reason"),
 )
 
 
@@ -153,8 +153,8 @@ def in_words(said: stated.Said) -> tuple[list[Report[Any]], Report[Any]]:
     if columns := stated.map_columns(said):
         stations.append(replace(POSITIONS, title=stated.MAP.title, table=of_stations, columns=columns))
     stations.append(replace(POSITIONS, title=ATTITUDES.title, table=of_stations, columns=stated.turn_columns(said)))
-    columns = (*GROUND_POINTS.columns[:-2], *places, *stated.place_sigma_columns(said, "sigma"))
-    return stations, replace(GROUND_POINTS, table=of_points, columns=columns)
+    points = ("point bathymetric dry status rays", *places, *stated.place_sigma_columns(said, "sigma"))
+    return stations, replace(GROUND_POINTS, table=of_points, columns=points)
 
 
 def _stated(statistics: Statistics, words: Words) -> list[Section]:

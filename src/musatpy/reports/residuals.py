@@ -190,17 +190,17 @@ def _refraction(t: Values) -> FloatArray:
     return np.where(block.points.bathymetric[block.plates.point][t.rows, None], t["refraction"], np.nan)
 
 
-RESIDUALS: Report[Statistics] = Report(
-    title="Residuals Of Plate Measurements: Adjusted Minus Measured",
-    table=PLATES,
-    which=lambda t: t.source.plate_order if t.source else np.arange(t.count),
-    columns=(
-        *("photo", "point", "xy", "residual", "sigma"),
+RESIDUALS = Report(
+    "Residuals Of Plate Measurements: Adjusted Minus Measured",
+    PLATES,
+    (
+        "photo point xy residual sigma",
         PLATES.column("refraction", shown=_refraction),
         of_job("Bath", "A4", lambda s: s.block.points.letters[s.block.plates.point[s.plate_order]]),
         "triangulated",
         Field("large", heading="Large", edit="A5", shown=lambda t: np.where(_large(t), "*", "")),
     ),
+    which=lambda t: t.source.plate_order if t.source else np.arange(t.count),
 )
 
 

@@ -12,11 +12,11 @@ from musatpy.reports.values import at
 from musatpy.statistics import Statistics
 
 LISTED_WARNINGS = 10  # of a kind; the record has them all
-PLATE_RESIDUALS: Report[Statistics] = Report(
-    title="Plate Residuals Of The Job",
-    table=analyses.PLATE_STATISTICS,
+PLATE_RESIDUALS = Report(
+    "Plate Residuals Of The Job",
+    analyses.PLATE_STATISTICS,
+    "kinds total_count total_rms",
     expand=("kinds", "total_count", "total_rms"),
-    columns=("kinds", "total_count", "total_rms"),
 )
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from musatpy.compilation.point_orders import order_names, orders_of_points
-from musatpy.reports.fields import Document, Each, Field, Group, Rows, flag
+from musatpy.reports.analyses import differences
+from musatpy.reports.fields import Document, Each, Field, Group, Rows, flag, within
 from musatpy.reports.pages import Section, labelled, print_titled, wrapped
 from musatpy.reports.table import Report
 from musatpy.soundings.differences import (
@@ -62,15 +63,7 @@ SAMPLES: Each[Sounded, Sample] = Each(
     of=lambda s: samples(s.differences),
     fields=(
         Field("sample", "string", "which soundings, by sounded depth", "what", "Sample", "A16", is_id=True),
-        Field("size", "integer", "sample size N", "statistics.size", "Size", "I7"),
-        Field("sum", "number", "of the differences", "statistics.sum", "Sum\nm", "F11.3"),
-        Field("mean", "number?", "sum / N", "statistics.mean", "Mean\nm", "F9.3"),
-        Field("rms", "number?", "root of the sum of squares / N", "statistics.rms", "RMS\nm", "F9.3"),
-        Field("deviation", "number?", "standard deviation from the mean, N - 1", "statistics.deviation",
-              "Deviation\nm", "F9.3"),
-        Field("maximum", "number?", "signed difference of the largest magnitude", "statistics.maximum",
-              "Maximum\nm", "F9.3"),
-        Field("maximum_id", "string?", "its sounding", lambda p: p.statistics.maximum_id or None, "at", "A10"),
+        *within(lambda p: p.statistics, differences("m", "sounding")),
         Field("median", "number?", "", heading="Median\nm", edit="F9.3"),
         Field("spread", "number?", "median absolute deviation times 1.4826", heading="NMAD\nm", edit="F9.3"),
     ),
@@ -126,12 +119,12 @@ POINT_ORDERS: Field[Compiled | None] = Field(
     lambda c: {} if c is None else point_orders(c),
 )  # fmt: skip
 
-SAMPLE_TABLE: Report[Any] = Report(
-    title="Comparison With Soundings: Compiled Less Sounded Depths",
-    table=SAMPLES,
-    columns=("sample", "size", "sum", "mean", "rms", "deviation", "median", "spread", "maximum", "maximum_id"),
+SAMPLE_TABLE = Report(
+    "Comparison With Soundings: Compiled Less Sounded Depths",
+    SAMPLES,
+    "sample size sum mean rms deviation median spread maximum maximum_id",
 )
-SHARE_TABLE: Report[Any] = Report(title="Orders Of S-44 Met By The Differences", table=SHARES)
+SHARE_TABLE = Report("Orders Of S-44 Met By The Differences", SHARES)
 STATED = (SAMPLE_TABLE, SHARE_TABLE)
 DOCUMENT: Document[Sounded] = Document(
     name="soundings_version",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 import re
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,8 +13,8 @@ from musatpy.model import Dependence, PlateSigma
 from musatpy.model.kinds import ANGLES, ENU
 from musatpy.reports import positions, residuals
 from musatpy.reports.editing import number_text
-from musatpy.reports.fields import Each, Field, Group, Rows, identity
-from musatpy.reports.pages import Section, wrapped
+from musatpy.reports.fields import Each, Field, Group, Rows, identity, within
+from musatpy.reports.pages import Section
 from musatpy.reports.table import Report, worst_first
 from musatpy.reports.values import Values
 from musatpy.statistics import Statistics
@@ -30,10 +30,10 @@ _LISTED_CORRELATIONS = 40  # listed, the strongest
 
 
 FACTOR: tuple[Field[ChiSquare], ...] = (
-    Field("redundancy", "number", "degrees of freedom"),
-    Field("factor", "number?", "weighted squares over the redundancy"),
-    Field("low", "number?", "lower limit"),
-    Field("high", "number?", "upper limit"),
+    Field("redundancy", "number", "degrees of freedom", heading="Redundancy", edit="F11.2"),
+    Field("factor", "number?", "weighted squares over the redundancy", heading="Variance\nfactor", edit="F9.3"),
+    Field("low", "number?", "lower limit", heading="Lower\nlimit", edit="F8.3"),
+    Field("high", "number?", "upper limit", heading="Upper\nlimit", edit="F8.3"),
     Field("accepted", "boolean", "the factor lies within the limits"),
 )
 FACTOR_DEFINITION = Group[ChiSquare, ChiSquare](
@@ -45,13 +45,9 @@ _COMPONENTS = Each[Statistics, tuple[str, ChiSquare]](
     of=lambda s: list(s.components.items()),
     fields=(
         Field("group", "string", "group of observations", lambda g: g[0], "Group", "A28", is_id=True),
-        Field("redundancy", "number", "sum of the redundancy numbers", lambda g: g[1].redundancy, "Redundancy",
-              "F11.2"),
-        Field("factor", "number?", "v'Pv over the redundancy", lambda g: g[1].factor, "Variance\nfactor", "F9.3"),
-        Field("low", "number?", "lower limit of the test", lambda g: g[1].low, "Lower\nlimit", "F8.3"),
-        Field("high", "number?", "upper limit", lambda g: g[1].high, "Upper\nlimit", "F8.3"),
-        Field("accepted", "boolean", "the factor agrees with 1", lambda g: g[1].accepted),
-        Field("verdict", heading="Test", edit="A8", shown=lambda t: _verdicts(t)),
+        *within(lambda g: g[1], FACTOR),
+        Field("verdict", heading="Test", edit="A8",
+              shown=lambda t: list(map(outside, t["factor"], t["low"], t["accepted"]))),
     ),
 )  # fmt: skip
 _CHECK_POINTS = Rows[Statistics, Statistics](
@@ -175,70 +171,60 @@ def _tests(t: Values) -> FloatArray:
 _STAR: Field[Statistics] = Field(
     "beyond", heading="", edit="A1", shown=lambda t: np.where(np.abs(_tests(t)) > TEST_LIMIT, "*", "")
 )
-COMPONENTS: Report[Statistics] = Report(
-    title="Statistics: Sigma0 And Variance Components", table=_COMPONENTS, path="tests.variance_components"
-)
-OBSERVATIONS: Report[Statistics] = Report(
-    title="Statistics: Observations, The Worst First",
-    table=residuals.OBSERVATIONS,
+COMPONENTS = Report("Statistics: Sigma0 And Variance Components", _COMPONENTS, path="tests.variance_components")
+OBSERVATIONS = Report(
+    "Statistics: Observations, The Worst First",
+    residuals.OBSERVATIONS,
+    (
+        "kind of component",
+        residuals.UNIT,
+        "residual sigma redundancy standardised",
+        residuals.OBSERVATIONS.column("test", shown=_tests),
+        _STAR,
+        "detectable effect",
+    ),
     which=_listed,
     worst=lambda t: np.abs(t["test"]),
     some=True,
-    columns=(
-        *("kind", "of", "component", residuals.UNIT, "residual", "sigma", "redundancy", "standardised"),
-        residuals.OBSERVATIONS.column("test", shown=_tests),
-        *(_STAR, "detectable", "effect"),
-    ),
 )
-CHECKS: Report[Statistics] = Report(
-    title="Statistics: Check Points Against Their Own Covariance",
-    table=_CHECK_POINTS,
+CHECKS = Report(
+    "Statistics: Check Points Against Their Own Covariance",
+    _CHECK_POINTS,
+    "point components chi_square probability",
     path="tests.check_points",
     which=lambda t: worst_first(-np.log10(np.maximum(t["probability"], _LEAST))),
     worst=lambda t: -t["probability"],
-    columns=("point", "components", "chi_square", "probability"),
 )
-HIDDEN_ERRORS: Report[Statistics] = Report(
-    title=HIDDEN,
-    table=_HIDDEN_ERRORS,
+HIDDEN_ERRORS = Report(
+    HIDDEN,
+    _HIDDEN_ERRORS,
     path="tests.hidden_errors",
     which=lambda t: _listed_points(t),
     worst=lambda t: np.where(np.isnan(t["sigmas"]), np.inf, t["sigmas"]),
     some=True,
 )
-WATER: Report[Statistics] = Report(
-    title="Statistics: Global Unknowns",
-    table=_GLOBALS,
+WATER = Report(
+    "Statistics: Global Unknowns",
+    _GLOBALS,
     path="dependence.globals",
     which=lambda t: worst_first(t["inflation"], _INFLATION),
     worst=lambda t: t["inflation"],
 )
-CORRELATIONS: Report[Statistics] = Report(
-    title="Statistics: Correlations Of 0.95 And More",
-    table=_CORRELATIONS,
+CORRELATIONS = Report(
+    "Statistics: Correlations Of 0.95 And More",
+    _CORRELATIONS,
     path="dependence.correlations",
     which=lambda t: np.arange(t.count)[:_LISTED_CORRELATIONS],
     worst=lambda t: np.abs(t["correlation"]),
     some=True,
 )
-STATION_INFLATION: Report[Statistics] = Report(
-    title="Statistics: Variance Inflation Of Stations",
-    table=_STATION_INFLATION,
+STATION_INFLATION = Report(
+    "Statistics: Variance Inflation Of Stations",
+    _STATION_INFLATION,
     path="dependence.stations",
     which=lambda t: worst_first(_most_inflated(t), _INFLATION),
     worst=lambda t: _most_inflated(t),
 )
-
-
-def _ellipse_columns(kind: str, sigmas: str) -> tuple[Field[Statistics], ...]:
-    """Return the columns of ellipses of stations or points, across the vertical or in the plane of the answer."""
-    axes = tuple(
-        Field[Statistics](name, heading=f"{name}\n{unit}", edit=edit, shown=partial(_ellipse, kind, name.lower()))
-        for name, unit, edit in (
-            ("Major", "m", "F9.3"), ("Minor", "m", "F9.3"), ("Bearing", "degrees", "F8.1"),
-        )
-    )  # fmt: skip
-    return (*axes, Field(f"{sigmas}[2]", heading="Sigma Up\nm", edit="F9.3"))
 
 
 def _ellipse(kind: str, part: str, t: Values) -> FloatArray:
@@ -259,32 +245,29 @@ def _largest(kind: str, t: Values) -> IntArray:
     return worst_first(size, _LENGTHS)[: np.count_nonzero(np.isfinite(size))]
 
 
-STATION_ELLIPSES: Report[Statistics] = Report(
-    title="Statistics: Error Ellipses Of Stations",
-    table=positions.STATIONS,
-    which=partial(_largest, "station"),
-    worst=lambda t: np.linalg.norm(t["position_sigma"], axis=1),
-    columns=("photo", *_ellipse_columns("station", "position_sigma")),
-)
-POINT_ELLIPSES: Report[Statistics] = Report(
-    title=f"Statistics: Error Ellipses Of Ground Points, The {LISTED} Largest",
-    pattern=r"Statistics: Error Ellipses Of Ground Points, The \d+ Largest",
-    table=positions.POINTS,
-    which=lambda t: _largest("point", t)[:LISTED],
-    worst=lambda t: np.linalg.norm(t["sigma"], axis=1),
-    some=True,
-    columns=("point", *_ellipse_columns("point", "sigma")),
-)
+def _ellipses(kind: str, unit: str = "m") -> Report[Statistics]:
+    """Return the table of ellipses of stations or points, across the vertical or in the plane of the answer."""
+    axes = (
+        Field[Statistics](name, heading=f"{name}\n{unit}", edit=edit, shown=partial(_ellipse, kind, name.lower()))
+        for name, unit, edit in (("Major", unit, "F9.3"), ("Minor", unit, "F9.3"), ("Bearing", "degrees", "F8.1"))
+    )
+    name, sigma = ("photo", "position_sigma") if kind == "station" else ("point", "sigma")
+    whose = "Stations" if kind == "station" else f"Ground Points, The {LISTED} Largest"
+    return Report(
+        f"Statistics: Error Ellipses Of {whose}",
+        positions.STATIONS if kind == "station" else positions.POINTS,
+        (name, *axes, Field(f"{sigma}[2]", heading="Sigma Up\nm", edit="F9.3")),
+        pattern="" if kind == "station" else r"Statistics: Error Ellipses Of Ground Points, The \d+ Largest",
+        which=lambda t: _largest(kind, t)[: None if kind == "station" else LISTED],
+        worst=lambda t: np.linalg.norm(t[sigma], axis=1),
+        some=kind == "point",
+    )
+
+
+STATION_ELLIPSES, POINT_ELLIPSES = _ellipses("station"), _ellipses("point")
 STATED = (
-    COMPONENTS,
-    OBSERVATIONS,
-    HIDDEN_ERRORS,
-    STATION_ELLIPSES,
-    POINT_ELLIPSES,
-    CHECKS,
-    WATER,
-    CORRELATIONS,
-    STATION_INFLATION,
+    *(COMPONENTS, OBSERVATIONS, HIDDEN_ERRORS, STATION_ELLIPSES, POINT_ELLIPSES),
+    *(CHECKS, WATER, CORRELATIONS, STATION_INFLATION),
 )
 
 
@@ -293,27 +276,22 @@ def sections(statistics: Statistics) -> list[Section]:
     solution = statistics.solution
     if solution.observed is None or solution.dependence is None:
         return []
-    sections = [
-        COMPONENTS.section(statistics, ["", *_sigma0(statistics)], new_page=True),
-        _observations(statistics),
-    ]
-    checks = len(statistics.check_test.row)
-    if checks:
-        sections.append(CHECKS.section(statistics, ["", *_check_total(statistics)], worst=range(checks)))
-    sections += _hidden(statistics)
-    plane, unit = _plane(statistics)
     tables = (
-        (WATER, "", len(solution.dependence.names)),
-        (CORRELATIONS, "", len(solution.dependence.first)),
-        (STATION_INFLATION, "", len(statistics.block.photos.ids)),
-        (_in_unit(STATION_ELLIPSES, unit), plane, 1),
-        (_in_unit(POINT_ELLIPSES, unit), plane, 1),
+        (OBSERVATIONS, _observations(statistics)),
+        (CHECKS, _check_total(statistics)),
+        (HIDDEN_ERRORS, _hidden(statistics)),
+        *((report, "") for report in (WATER, CORRELATIONS, STATION_INFLATION)),
     )
-    for report, suffix, rows in tables:
-        if rows:
-            section = report.section(statistics, title=f"{report.title}{suffix}")
-            sections.append(replace(section, worst=range(len(section.lines))))
-    return sections
+    sections = [COMPONENTS.section(statistics, _sigma0(statistics), new_page=True)]
+    sections += [section for report, note in tables if (section := _ranked(report, statistics, note)).worst]
+    plane, unit = _plane(statistics)
+    return [*sections, *(_ranked(_ellipses(kind, unit), statistics, title=plane) for kind in ("station", "point"))]
+
+
+def _ranked(report: Report[Statistics], statistics: Statistics, note: str = "", title: str = "") -> Section:
+    """Return a table whose rows stand in their order, the worst first; its title ends with that."""
+    values = report.values(statistics)
+    return report.section(values, note, title=f"{report.title}{title}", worst=range(values.count))
 
 
 def _plane(statistics: Statistics) -> tuple[str, str]:
@@ -328,75 +306,53 @@ def _listed_points(t: Values) -> IntArray:
     return np.searchsorted(_moved(t.source), hidden.worst_first[: max(LISTED, int(hidden.weak.sum()))])
 
 
-def _verdicts(t: Values) -> list[str]:
-    """Return what the tests of the variance components say."""
-    too_low = np.where(t["factor"] < t["low"], "too low", "TOO HIGH")
-    return list(np.where(t["accepted"] | np.isnan(t["factor"]), "", too_low))
+def outside(factor: float, low: float, accepted: bool) -> str:
+    """Return on which side of its limits a variance factor is, empty where these accept it, or there is none."""
+    return "" if accepted or math.isnan(factor) else "too low" if factor < low else "TOO HIGH"
 
 
-def _verdict(test: ChiSquare) -> str:
-    if test.accepted:
-        return ""
-    return "too low" if test.factor < test.low else "TOO HIGH"
-
-
-def _sigma0(statistics: Statistics) -> list[str]:
+def _sigma0(statistics: Statistics) -> str:
     test = statistics.sigma0
     if test is None:
-        return ["Sigma0 cannot be tested: there is no redundancy."]
+        return "Sigma0 cannot be tested: there is no redundancy."
     if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
-        return ["Sigma0 is not tested: the plate sigma is a guess, and estimated by its variance component."]
+        return "Sigma0 is not tested: the plate sigma is a guess, and estimated by its variance component."
     factor, low, high = (number_text("F12.4", value) for value in (test.factor, test.low, test.high))
-    verdict = "agrees with 1" if test.accepted else f"does not agree with 1: {_verdict(test).lower()}"
-    text = f"Sigma0 squared is {factor}, by chance within {low} to {high} in 95 of 100 cases: it {verdict}."
-    return wrapped([text])
+    verdict = outside(test.factor, test.low, test.accepted).lower()
+    verdict = f"does not agree with 1: {verdict}" if verdict else "agrees with 1"
+    return f"Sigma0 squared is {factor}, by chance within {low} to {high} in 95 of 100 cases: it {verdict}."
 
 
-def _check_total(statistics: Statistics) -> list[str]:
+def _check_total(statistics: Statistics) -> str:
     total = statistics.check_test.total
     if total is None:
-        return []
+        return ""
     factor, low, high = (number_text("F12.4", value) for value in (total.factor, total.low, total.high))
-    return [
-        f"All together: chi-square over components {factor}, limits {low} to {high}. {_verdict(total)}".rstrip()
-    ]
+    verdict = outside(total.factor, total.low, total.accepted)
+    return f"All together: chi-square over components {factor}, limits {low} to {high}. {verdict}".rstrip()
 
 
-def _observations(statistics: Statistics) -> Section:
-    weights = ""
-    if statistics.block.options.weights != "FULL" and statistics.block.options.program == "IIA":
+def _observations(statistics: Statistics) -> str:
+    weights, options = "", statistics.block.options
+    if options.weights != "FULL" and options.program == "IIA":
         weights = " Redundancy numbers are those of full weights."
     limit, risk = number_text("F6.2", TEST_LIMIT), number_text("F6.3", ALPHA)
-    note = (
+    return (
         f"Test values beyond {limit} (risk {risk}) are starred. The smallest detectable error is found with a "
         f"probability of {number_text('F5.2', BETA)}; its effect is on the own position.{weights}"
     )
-    return OBSERVATIONS.section(
-        statistics, ["", *wrapped([note])], worst=range(OBSERVATIONS.values(statistics).count)
-    )
 
 
-def _hidden(statistics: Statistics) -> list[Section]:
-    """Return the points that errors may move while no test finds these: the weakly checked ones, or the worst."""
+def _hidden(statistics: Statistics) -> str:
+    """Return what is said of points that errors may move while no test finds these: the weakly checked ones."""
     hidden = statistics.hidden
-    rows = HIDDEN_ERRORS.values(statistics).count
-    if not rows:
-        return []
-    note = (
+    return (
         f"Weakly checked are {int(hidden.weak.sum())} of {len(hidden.worst_first)} points: an undetected error may "
         f"move them by more than {FAR:.0f} sigmas. It is that of one image or control component which its own test "
         f"finds with a probability of {number_text('F5.2', BETA)}; without limit where nothing checks the "
         "observation."
     )
-    return [HIDDEN_ERRORS.section(statistics, ["", *wrapped([note])], worst=range(rows))]
 
 
 def _most_inflated(t: Values) -> FloatArray:
     return np.asarray(np.nan_to_num(t["inflation"], nan=-np.inf).max(axis=1, initial=-np.inf))
-
-
-def _in_unit(report: Report[Statistics], unit: str) -> Report[Statistics]:
-    """Return the table of ellipses whose axes are in a unit."""
-    first, major, minor, *others = report.columns
-    axes = (replace(axis, heading=f"{axis.name}\n{unit}") for axis in (major, minor))
-    return replace(report, columns=(first, *axes, *others))

@@ -13,7 +13,7 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.model.tables import falling
 from musatpy.reports.editing import edited, field_width, prints_as_zero, with_unit
 from musatpy.reports.fields import Each, Field, Group, Rows, unrecorded
-from musatpy.reports.pages import PAGE_WIDTH, Cells, Section
+from musatpy.reports.pages import PAGE_WIDTH, Cells, Section, wrapped
 from musatpy.reports.values import Values, array_of, at, in_rows, nothing, unnested
 
 Source = TypeVar("Source")
@@ -56,13 +56,13 @@ class Table(Generic[Source]):
         return [*self.head(), *self.lines(source)]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Report(Generic[Source]):
     """A printed table, and the table of the record that it shows."""
 
     title: str
-    columns: Sequence[Any] = ()  # a name of the table, or a field; empty: all fields of the table that are printed
     table: Rows[Source, Any] | Each[Source, Any] | Group[Source, Any] | None = None
+    columns: str | Sequence[Any] = ()  # names of the table, fields; empty: all fields of the table that are printed
     path: str = ""  # of the table in the record, where that is not its name
     pattern: str = ""  # a regular expression for the title where that is not always the same
     which: Callable[[Values], IntArray] | None = None  # rows that are printed, in their order; None: all
@@ -112,8 +112,10 @@ class Report(Generic[Source]):
 
     def stated(self, values: Values | None = None) -> list[Field[Any]]:
         """Return its columns, those that a table has where its values are given, and all that there may be."""
-        printed = self.table.printed if self.table and not self.columns else ()
-        found = [self.column(part) if isinstance(part, str) else part for part in self.columns or printed]
+        parts = [self.columns] if isinstance(self.columns, str) else self.columns
+        parts = [name for part in parts for name in (part.split() if isinstance(part, str) else [part])]
+        printed = self.table.printed if self.table else ()
+        found = [self.column(part) if isinstance(part, str) else part for part in parts or printed]
         is_read = values is None or values.source is None
         found = [column for column in found if not (is_read and column.of_run)]
         return [column for column in found if values is None or column.when is None or column.when(values)]
@@ -137,9 +139,10 @@ class Report(Generic[Source]):
             width += columns[n].width - column.width
         return tuple(columns)
 
-    def section(self, source: Source | Values, below: Sequence[str] = (), **layout: Any) -> Section:
-        """Return the printed section, with lines `below` the rows; `layout` is that of `Section`."""
+    def section(self, source: Source | Values, below: str | Sequence[str] = (), **layout: Any) -> Section:
+        """Return the printed section, with a note or lines `below` the rows; `layout` is that of `Section`."""
         values = self.values(source)
+        below = ["", *wrapped([below])] if below and isinstance(below, str) else below
         printed: Any = Table(self.side_by_side(values))
         stated: dict[str, Any] = {
             "title": self.title,
