@@ -30,9 +30,9 @@ from musatpy.interchange.geojson import write_each
 from musatpy.interchange.layers import Lines, Points
 from musatpy.model import Verdict
 from musatpy.model.compilation import AGAIN
-from musatpy.reports import compilation, compilation_comparisons, compilation_setup
+from musatpy.reports import compilation, compilation_comparisons
 from musatpy.reports.compilation_bottom import contours_csv, grid_csv
-from musatpy.reports.compilation_points import profiles_csv
+from musatpy.reports.compilation_points import Compilation, profiles_csv
 from musatpy.reports.pages import csv_files
 from musatpy.reports.record import dumps
 from musatpy.runs import ExitStatus, output_paths
@@ -93,10 +93,19 @@ def compile_deck(
     of_points = (text for part in against for text in part.warnings())
     warnings = (*of_points, *result.warnings(), *oddities(profiles), *drawn)
     verdict = verdict_of(result, against)
-    sections = compilation.sections_of(result, verdict, against, profiles, scans, bottoms, warnings)
+    done = Compilation(
+        compiled=result,
+        against=against,
+        warnings=warnings,
+        verdict=verdict,
+        profiles=profiles,
+        scans=scans,
+        bottoms=bottoms,
+    )
+    sections = compilation.sections_of(done)
     listing, record = output_paths(deck, out_dir)[:2]
-    text = compilation.listing_of(result, sections, verdict=verdict, carriage_control=carriage_control, date=date)
-    values = compilation.record_of(result, verdict, against, profiles, scans, bottoms, warnings)
+    text = compilation.listing_of(done, sections, carriage_control=carriage_control, date=date)
+    values = compilation.DOCUMENT.record(done)
     files = {listing: text.encode(), record: dumps(values).encode()}
     if csv:
         files |= csv_files(sections, listing)
@@ -165,24 +174,14 @@ def set_up_deck(
     if result is None:
         return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
     kind = result.deck.stages.kind
-    setups = compilation_setup.SetUps(
-        compiled=result,
-        models=[model_set_up(model, kind[model.rows]) for model in result.models],
-        against=[against_run(model, kind[model.rows] == AGAIN) for model in result.models],
-    )
-    warnings = (*(text for part in setups.against for text in part.warnings()), *result.warnings())
+    against = [against_run(model, kind[model.rows] == AGAIN) for model in result.models]
+    warnings = (*(text for part in against for text in part.warnings()), *result.warnings())
+    set_up = [model_set_up(model, kind[model.rows]) for model in result.models]
+    done = Compilation(compiled=result, against=against, warnings=warnings, set_up=set_up)
     listing, record = setup_paths(deck, out_dir)
-    text = compilation_setup.listing_of(setups, warnings, carriage_control=carriage_control, date=date)
-    values = dumps(
-        compilation_setup.DOCUMENT.record(
-            setups.compiled,
-            recovered=(setups.compiled, setups.against),
-            points=setups,
-            expected=setups,
-            warnings=list(warnings),
-        )
-    )
-    write_files({listing: text.encode(), record: values.encode()})
+    sections = compilation.set_up_sections(done)
+    text = compilation.listing_of(done, sections, carriage_control=carriage_control, date=date)
+    write_files({listing: text.encode(), record: dumps(compilation.SET_UP.record(done)).encode()})
     return CompileResult(
         status=ExitStatus.DONE,
         problems=tuple(problems),
@@ -206,9 +205,10 @@ def compare_points(
     count = sum(len(part.rows) for part in against)
     if not count:
         raise CompilationError([Problem(file=str(deck), message="no point of it has a position in the run too")])
-    values = dumps(compilation_comparisons.AGAINST_RUN.record((result, against)))
-    write_files({listing: compilation_comparisons.point_listing(result, against).encode(), record: values.encode()})
-    return count, compilation_comparisons.vectors(against), problems
+    done = Compilation(compiled=result, against=against)
+    values = dumps(compilation_comparisons.AGAINST_RUN.record(done))
+    write_files({listing: compilation_comparisons.point_listing(done).encode(), record: values.encode()})
+    return count, compilation_comparisons.vectors(done), problems
 
 
 def setup_paths(deck: Path, out_dir: Path | None) -> tuple[Path, Path]:

@@ -29,7 +29,7 @@ from musatpy.model.reduction import (
     ReductionOptions,
     ReseauCrosses,
 )
-from musatpy.model.tables import Table, columns, empty, per_row, renumbered, taken
+from musatpy.model.tables import POSITION_UNIT, Table, columns, empty, per_row, renumbered, taken
 from musatpy.model.water import Water, WaveOrigin, Waves
 
 _TITLE = 80  # characters of a title that are shown
@@ -95,7 +95,7 @@ class Photos(Table):
 
     ids: TextArray = per_row(identity=True, key=True)  # (n,)
     camera: IntArray = per_row(link="cameras", role="stations")  # (n,) link to Cameras
-    position: FloatArray = per_row(3, role="stations")  # (n, 3) in the job's system
+    position: FloatArray = per_row(3, role="stations", unit=POSITION_UNIT)  # (n, 3) in the job's system
     position_sigma: FloatArray = per_row(  # (n, 3) east north up
         3, role="stations", noun="standard deviations of the position", unit="m", blank=np.nan
     )
@@ -187,7 +187,7 @@ class Control(Table):
     point: IntArray = per_row(link="points", key=True)  # (k,) link to Points
     kind: IntArray = per_row(sort=True, codes=_LETTERS)  # (k,) ControlKind
     fixed: BoolArray = per_row(codes={"": False, "X": True}, noun="fixed flag", blank=False)  # (k,)
-    position: FloatArray = per_row(3, sort=True)  # (k, 3) in the job's system
+    position: FloatArray = per_row(3, sort=True, unit=POSITION_UNIT)  # (k, 3) in the job's system
     sigma: FloatArray = per_row(  # (k, 3) east north up, or NaN
         3, noun="standard deviations", unit="m", blank=np.nan
     )

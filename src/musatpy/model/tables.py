@@ -22,6 +22,7 @@ _KINDS: dict[str, type] = {"TextArray": str, "IntArray": int, "FloatArray": floa
 _MEANING = "column"
 Rows = TypeVar("Rows", bound="Table")
 Codes = Mapping[str, Any]  # letter of a deck -> value; the first is that of a blank field
+POSITION_UNIT = "rad, rad, m (GEOG) or m"  # of positions in the system of a job
 _DIGITS = 6  # significant ones, of numbers that are not printed
 
 

@@ -1,28 +1,28 @@
-"""The listing and the record of a compilation (`musat as11 compile`)."""
+"""The listings and the records of a compilation and of models set up (`musat as11 compile`, `musat as11 setup`)."""
 
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.model import Verdict
+from musatpy.model.tables import POSITION_UNIT
 from musatpy.reports import compilation_bottom, compilation_comparisons, compilation_points, iterations, job_record
 from musatpy.reports.answer import MARKS, USE
+from musatpy.reports.compilation_points import ENU_SIGMAS, Compilation
 from musatpy.reports.editing import position
-from musatpy.reports.fields import POSITION_UNIT, Document, Each, Field, Group, identity, same
+from musatpy.reports.fields import Document, Each, Field, Group, Rows, flag, identity
 from musatpy.reports.pages import Section, labelled, print_titled, wrapped
 from musatpy.reports.table import Report, Texts, sentences_at
-from musatpy.reports.values import Json
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.compilation.against_run import AgainstRun
-    from musatpy.compilation.bottom import Bottom
     from musatpy.compilation.compiled import Compiled, CompiledModel
-    from musatpy.compilation.profiles import CompiledProfile, ProfileScan
+    from musatpy.model import Verdict
     from musatpy.model.compilation import ContourSpec
 
 _ABOUT = (
@@ -30,33 +30,31 @@ _ABOUT = (
     "sigmas along east, north, up (X, Y, Z in LOCL jobs). A number that does not exist is null"
 )
 
-JOB: Group[Compiled, Compiled] = Group(
+JOB: Group[Compilation, Compiled] = Group(
     "job",
     "what was compiled",
-    (
+    of=lambda c: c.compiled,
+    fields=(
         Field("titles", "* string", "titles of the deck", "deck.titles"),
         Field("system", "string", "coordinate system of the run", "run.block.options.system"),
         job_record.part("ellipsoid", "ellipsoid", lambda c: c.run.block.ellipsoid),
         Field("caution", "string?", "to be known of the run, on every page", lambda c: c.run.caution or None),
-        Field(
-            "index", "number?", "refractive index of the water", lambda c: getattr(c.run.block.water, "index", None)
-        ),
-        Field("datum", "string?", "sounding datum", lambda c: c.deck.datum.name if c.deck.datum else None),
+        Field("index", "number?", "refractive index of the water",
+              lambda c: getattr(c.run.block.water, "index", None)),
+        Field("datum", "string?", "sounding datum", lambda c: getattr(c.deck.datum, "name", None)),
         Field("datum_height", "number", "of it, above its grid if it has one", "datum.height", unit="m"),
-        Field(
-            "datum_grid",
-            "string?",
-            "grid file of its heights",
-            lambda c: getattr(c.deck.datum, "geoid", None) or None,
-        ),
+        Field("datum_grid", "string?", "grid file of its heights",
+              lambda c: getattr(c.deck.datum, "geoid", None) or None),
         Field("datum_sigma", "number", "of that", "datum.sigma", unit="m"),
     ),
+)  # fmt: skip
+VERDICT: Group[Compilation, Verdict] = Group(
+    "verdict", "what it is worth", iterations.VERDICT.fields, lambda c: c.verdict
 )
-VERDICT: Group[Verdict, Verdict] = Group("verdict", "what it is worth", iterations.VERDICT.fields)
-MODELS: Each[Compiled, CompiledModel] = Each(
+MODELS: Each[Compilation, CompiledModel] = Each(
     "models",
     "one row per stereomodel",
-    of=lambda c: c.models,
+    of=lambda c: c.compiled.models,
     fields=(
         identity("model", "name"),
         Field("photos", "2 string", "left and right",
@@ -77,7 +75,8 @@ MODELS: Each[Compiled, CompiledModel] = Each(
         Field("tides", "2 number?", "of the photos", "stereo.tides", ("Tide L\nm", "Tide R\nm"), "F7.3"),
         Field("origin", "3 number", "of the model axes, working", "stereo.origin",
               ("Origin X\nm", "Origin Y\nm", "Origin Z\nm"), "F11.3", exact=True),
-        Field("axes", "3x3 number", "X, Y, Z of the model in working axes", "stereo.axes", exact=True),
+        Field("axes", "3x3 number", "X, Y, Z of the model in working axes", "stereo.axes",
+              [f"{axis}{of}" for axis in "XYZ" for of in "xyz"], "F7.4", exact=True),
         Field("origin_position", "3 number", "of the model axes, in the system of the job",
               lambda m: m.stereo.run.frame.system(m.stereo.origin[None])[0], position(4), unit=POSITION_UNIT,
               exact=True),
@@ -88,10 +87,10 @@ MODELS: Each[Compiled, CompiledModel] = Each(
               "RMS py\num", "F7.2"),
     ),
 )  # fmt: skip
-SHORELINES: Each[Compiled, tuple[str, FloatArray]] = Each(
+SHORELINES: Each[Compilation, tuple[str, FloatArray]] = Each(
     "shoreline",
     "one row per model with points of the shoreline: their heights over the mean tide",
-    of=lambda c: _shorelines(c),
+    of=lambda c: _shorelines(c.compiled),
     fields=(
         identity("model", lambda s: s[0]),
         Field("points", "integer", "on the shoreline", lambda s: len(s[1]), "Points", "I6"),
@@ -101,14 +100,15 @@ SHORELINES: Each[Compiled, tuple[str, FloatArray]] = Each(
               "Largest\nm", "F8.3"),
     ),
 )  # fmt: skip
-RECOVERED: Each[tuple[Compiled, list[AgainstRun]], AgainstRun] = Each(
+RECOVERED: Each[Compilation, AgainstRun] = Each(
     "recovered",
     "one row per model: readings of class R less what the points of the run predict",
-    of=lambda s: s[1],
+    of=lambda c: c.against,
     fields=(
         identity("model", "model.name"),
         Field("points", "integer", "read again", lambda a: int(a.again.sum()), "Points", "I6"),
-        Field("rms", "2x2 number?", "left and right, x and y", unit="mm"),
+        Field("rms", "2x2 number?", "left and right, x and y",
+              heading=[f"RMS {side} {axis}\num" for side in "LR" for axis in "xy"], edit="F9.2"),
         Field("largest", "number?", "of a coordinate", lambda a: a.largest[0], "Largest\num", "F9.2"),
         Field("point", "string?", "of the largest", lambda a: a.largest[1], "at Point", "A8"),
         Field("limit", "number", "of the root mean squares", "model.limit", "Limit\num", "F8.2"),
@@ -116,7 +116,10 @@ RECOVERED: Each[tuple[Compiled, list[AgainstRun]], AgainstRun] = Each(
               words={True: "yes", False: "NO", None: "NO"}),
     ),
 )  # fmt: skip
-DOCUMENT: Document[Compiled] = Document(
+WARNINGS_FIELD: Field[Compilation] = Field(
+    "warnings", "* string", "what is odd about readings and models", lambda c: list(c.warnings)
+)
+DOCUMENT: Document[Compilation] = Document(
     name="compilation_version",
     version="2.0",
     title="musatpy compilation",
@@ -126,30 +129,79 @@ DOCUMENT: Document[Compiled] = Document(
         *compilation_comparisons.RECORD,
         *(compilation_points.PROFILES, compilation_points.SCANS),
         *compilation_bottom.RECORD,
-        Field("warnings", "* string", "what is odd about the readings", same),
+        WARNINGS_FIELD,
     ),
 )
 
 
-def record_of(
-    compiled: Compiled,
-    verdict: Verdict,
-    against: list[AgainstRun],
-    profiles: list[CompiledProfile],
-    scans: list[ProfileScan],
-    bottoms: Sequence[Bottom],
-    warnings: Sequence[str],
-) -> dict[str, Json]:
-    """Return the record of a compilation, with its points beside those of the run, and the bottom."""
-    return DOCUMENT.record(
-        compiled,
-        verdict=verdict,
-        **dict.fromkeys(("recovered", "against_run", "analysis"), (compiled, against)),
-        profiles=profiles,
-        scans=scans,
-        **dict.fromkeys((node.name for node in compilation_bottom.RECORD), bottoms),
-        warnings=list(warnings),
-    )
+def _all(path: str) -> Callable[[Compilation], Any]:
+    """Return what takes the values of all models, one after the other."""
+    return lambda setups: np.concatenate([attrgetter(path)(model) for model in setups.set_up])
+
+
+def _models(path: str) -> Callable[[Compilation], Any]:
+    """Return what takes the name of its model for each value."""
+    return lambda setups: np.concatenate([[m.model.name] * len(attrgetter(path)(m)) for m in setups.set_up])
+
+
+def _of_run(setups: Compilation, name: str) -> Any:
+    """Return an attribute of the points of the run."""
+    return getattr(setups.compiled.run.block.points, name)[_all("again.points")(setups)]
+
+
+def _difference(setups: Compilation) -> Any:
+    return _all("again.read")(setups) - _all("again.predicted")(setups)
+
+
+def _in_model(setups: Compilation) -> Any:
+    run = setups.compiled.run
+    places = (m.model.stereo.model(run.frame.working(run.position[m.again.points])) for m in setups.set_up)
+    return np.concatenate(list(places))
+
+
+RUN_POINTS: Rows[Compilation, Compilation] = Rows(
+    "points",
+    "one row per point of the run that both photos of a model show",
+    (
+        identity("model", _models("again.points")),
+        identity("point", lambda s: _of_run(s, "ids")),
+        flag("submerged", "flagged so", "Bath", "B", lambda s: _of_run(s, "bathymetric")),
+        Field("position", "3 number", "in the model", _in_model, unit="m", exact=True),
+        Field("predicted", "2x2 number", "stages, left and right, x and y", _all("again.predicted"),
+              [f"{side} {axis}\nmm" for side in "LR" for axis in "xy"], "F10.4", exact=True),
+        Field("difference", "2x2 number?", "read less predicted", _difference,
+              [f"Read {side}{axis}\nless\num" for side in "LR" for axis in "xy"], "F8.2"),
+        Field("y_parallax", "number?", "of refracted rays, by readings where there are any", _all("again.parallax"),
+              "py\num", "F7.2"),
+        Field("straight_y_parallax", "number?", "of straight rays", _all("again.straight"), "straight\num", "F8.2"),
+    ),
+)  # fmt: skip
+EXPECTED: Rows[Compilation, Compilation] = Rows(
+    "expected",
+    "standard errors to expect of points at places of a model",
+    (
+        identity("model", _models("expected.depth")),
+        Field("place", "3 number", "in the model", _all("expected.place"), ("X\nm", "Y\nm", "Z\nm"), "F10.2",
+              exact=True),
+        Field("depth", "number", "below the water; 0: dry, at its height", _all("expected.depth"), "Depth\nm",
+              "F7.2"),
+        Field("sigma", "3 number?", "east, north, up", _all("expected.sigma"), ENU_SIGMAS, "F8.3"),
+        Field("depth_sigma", "number?", "of the depth", _all("expected.points.depth_sigma"), "Depth\nm", "F8.3"),
+        Field("pointing_sigma", "number?", "of the height, by pointing", _all("expected.pointing"), "Pointing\nm",
+              "F8.3"),
+        Field("run_sigma", "number?", "of the height, by the run", _all("expected.of_run"), "Run\nm", "F8.3"),
+    ),
+)  # fmt: skip
+SET_UP: Document[Compilation] = Document(
+    name="setup_version",
+    version="2.0",
+    title="musatpy models set up",
+    about=(
+        "Stereomodels of a run, set up: metres, millimetres of the plate, radians. Model axes: X along the base, Z "
+        "up at the origin. A number that does not exist is null"
+    ),
+    nodes=(JOB, MODELS, RECOVERED, RUN_POINTS, EXPECTED, WARNINGS_FIELD),
+)
 
 
 def _options(compiled: Compiled) -> dict[str, str]:
@@ -203,57 +255,54 @@ def _rms(values: FloatArray) -> float:
 MODEL_TABLE = Report(
     "Model Set-Up", MODELS, "model photos mode vertical tide rays pointing base height tides points y_parallax"
 )
-RECOVERED_TABLE = Report(
-    "Recoverability: Points Read Again, Less What The Run Predicts",
-    RECOVERED,
-    (
-        "model points",
-        *(
-            RECOVERED.column(f"rms[{i}][{j}]", f"RMS {side} {axis}\num", "F9.2")
-            for i, side in enumerate(("L", "R"))
-            for j, axis in enumerate("xy")
-        ),
-        "largest point limit recovered",
-    ),
-)
+RECOVERED_TABLE = Report("Recoverability: Points Read Again, Less What The Run Predicts", RECOVERED)
 SHORE_TABLE = Report("Shoreline: Heights Over The Tide", SHORELINES)
+GEOMETRY_TABLE = Report(
+    "Scales, And Origins In The System Of The Job", MODELS, "model scale base height origin_position"
+)
+AXES_TABLE = Report("Model Axes In Working Axes", MODELS, "model origin axes")
+RUN_POINT_TABLE = Report("Points Of The Run In The Model", RUN_POINTS)
+EXPECTED_TABLE = Report("Standard Errors To Expect", EXPECTED)
 WARNINGS = Texts("Warnings Of Run And Readings", lambda r: sentences_at(r, "warnings"), "warnings")
-STATED = (WARNINGS, MODEL_TABLE, SHORE_TABLE, RECOVERED_TABLE, compilation_comparisons.RUN_TABLE)
+STATED = (
+    *(WARNINGS, MODEL_TABLE, SHORE_TABLE, RECOVERED_TABLE, compilation_comparisons.RUN_TABLE),
+    *(GEOMETRY_TABLE, AXES_TABLE, RUN_POINT_TABLE, EXPECTED_TABLE),
+)
 
 
-def sections_of(
-    compiled: Compiled,
-    verdict: Verdict,
-    against: list[AgainstRun],
-    profiles: list[CompiledProfile],
-    scans: list[ProfileScan],
-    bottoms: Sequence[Bottom],
-    warnings: Sequence[str],
-) -> list[Section]:
-    """Return what the listing says, section by section."""
+def sections_of(done: Compilation) -> list[Section]:
+    """Return what the listing of a compilation says, section by section."""
+    compiled, verdict = done.compiled, done.verdict
+    assert verdict is not None
     names = zip(compiled.deck.stages.ids[compiled.rows], compiled.model_ids, compiled.reasons, strict=True)
     reasons = [f"Point {point} of model {model}: {reason}." for point, model, reason in names if reason]
     against_it = wrapped([reason.text for reason in verdict.reasons], lead="- ")
     return [
         Section(title="Verdict", lines=[f"{verdict.grade}: {USE[verdict.grade]}", *against_it]),
-        *model_sections(compiled, against, warnings),
+        *_model_sections(done),
         *([Section(title="Points Without Coordinates", lines=wrapped(reasons))] if reasons else []),
-        *compilation_points.point_sections(compiled),
-        *([SHORE_TABLE.section(compiled)] if _shorelines(compiled) else []),
-        *compilation_points.profile_sections(profiles, scans),
-        *compilation_bottom.sections_of(bottoms),
-        *compilation_comparisons.sections_of(compiled, against),
+        *compilation_points.point_sections(done),
+        *([SHORE_TABLE.section(done)] if _shorelines(compiled) else []),
+        *compilation_points.profile_sections(done),
+        *compilation_bottom.sections_of(done),
+        *compilation_comparisons.sections_of(done),
     ]
 
 
-def model_sections(compiled: Compiled, against: list[AgainstRun], warnings: Sequence[str]) -> list[Section]:
-    """Return what the listing says of run, deck and models, warnings included."""
-    read = any(part.again.any() for part in against)
+def set_up_sections(done: Compilation) -> list[Section]:
+    """Return what the listing of models set up says, section by section."""
+    tables = (GEOMETRY_TABLE, False), (AXES_TABLE, False), (RUN_POINT_TABLE, True), (EXPECTED_TABLE, True)
+    return [*_model_sections(done), *(report.section(done, new_page=new_page) for report, new_page in tables)]
+
+
+def _model_sections(done: Compilation) -> list[Section]:
+    """Return what a listing says of run, deck and models, warnings included."""
+    read = any(part.again.any() for part in done.against)
     return [
-        Section(title="Options", lines=labelled(_options(compiled))),
-        MODEL_TABLE.section(compiled, _of_waves(compiled)),
-        *([RECOVERED_TABLE.section((compiled, against))] if read else []),
-        *([Section(title=WARNINGS.title, lines=wrapped(warnings, lead="- "))] if warnings else []),
+        Section(title="Options", lines=labelled(_options(done.compiled))),
+        MODEL_TABLE.section(done, _of_waves(done.compiled)),
+        *([RECOVERED_TABLE.section(done)] if read else []),
+        *([Section(title=WARNINGS.title, lines=wrapped(done.warnings, lead="- "))] if done.warnings else []),
     ]
 
 
@@ -267,15 +316,14 @@ def _of_waves(compiled: Compiled) -> str:
 
 
 def listing_of(
-    compiled: Compiled,
+    done: Compilation,
     sections: list[Section],
     *,
-    verdict: Verdict | None = None,
     carriage_control: bool = False,
     date: datetime.date | None = None,
 ) -> str:
-    """Return the listing of a compilation from its sections, on pages of 60 lines of 132 columns."""
-    title = compiled.deck.titles[0] if compiled.deck.titles else ""
-    mark = MARKS.get(verdict.grade, "") if verdict else ""
-    left = f"MUSATPY  COMPILATION  {title:<60.60}{'  ' * bool(mark)}{mark}"
-    return print_titled(left, sections, compiled.run.caution, carriage_control=carriage_control, date=date)
+    """Return the listing of a compilation, or of models set up, from its sections, on pages of 132 columns."""
+    titles = done.compiled.deck.titles
+    mark = MARKS.get(done.verdict.grade, "") if done.verdict else ""
+    left = f"MUSATPY  COMPILATION  {titles[0] if titles else '':<60.60}{'  ' * bool(mark)}{mark}"
+    return print_titled(left, sections, done.compiled.run.caution, carriage_control=carriage_control, date=date)

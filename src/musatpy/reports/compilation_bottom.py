@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
+from musatpy.reports.compilation_points import Compilation
 from musatpy.reports.fields import Each, Field, flag, identity
 from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report, filled
@@ -20,13 +20,12 @@ if TYPE_CHECKING:
     from musatpy.compilation.grids import PostGrid
     from musatpy.compilation.joined_surfaces import EdgeMatch, Surface
 
-Bottoms = Sequence["Bottom"]
 Level = tuple[str, float, bool, int, float, float]
 
-SURFACES: Each[Bottoms, tuple[str, Surface, Bottom]] = Each(
+SURFACES: Each[Compilation, tuple[str, Surface, Bottom]] = Each(
     "surfaces",
     "one row per surface of models that overlap, where depths or heights were asked for",
-    of=lambda bottoms: _numbered(bottoms),
+    of=lambda c: _numbered(c),
     fields=(
         Field("surface", "string", "number, behind an H of heights", lambda s: s[0], "Surface", "A7", is_id=True),
         Field("of", "enum", "what it has at its points", lambda s: s[2].of, "Of", "A6",
@@ -49,10 +48,10 @@ SURFACES: Each[Bottoms, tuple[str, Surface, Bottom]] = Each(
               "Without a surface, because", "A42"),
     ),
 )  # fmt: skip
-EDGES: Each[Bottoms, tuple[Bottom, EdgeMatch]] = Each(
+EDGES: Each[Compilation, tuple[Bottom, EdgeMatch]] = Each(
     "edge_match",
     "one row per pair of models that overlap: values of the first less those of the second",
-    of=lambda bottoms: [(bottom, edge) for bottom in bottoms for edge in bottom.edges],
+    of=lambda c: [(bottom, edge) for bottom in c.bottoms for edge in bottom.edges],
     fields=(
         Field("models", "2 string", "model ids", lambda e: e[1].models, ("First", "Second"), "A8", is_id=True),
         Field("of", "enum", "what is compared", lambda e: e[0].of, "Of", "A6", choices=("depth", "height"),
@@ -68,10 +67,10 @@ EDGES: Each[Bottoms, tuple[Bottom, EdgeMatch]] = Each(
         Field("point", "string", "of the largest", lambda e: e[1].names[e[1].largest], "at Point", "A8"),
     ),
 )  # fmt: skip
-GRIDS: Each[Bottoms, PostGrid] = Each(
+GRIDS: Each[Compilation, PostGrid] = Each(
     "grids",
     "one row per grid of posts",
-    of=lambda bottoms: [grid for bottom in bottoms for grid in bottom.grids],
+    of=lambda c: [grid for bottom in c.bottoms for grid in bottom.grids],
     fields=(
         identity("grid", "name", text="name"),
         Field("spacing", "number", "of the posts", heading="Spacing\nm", edit="F9.2"),
@@ -96,10 +95,10 @@ _DRAWN: tuple[Field[Level], ...] = (
     Field("length", "number", "in plan", lambda c: c[4], "Length\nm", "F12.1"),
     Field("area", "number", "enclosed by closed lines", lambda c: c[5], "Enclosed area\nm2", "F14.1", unit="m2"),
 )  # fmt: skip
-CONTOURS: Each[Bottoms, Level] = Each(
+CONTOURS: Each[Compilation, Level] = Each(
     "contours",
     "one row per depth of a surface or grid",
-    of=lambda bottoms: _levels(bottoms, "depth"),
+    of=lambda c: _levels(c, "depth"),
     fields=(
         Field("contour", "string", "surface or grid, and depth", lambda c: f"{c[0]}:{c[1]:.3f}", "Contour", "A18",
               is_id=True),
@@ -109,10 +108,10 @@ CONTOURS: Each[Bottoms, Level] = Each(
         *_DRAWN,
     ),
 )  # fmt: skip
-HEIGHT_CONTOURS: Each[Bottoms, Level] = Each(
+HEIGHT_CONTOURS: Each[Compilation, Level] = Each(
     "height_contours",
     "one row per height of a surface",
-    of=lambda bottoms: _levels(bottoms, "height"),
+    of=lambda c: _levels(c, "height"),
     fields=(
         Field("contour", "string", "surface and height", lambda c: f"{c[0]}:{c[1]:.3f}", "Contour", "A18",
               is_id=True),
@@ -124,8 +123,8 @@ HEIGHT_CONTOURS: Each[Bottoms, Level] = Each(
 RECORD = (SURFACES, EDGES, CONTOURS, HEIGHT_CONTOURS, GRIDS)
 
 
-def _numbered(bottoms: Bottoms) -> list[tuple[str, Surface, Bottom]]:
-    return [(name, surface, bottom) for bottom in bottoms for name, surface in bottom.named]
+def _numbered(done: Compilation) -> list[tuple[str, Surface, Bottom]]:
+    return [(name, surface, bottom) for bottom in done.bottoms for name, surface in bottom.named]
 
 
 def _value(surface: Surface, of: Any) -> float:
@@ -136,9 +135,9 @@ def _least(depth: FloatArray, of: Any) -> float:
     return float(of(depth)) if np.isfinite(depth).any() else np.nan
 
 
-def _levels(bottoms: Bottoms, of: str) -> list[Level]:
+def _levels(done: Compilation, of: str) -> list[Level]:
     rows: list[Level] = []
-    for sheet in (sheet for bottom in bottoms if bottom.of == of for sheet in bottom.sheets):
+    for sheet in (sheet for bottom in done.bottoms if bottom.of == of for sheet in bottom.sheets):
         thick = {line.level for line in sheet.contours.lines if line.index}
         rows += [(sheet.name, row[0], row[0] in thick, *row[1:]) for row in bounds(sheet.contours.lines)]
     return rows
@@ -158,15 +157,15 @@ HEIGHT_TABLE = Report("Contours Of Height", HEIGHT_CONTOURS)
 STATED = (SURFACE_TABLE, EDGE_TABLE, CONTOUR_TABLE, HEIGHT_TABLE, GRID_TABLE, COLLOCATED_TABLE)
 
 
-def sections_of(bottoms: Bottoms) -> list[Section]:
+def sections_of(done: Compilation) -> list[Section]:
     """Return the tables; nothing of what was not asked for."""
-    if not bottoms:
+    if not done.bottoms:
         return []
-    names = (f"{name}: models {', '.join(surface.models)}" for name, surface, _ in _numbered(bottoms))
+    names = (f"{name}: models {', '.join(surface.models)}" for name, surface, _ in _numbered(done))
     return [
-        SURFACE_TABLE.section(bottoms, new_page=True),
+        SURFACE_TABLE.section(done, new_page=True),
         Section(title="Surfaces And Their Models", lines=wrapped(names)),
-        *filled(STATED[1:], bottoms),
+        *filled(STATED[1:], done),
     ]
 
 

@@ -7,49 +7,50 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.reports import analyses
+from musatpy.reports.compilation_points import ENU_SIGMAS, Compilation
 from musatpy.reports.fields import Document, Each, Field, Rows, flag, identity, within
 from musatpy.reports.pages import Section, labelled, print_titled
 from musatpy.reports.table import Report
 from musatpy.statistics.differences import DifferenceStatistics, analysis_of
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
-    from musatpy.compilation.against_run import AgainstRun
-    from musatpy.compilation.compiled import Compiled
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
     from musatpy.compilation.contoured import ContourArea, ContourDistance, Contoured
 
 
-RUN_POINTS: Rows[tuple[Compiled, list[AgainstRun]], tuple[Compiled, list[AgainstRun]]] = Rows(
+def _all(name: str) -> Any:
+    """Return what takes the values of all models, one after the other."""
+    return lambda done: np.concatenate([getattr(part, name) for part in done.against])
+
+
+RUN_POINTS: Rows[Compilation, Compilation] = Rows(
     "against_run",
     "one row per point that the run has too",
     (
-        identity("model", lambda s: _models_of(s)),
-        identity("point", lambda s: _points_of(s)),
-        flag("shared", "its readings are those of the run", "Same", "S", lambda s: _of(s, "shared")),
-        Field("difference", "3 number", "compiled minus run, east, north, up", lambda s: _of(s, "difference"),
+        identity("model", lambda c: _models_of(c)),
+        identity("point", lambda c: _points_of(c)),
+        flag("shared", "its readings are those of the run", "Same", "S", _all("shared")),
+        Field("difference", "3 number", "compiled minus run, east, north, up", _all("difference"),
               ("East\nm", "North\nm", "Up\nm"), "F7.4"),
-        Field("length", "number", "of that", lambda s: _of(s, "length"), "Length\nm", "F8.4"),
-        Field("sigma", "3 number?", "of the difference; null where not known", lambda s: _of(s, "sigma"),
-              [f"Sigma {axis}\nm" for axis in ("E", "N", "U")], "F7.4"),
-        Field("test", "number?", "root of the mean square over its covariance", lambda s: _of(s, "test"), "Test",
+        Field("length", "number", "of that", _all("length"), "Length\nm", "F8.4"),
+        Field("sigma", "3 number?", "of the difference; null where not known", _all("sigma"),
+              ENU_SIGMAS, "F7.4"),
+        Field("test", "number?", "root of the mean square over its covariance", _all("test"), "Test",
               "F6.2"),
-        Field("stages", "2x2 number", "read minus predicted, left and right", lambda s: _of(s, "stages"),
+        Field("stages", "2x2 number", "read minus predicted, left and right", _all("stages"),
               [f"{side} {axis}\num" for side in ("Left", "Right") for axis in "xy"], "F7.2"),
     ),
 )  # fmt: skip
-ANALYSIS: Each[tuple[Compiled, list[AgainstRun]], tuple[str, DifferenceStatistics]] = Each(
+ANALYSIS: Each[Compilation, tuple[str, DifferenceStatistics]] = Each(
     "analysis",
     "differences of compiled points from the run in numbers, east, north, up",
-    of=lambda s: _statistics(s[1]),
+    of=lambda c: _statistics(c),
     fields=(
         Field("component", "string", "East, North, Up", lambda d: d[0]),
         *within(lambda d: d[1], analyses.differences("m", "point")),
     ),
 )
-CAUTION: Field[tuple[Compiled, list[AgainstRun]]] = Field(
-    "caution", "string?", "what is to be known of the run, on every page", lambda s: s[0].run.caution or None
+CAUTION: Field[Compilation] = Field(
+    "caution", "string?", "what is to be known of the run, on every page", lambda c: c.compiled.run.caution or None
 )
 RECORD = (RUN_POINTS, ANALYSIS)
 RUN_TABLE = Report("Comparison With The Run", RUN_POINTS, worst=lambda t: t["length"])
@@ -58,7 +59,7 @@ _ANALYSIS_TABLE = Report(
     ANALYSIS,
     ("component size", ANALYSIS.column("maximum_id", "Point with Max. Difference", "A8")),
 )
-AGAINST_RUN: Document[tuple[Compiled, list[AgainstRun]]] = Document(
+AGAINST_RUN: Document[Compilation] = Document(
     name="point_comparison_version",
     version="2.0",
     title="musatpy comparison of compiled points",
@@ -67,68 +68,53 @@ AGAINST_RUN: Document[tuple[Compiled, list[AgainstRun]]] = Document(
 )
 
 
-def point_listing(compiled: Compiled, against: list[AgainstRun]) -> str:
+def point_listing(done: Compilation) -> str:
     """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
-    title = compiled.deck.titles[0] if compiled.deck.titles else ""
-    heading = f"MUSATPY  COMPARISON OF POINTS  {title:<60.60}"
-    return print_titled(heading, sections_of(compiled, against), compiled.run.caution)
+    titles, caution = done.compiled.deck.titles, done.compiled.run.caution
+    heading = f"MUSATPY  COMPARISON OF POINTS  {titles[0] if titles else '':<60.60}"
+    return print_titled(heading, sections_of(done), caution)
 
 
-def sections_of(compiled: Compiled, against: list[AgainstRun]) -> list[Section]:
-    """Return what the listing says, nothing where no point is one of the run."""
-    shown = [part for part in against if len(part.rows)]
-    if not shown:
+def sections_of(done: Compilation) -> list[Section]:
+    """Return the differences, in the layout of Table 6-7 too; nothing where no point is one of the run."""
+    if not any(len(part.rows) for part in done.against):
         return []
-    return [RUN_TABLE.section((compiled, against), new_page=True), *_analysis(compiled, shown)]
-
-
-def vectors(against: list[AgainstRun]) -> tuple[float, float, float]:
-    """Return the least, the mean and the largest length of the differences, m."""
-    length = np.concatenate([part.length for part in against])
-    return float(length.min()), float(length.mean()), float(length.max())
-
-
-def _statistics(against: list[AgainstRun]) -> list[tuple[str, DifferenceStatistics]]:
-    """Return the components of the differences with their statistics, none where there are no differences."""
-    if not sum(len(part.rows) for part in against):
-        return []
-    analysis = analysis_of(
-        dict.fromkeys(("East", "North", "Up"), "m"),
-        np.concatenate([part.model.readings.ids[part.rows] for part in against]),
-        np.concatenate([part.difference for part in against]),
-    )
-    return list(zip(analysis.components, analysis.statistics, strict=True))
-
-
-def _analysis(compiled: Compiled, against: list[AgainstRun]) -> list[Section]:
-    """Return the differences from the run in the layout of Table 6-7, and the lengths of their vectors."""
-    values = _ANALYSIS_TABLE.values((compiled, against))
-    lengths = ", ".join(f"{length:.4f}" for length in vectors(against))
+    lengths = ", ".join(f"{length:.4f}" for length in vectors(done))
     lines = {"Least, mean and largest vector, m": lengths}
-    tests = np.concatenate([part.test for part in against])
+    tests = _all("test")(done)
     if np.isfinite(tests).any():
         lines["Tests, root of the mean square"] = f"{np.sqrt(np.nanmean(np.square(tests))):.2f}"
-    run = f"Compiled Less MUSAT-{compiled.run.block.options.program}"
-    water = "No Refraction Correction" if compiled.run.block.water is None else "Refraction Correction Applied"
+    block = done.compiled.run.block
+    water = "No Refraction Correction" if block.water is None else "Refraction Correction Applied"
+    runs = f"Compiled Less MUSAT-{block.options.program}", water
     return [
-        analyses.laid_out(_ANALYSIS_TABLE, values, (run, water), {"m": "F16.4"}),
+        RUN_TABLE.section(done, new_page=True),
+        analyses.laid_out(_ANALYSIS_TABLE, _ANALYSIS_TABLE.values(done), runs, {"m": "F16.4"}),
         Section(title="Comparison With The Run: Vectors And Tests", lines=labelled(lines)),
     ]
 
 
-def _of(source: tuple[Compiled, list[AgainstRun]], name: str) -> Any:
-    return np.concatenate([getattr(part, name) for part in source[1]])
+def vectors(done: Compilation) -> tuple[float, float, float]:
+    """Return the least, the mean and the largest length of the differences, m."""
+    length = _all("length")(done)
+    return float(length.min()), float(length.mean()), float(length.max())
 
 
-def _points_of(source: tuple[Compiled, list[AgainstRun]]) -> Any:
-    compiled, against = source
-    parts = zip(compiled.models, against, strict=True)
-    return np.concatenate([model.readings.ids[part.rows] for model, part in parts])
+def _statistics(done: Compilation) -> list[tuple[str, DifferenceStatistics]]:
+    """Return the components of the differences with their statistics, none where there are no differences."""
+    if not any(len(part.rows) for part in done.against):
+        return []
+    units = dict.fromkeys(("East", "North", "Up"), "m")
+    analysis = analysis_of(units, _points_of(done), _all("difference")(done))
+    return list(zip(analysis.components, analysis.statistics, strict=True))
 
 
-def _models_of(source: tuple[Compiled, list[AgainstRun]]) -> Any:
-    compiled, against = source
-    return np.repeat([model.name for model in compiled.models], [len(part.rows) for part in against])
+def _points_of(done: Compilation) -> Any:
+    return np.concatenate([part.model.readings.ids[part.rows] for part in done.against])
+
+
+def _models_of(done: Compilation) -> Any:
+    return np.repeat([part.model.name for part in done.against], [len(part.rows) for part in done.against])
 
 
 DISTANCES: Each[Contoured, ContourDistance] = Each(

@@ -2,43 +2,61 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
+from musatpy.model.tables import POSITION_UNIT
 from musatpy.reports.editing import position
-from musatpy.reports.fields import POSITION_UNIT, Field, Group, Rows, flag, identity
-from musatpy.reports.pages import Section
+from musatpy.reports.fields import Each, Field, Group, Rows, flag, identity
+from musatpy.reports.pages import Section, as_text
 from musatpy.reports.stated import WORDS, Said, answered, place_columns, place_sigma_columns, said_of, with_answer
 from musatpy.reports.table import Report, filled
 from musatpy.statistics import Words
 from musatpy.statistics.analyses import words_of
 
 if TYPE_CHECKING:
+    from musatpy.compilation.against_run import AgainstRun
     from musatpy.compilation.answers import StatedPoints
+    from musatpy.compilation.bottom import Bottom
     from musatpy.compilation.compiled import Compiled
-from typing import TYPE_CHECKING
-
-from musatpy.reports.fields import Each
-from musatpy.reports.pages import as_text
-
-if TYPE_CHECKING:
     from musatpy.compilation.datums import Datum
     from musatpy.compilation.file_places import FilePlaces
     from musatpy.compilation.profiles import CompiledProfile, ProfileScan
+    from musatpy.compilation.setups import ModelSetUp
+    from musatpy.model import Verdict
 
-POINTS: Rows[Compiled, Compiled] = Rows(
+ENU_SIGMAS = [f"Sigma {axis}\nm" for axis in "ENU"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Compilation:
+    """What is reported: a deck on its run, and what came of it."""
+
+    compiled: Compiled
+    against: Sequence[AgainstRun]  # of each model, its points beside those of the run
+    warnings: Sequence[str] = ()  # what is odd about readings and models
+    verdict: Verdict | None = None  # on what was compiled
+    profiles: Sequence[CompiledProfile] = ()
+    scans: Sequence[ProfileScan] = ()
+    bottoms: Sequence[Bottom] = ()
+    set_up: Sequence[ModelSetUp] = ()  # the models, where they are set up alone
+
+
+POINTS: Rows[Compilation, Compiled] = Rows(
     "points",
     "one row per reading",
-    (
+    of=lambda c: c.compiled,
+    fields=(
         identity("model", "model_ids"),
         identity("point", lambda c: c.deck.stages.ids[c.rows], text="point or feature"),
         Field("class", "string", "G, P, S, R", lambda c: c.deck.stages.kind[c.rows], "Class", "A5"),
         flag("submerged", "flagged so", "Bath", "B"),
         Field("position", "3 number?", "true", lambda c: c.gathered("position"), position(4), unit=POSITION_UNIT),
-        Field("sigma", "3 number?", "east north up", heading=[f"Sigma {axis}\nm" for axis in ("E", "N", "U")],
+        Field("sigma", "3 number?", "east north up", heading=ENU_SIGMAS,
               edit="F8.3"),
         Field("covariance", "3x3 number?", "of east, north, up", lambda c: c.gathered("covariance"), unit="m2"),
         Field("apparent", "3 number?", "where the straight rays meet", heading=position(4), unit=POSITION_UNIT),
@@ -79,10 +97,10 @@ STATED_POINTS: Rows[Compiled, tuple[Compiled, StatedPoints]] = Rows(
               unit="that of the coordinates", exact=True),
     ),
 )  # fmt: skip
-ANSWER: Group[Compiled, Compiled] = Group(
+ANSWER: Group[Compilation, Compiled] = Group(
     "stated",
     "the points as the run states its answer (SYS OUT); null where that is in the system of the job",
-    of=lambda c: None if c.run.stated is None else c,
+    of=lambda c: None if c.compiled.run.stated is None else c.compiled,
     fields=(Group[Any, Words]("answer", "how it is stated", of=lambda c: _words(c), fields=WORDS), STATED_POINTS),
     optional=True,
 )
@@ -121,10 +139,10 @@ ANSWER_TABLES: tuple[Report[Any], Report[Any]] = (
 )
 
 
-PROFILES: Each[list[CompiledProfile], CompiledProfile] = Each(
+PROFILES: Each[Compilation, CompiledProfile] = Each(
     "profiles",
     "one row per profile, of scans per line",
-    of=lambda profiles: profiles,
+    of=lambda c: c.profiles,
     fields=(
         identity("model", "model"),
         identity("profile", "name"),
@@ -151,10 +169,10 @@ PROFILES: Each[list[CompiledProfile], CompiledProfile] = Each(
               edit="A38"),
     ),
 )  # fmt: skip
-SCANS: Each[list[ProfileScan], ProfileScan] = Each(
+SCANS: Each[Compilation, ProfileScan] = Each(
     "scans",
     "one row per profile of several lines",
-    of=lambda scans: scans,
+    of=lambda c: c.scans,
     fields=(
         identity("model", "model"),
         identity("profile", "name"),
@@ -193,22 +211,19 @@ SCAN_TABLE = Report("Scans By Profiles Side By Side", SCANS)
 OF_PROFILES = (PROFILE_TABLE, PACE_TABLE, SCAN_TABLE)
 
 
-def profile_sections(profiles: list[CompiledProfile], scans: list[ProfileScan]) -> list[Section]:
+def profile_sections(done: Compilation) -> list[Section]:
     """Return the tables, and the spikes; nothing without profiles."""
-    if not profiles:
+    if not done.profiles:
         return []
     spikes = [
         f"Model {part.model}, profile {_named(part)}, station {station:.2f} m: depth {value:.3f} m"
-        for part in profiles
-        if part.profile is not None
-        for station, value in zip(
-            part.profile.station[part.profile.spike], part.profile.value[part.profile.spike], strict=True
-        )
+        for part in done.profiles
+        if (of := part.profile) is not None
+        for station, value in zip(of.station[of.spike], of.value[of.spike], strict=True)
     ]
     return [
-        PROFILE_TABLE.section(profiles, new_page=True),
-        *filled([PACE_TABLE], profiles),
-        *filled([SCAN_TABLE], scans),
+        PROFILE_TABLE.section(done, new_page=True),
+        *filled([PACE_TABLE, SCAN_TABLE], done),
         *([Section(title="Spikes Of Profiles", lines=spikes)] if spikes else []),
     ]
 
@@ -217,7 +232,7 @@ def _named(part: CompiledProfile) -> str:
     return part.name if part.line == 1 else f"{part.name}, line {part.line}"
 
 
-def profiles_csv(profiles: list[CompiledProfile], places: FilePlaces, datum: Datum) -> str:
+def profiles_csv(profiles: Sequence[CompiledProfile], places: FilePlaces, datum: Datum) -> str:
     """Return the readings of profiles, and the depths at even steps, as comma-separated values.
 
     What a row is stands first: a reading, a spike, a reading that thinning does not need, or a post.
@@ -245,20 +260,19 @@ def profiles_csv(profiles: list[CompiledProfile], places: FilePlaces, datum: Dat
 STATED = (POINT_TABLE, *ANSWER_TABLES, APPARENT_TABLE, RAY_TABLE, *OF_PROFILES)
 
 
-def point_sections(compiled: Compiled) -> list[Section]:
+def point_sections(done: Compilation) -> list[Section]:
     """Return the tables of points."""
-    words = _words(compiled)
-    answer: list[Section] = []
+    words, answer = _words(done.compiled), list[Section]()
     if words is not None:
-        stated = {"points": STATED_POINTS.raw(compiled)}
-        content = answered({"points": POINTS.raw(compiled), "stated": stated}, "points")
+        stated = {"points": STATED_POINTS.raw(done.compiled)}
+        content = answered({"points": POINTS.raw(done), "stated": stated}, "points")
         answer = [report.section(report.read(content, "")) for report in in_words(said_of(words))]
     return [
-        POINT_TABLE.section(compiled, new_page=True),
+        POINT_TABLE.section(done, new_page=True),
         *answer[:1],
-        APPARENT_TABLE.section(compiled),
+        APPARENT_TABLE.section(done),
         *answer[1:],
-        RAY_TABLE.section(compiled),
+        RAY_TABLE.section(done),
     ]
 
 

@@ -6,9 +6,10 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.model import ControlKind, ObservationKind
+from musatpy.model.tables import POSITION_UNIT
 from musatpy.reports.analyses import CHECK_POINTS, analysis_section
 from musatpy.reports.editing import along_axes
-from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, flag, identity
+from musatpy.reports.fields import ENU, Field, Rows, flag, identity
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report, filled, worst_first
 from musatpy.reports.values import names, plain

@@ -15,10 +15,10 @@ from musatpy.formats.cards.spec import STATED_UNIT, CardSpec
 from musatpy.formats.job_tables import card_family
 from musatpy.model import Waves
 from musatpy.model.block import parts_of_block
-from musatpy.model.tables import Table, columns
+from musatpy.model.tables import POSITION_UNIT, Table, columns
 from musatpy.reports import job_record, residuals
 from musatpy.reports.editing import SEXAGESIMAL, field_width
-from musatpy.reports.fields import POSITION_UNIT, Field, Group, Rows, of_job, same
+from musatpy.reports.fields import Field, Group, Rows, of_job, same
 from musatpy.reports.pages import MOST_PAGES, Section, wrapped
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values
@@ -66,14 +66,6 @@ WAVES: Rows[Statistics, tuple[Waves, Any]] = Rows(
               lambda w: w[0].azimuth, "Towards\ndegrees", "F9.3"),
         Field("crest", "number", "distance from the origin, in that direction, of a crest at time 0",
               lambda w: w[0].crest, "Crest\nm", "F10.3"),
-        Field("given_period", "number?", "on its card", lambda w: w[0].period, unit="s"),
-        Field("given_length", "number?", "on its card", lambda w: w[0].length, unit="m"),
-        Field("given_speed", "number?", "on its card", lambda w: w[0].speed, unit="m/s"),
-        Field("height_sigma", "number?", "a priori; null where it is known", lambda w: w[0].height_sigma, unit="m"),
-        Field("length_sigma", "number?", "a priori; null where it is known", lambda w: w[0].length_sigma, unit="m"),
-        Field("azimuth_sigma", "number?", "a priori; null where it is known", lambda w: w[0].azimuth_sigma,
-              unit="rad"),
-        Field("crest_sigma", "number?", "a priori; null where it is known", lambda w: w[0].crest_sigma, unit="m"),
     ),
 )  # fmt: skip
 WAVE_ORIGIN = Field[Statistics](

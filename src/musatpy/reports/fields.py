@@ -31,7 +31,6 @@ Part = TypeVar("Part")
 
 DIGITS = 12  # of numbers in tables that are neither coordinates nor angles nor covariances
 IMAGE_DIGITS = 10  # of the tests of images, of which there are many
-POSITION_UNIT = "rad, rad, m (GEOG) or m"
 ENU = "east north up"  # axes of sigmas and differences
 _NULL = " or null"
 _STEP = re.compile(r"\[(\d+)\]")
@@ -116,8 +115,9 @@ class Field(Node[Source]):
             yield self
             return
         edits = (edit,) * len(heading) if isinstance(edit, str) else edit
+        wide = int(self.kind[2]) if self.kind[1:2] == "x" else 0  # columns of a matrix
         for n, (words, descriptor) in enumerate(zip(heading, edits, strict=True)):
-            step = f"[{n // 2}][{n % 2}]" if self.kind.startswith("2x2 ") else f"[{n}]"
+            step = f"[{n // wide}][{n % wide}]" if wide else f"[{n}]"
             shown = None if self.shown is None else partial(self._component, n)
             yield replace(self, name=f"{self.name}{step}", heading=words, edit=descriptor, shown=shown)
 

@@ -201,11 +201,10 @@ def _of_others() -> tuple[ModuleType, ...]:
         compilation_bottom,
         compilation_comparisons,
         compilation_points,
-        compilation_setup,
         orientation,
         orientation_strip,
         soundings,
     )
 
-    compilations = compilation, compilation_bottom, compilation_comparisons, compilation_points, compilation_setup
+    compilations = compilation, compilation_bottom, compilation_comparisons, compilation_points
     return orientation, orientation_strip, *compilations, soundings

@@ -9,9 +9,10 @@ import numpy as np
 
 from musatpy.arrays import TextArray
 from musatpy.model import LevelPairs, PointStatus, StationPairs
+from musatpy.model.tables import POSITION_UNIT
 from musatpy.reports import stated
 from musatpy.reports.editing import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, along_axes, position
-from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, flag, identity
+from musatpy.reports.fields import ENU, Field, Rows, flag, identity
 from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report, worst_first
 from musatpy.reports.values import names
@@ -32,18 +33,6 @@ STATIONS = Rows[Statistics, Statistics](
               "F9.2"),
         Field("covariance", "6x6 number?", "a posteriori, of east, north, up, X-tilt, Y-tilt, heading",
               "solution.stations.covariance", unit="m2, m rad, rad2"),
-        Field("given_position", "3 number", "of the deck", "block.photos.position", unit=POSITION_UNIT),
-        Field("given_position_sigma", "3 number?", f"of the deck, {ENU}; null where not observed",
-              "block.photos.position_sigma", unit="m"),
-        Field("given_attitude", "3 number", "of the deck", "block.photos.attitude", unit="rad"),
-        Field("given_attitude_sigma", "3 number?", "of the deck; null where not observed",
-              "block.photos.attitude_sigma", unit="rad"),
-        Field("tide", "number?", "height of the water surface at the exposure", "block.photos.tide", unit="m"),
-        Field("tide_sigma", "number?", "of the tide", "block.photos.tide_sigma", unit="m"),
-        Field("tide_group", "string", "group of photos with a common correction of their tides",
-              "block.photos.tide_group"),
-        Field("tide_day", "string", "day of the exposure", "block.photos.tide_day"),
-        Field("time", "number?", "of the exposure, on one clock for all photos", "block.photos.time", unit="s"),
     ),
 )  # fmt: skip
 
