@@ -16,7 +16,7 @@ from musatpy.compilation.setups import ModelSetUp, model_set_up
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.formats.compilation_deck import read_compilation
-from musatpy.reports.compilation_setup import DOCUMENT
+from musatpy.reports.compilation import SET_UP
 from record_rows import read_rows, with_columns
 
 _H, _BASE, _F, _POINTING = 3000.0, 1810.0, 152.4, 0.005
@@ -101,7 +101,7 @@ def test_the_command_lists_the_models_before_anything_is_read(run_record: Path, 
         assert f"\n{title}" in listing
     assert max(map(len, listing.splitlines())) <= 132
     values = read_rows(tmp_path / "models.setup.json")
-    assert not list(violations(with_columns(values, DOCUMENT.schema()), DOCUMENT.schema(), DOCUMENT.schema()))
+    assert not list(violations(with_columns(values, SET_UP.schema()), SET_UP.schema(), SET_UP.schema()))
     # 5 um at H/B of 1.68 and a scale of 1 to 15,740 make .187 m in height; stations add what the run says.
     middle = next(row for row in values["expected"] if row["depth"] == 0.0 and max(map(abs, row["place"])) < 1.0)
     ratio = values["models"][0]["height"] / values["models"][0]["base"]

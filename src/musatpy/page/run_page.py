@@ -46,7 +46,6 @@ from musatpy.reports import (
     job_record,
     positions,
     reduction,
-    solution_summary,
     statistical_tests,
     titles,
 )
@@ -93,7 +92,7 @@ _ACCURACY = (
         bathymetric.DEPTHS,
         note="No refr.: where straight rays of the adjusted stations meet; predicted: that times the index.",
     ),
-    _open(solution_summary.PLATE_RESIDUALS),
+    _open(iterations.PLATE_RESIDUALS),
     _open(
         statistical_tests.COMPONENTS,
         note="The factor of a group is v'Pv over its redundancy, 1 where its sigmas are right; limits of 95 %.",
@@ -225,7 +224,7 @@ def _data(tables: Tables) -> Iterator[Part]:
     yield Facts(
         [
             Fact(label, _plain(values[0]), detail=details.get(label, ""))
-            for label, values in _known(solution_summary.SUMMARY.numbers(tables)).items()
+            for label, values in _known(iterations.SUMMARY.numbers(tables)).items()
             if not label.startswith(_BY_KIND) or label in details
         ]
     )

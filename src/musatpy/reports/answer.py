@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -91,54 +91,47 @@ STATED = (
 PageOf = Callable[[str], int]  # beginning of the title of a section -> its page, 0 where it is not listed
 
 
-@dataclass(frozen=True, eq=False)
-class _Answer:
-    """The statistics of a run, and the pages of its sections."""
-
-    statistics: Statistics
-    page_of: PageOf
-
-    def reference(self, section: str) -> str:
-        """Return ` (page 9)`, as wide for every page; nothing for a section that is not listed."""
-        page = self.page_of(section) if section else 0
-        return f" (page{_BLANK}{str(page).rjust(len(str(_LONGEST_PAGE)), _PAD)})" if page else ""
-
-
 def sections(statistics: Statistics, page_of: PageOf) -> list[Section]:
     """Return the sections of page 1: as many lines as it has, whatever the pages are."""
-    return _laid_out(_Answer(statistics, page_of))[0]
+    return _laid_out(statistics, page_of)[0]
 
 
 def all_reasons(statistics: Statistics) -> list[Section]:
     """Return every reason and note of the verdict, where page 1 has no room for them all."""
     verdict = statistics.verdict
     lines = wrapped([reason.text for reason in verdict.reasons], lead="- ") + wrapped(verdict.notes, lead=_NOTE)
-    whole = not lines or _laid_out(_Answer(statistics, lambda section: _LONGEST_PAGE))[1]
+    whole = not lines or _laid_out(statistics, lambda section: _LONGEST_PAGE)[1]
     return [] if whole else [Section(title=ALL_REASONS, lines=lines)]
 
 
-def _laid_out(answer: _Answer) -> tuple[list[Section], bool]:
+def _laid_out(statistics: Statistics, page_of: PageOf) -> tuple[list[Section], bool]:
     """Return the sections of page 1, and whether all reasons and notes are there."""
-    verdict = answer.statistics.verdict
-    first, last = _quality(answer), [*_worst(answer), _run(answer.statistics)]
-    reasons = [_wrapped(f"{reason.text}{answer.reference(reason.section)}") for reason in verdict.reasons]
+    verdict, blunder_table = statistics.verdict, BLUNDERS.section(statistics)
+    reasons = [_wrapped(f"{reason.text}{_reference(page_of, reason.section)}") for reason in verdict.reasons]
     reasons += [_wrapped(note, lead=_NOTE) for note in verdict.notes]
-    causes, blunders, warnings = _causes(answer), _blunders(answer), _warnings(answer)
-    lists = [reasons, *(entry[1] if entry else [] for entry in (causes, blunders, warnings))]
-    tops = [Section(title="Verdict", lines=[f"{verdict.grade}: {USE[verdict.grade]}"])]
-    tops += [entry[0] for entry in (causes, blunders, warnings) if entry]
-    used = sum(pages.GAP + len(section.top()) + len(section.lines) for section in (*tops, first, *last)) - pages.GAP
-    rooms = _rooms(pages.BODY_LINES - used, [sum(map(len, blocks)) for blocks in lists])
-    cut = [
-        _cut(blocks, room, answer.reference(where))
-        for blocks, room, where in zip(lists, rooms, (ALL_REASONS, _CAUSES, "Blunders", "Warnings"), strict=True)
+    tops = {  # with the blocks of lines of each list, and where all of it is
+        ALL_REASONS: (Section(title="Verdict", lines=[f"{verdict.grade}: {USE[verdict.grade]}"]), reasons),
+        _CAUSES: (Section(title="Likely Causes"), _causes(statistics, page_of)),
+        "Blunders": (replace(blunder_table, lines=()), [[row] for row in blunder_table.lines]),
+        "Warnings": (Section(title="Warnings In Short"), by_kind(statistics.solution.warnings, shown=1)),
+    }
+    quality, last = _quality(statistics, page_of), [*_worst(statistics), _run(statistics)]
+    others = [top for top, blocks in tops.values() if blocks or top.lines] + [quality, *last]
+    used = sum(pages.GAP + len(section.top()) + len(section.lines) for section in others) - pages.GAP
+    lengths = [sum(map(len, blocks)) for _, blocks in tops.values()]
+    rooms = _rooms(pages.BODY_LINES - used, lengths)
+    lists = [
+        replace(top, lines=[*top.lines, *_cut(blocks, room, _reference(page_of, where))])
+        for (where, (top, blocks)), room in zip(tops.items(), rooms, strict=True)
     ]
-    filled = [replace(tops[0], lines=[*tops[0].lines, *cut[0]])]
-    filled += [replace(causes[0], lines=cut[1])] if causes else []
-    filled.append(first)
-    for entry, lines in zip((blunders, warnings), cut[2:], strict=True):
-        filled += [replace(entry[0], lines=lines)] if entry else []
-    return [*filled, *last], len(cut[0]) >= sum(map(len, reasons))
+    shown = [*lists[:2], quality, *lists[2:], *last]
+    return [section for section in shown if section.lines], lengths[0] <= rooms[0]
+
+
+def _reference(page_of: PageOf, section: str) -> str:
+    """Return ` (page 9)`, as wide for every page; nothing for a section that is not listed."""
+    page = page_of(section) if section else 0
+    return f" (page{_BLANK}{str(page).rjust(len(str(_LONGEST_PAGE)), _PAD)})" if page else ""
 
 
 def index(titles: Sequence[str], starts: Sequence[int], *, new_page: bool) -> Section:
@@ -192,11 +185,11 @@ def _cut(blocks: Sequence[Sequence[str]], room: int, reference: str) -> list[str
     return [*lines, *_printed([f"and {more} more{reference}"])] if more else lines
 
 
-def _quality(answer: _Answer) -> Section:
+def _quality(statistics: Statistics, page_of: PageOf) -> Section:
     """Return the figures that say how good the run is, each with its page."""
     lines: list[str] = []
-    for figure in headline(content_of(answer.statistics)):
-        text = f"{figure.value}{figure.detail}{answer.reference(figure.section)}"
+    for figure in headline(content_of(statistics)):
+        text = f"{figure.value}{figure.detail}{_reference(page_of, figure.section)}"
         if figure.section == COMMON_ERRORS:
             lines += wrapped([text], lead=labelled({figure.label: ""})[0])
         else:
@@ -204,42 +197,23 @@ def _quality(answer: _Answer) -> Section:
     return Section(title="Quality In Short", lines=_printed(lines))
 
 
-def _blunders(answer: _Answer) -> tuple[Section, list[list[str]]] | None:
-    """Return the top of the table of blunders, and its rows; None where none were found."""
-    findings = answer.statistics.solution.findings
-    if not findings:
-        return None
-    section = BLUNDERS.section(answer.statistics)
-    return replace(section, lines=()), [[row] for row in section.lines]
-
-
-def _causes(answer: _Answer) -> tuple[Section, list[list[str]]] | None:
-    """Return the top of the causes, and the lines of each; None of an accepted run.
-
-    Those that explain the same stand together.
-    """
-    causes = answer.statistics.solution.causes
-    if not causes or not answer.statistics.verdict.reasons:
-        return None
+def _causes(statistics: Statistics, page_of: PageOf) -> list[list[str]]:
+    """Return the lines of each cause, those together that explain the same; none of an accepted run."""
+    causes, verdict = statistics.solution.causes, statistics.verdict
+    if not causes or not verdict.reasons:
+        return []
     blocks, groups = [], set()
-    if answer.statistics.verdict.grade is Grade.FAILED and np.isfinite(causes[0].drop):
+    if verdict.grade is Grade.FAILED and np.isfinite(causes[0].drop):
         blocks.append(_wrapped(UNSETTLED, lead=_NOTE))
     for cause in causes:
         lead = "  or " if cause.group in groups else "- "
         groups.add(cause.group)
-        blocks.append(_wrapped(f"{cause}{answer.reference(_CAUSES)}", lead=lead))
-    return Section(title="Likely Causes"), blocks
+        blocks.append(_wrapped(f"{cause}{_reference(page_of, _CAUSES)}", lead=lead))
+    return blocks
 
 
-def _warnings(answer: _Answer) -> tuple[Section, list[list[str]]] | None:
-    """Return the top of the warnings, and the lines of each kind; None without any."""
-    kinds = by_kind(answer.statistics.solution.warnings, shown=1)
-    return (Section(title="Warnings In Short"), kinds) if kinds else None
-
-
-def _worst(answer: _Answer) -> list[Section]:
+def _worst(statistics: Statistics) -> list[Section]:
     """Return the observations with the largest test values."""
-    statistics = answer.statistics
     if statistics.solution.observed is None:
         return []
     section = WORST.section(statistics)

@@ -11,7 +11,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model.tables import POSITION_UNIT
-from musatpy.reports import compilation_bottom, compilation_comparisons, compilation_points, iterations, job_record
+from musatpy.reports import compilation_bottom, compilation_comparisons, compilation_points, headline, job_record
 from musatpy.reports.answer import MARKS, USE
 from musatpy.reports.compilation_points import ENU_SIGMAS, Compilation
 from musatpy.reports.editing import position
@@ -49,7 +49,7 @@ JOB: Group[Compilation, Compiled] = Group(
     ),
 )  # fmt: skip
 VERDICT: Group[Compilation, Verdict] = Group(
-    "verdict", "what it is worth", iterations.VERDICT.fields, lambda c: c.verdict
+    "verdict", "what it is worth", headline.VERDICT.fields, lambda c: c.verdict
 )
 MODELS: Each[Compilation, CompiledModel] = Each(
     "models",

@@ -14,20 +14,19 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.model import Editing, PlateSigma, Program, Weights
-from musatpy.model.findings import SEARCH_GIVEN_UP
+from musatpy.model import Editing, PlateSigma, Program, Solution, Verdict, Weights
+from musatpy.model.findings import SEARCH_GIVEN_UP, Reason
 from musatpy.reports import (
     adjusted_water,
     analyses,
     blunders,
     common_errors,
     control,
-    iterations,
     job_record,
     statistical_tests,
 )
 from musatpy.reports.editing import number_text
-from musatpy.reports.fields import Node
+from musatpy.reports.fields import Each, Field, Group, Node
 from musatpy.reports.table import Content
 from musatpy.reports.values import array_of, at
 from musatpy.statistics import Statistics
@@ -38,9 +37,50 @@ from musatpy.units import MICROMETRE
 
 CONTROL, CHECKS = "control residuals", "check points"
 Edited = Callable[[str, float], str]  # a number by an edit descriptor
+_GRADES = ("DOUBTFUL", "REJECTED", "FAILED")
+VERDICT = Group[Statistics, Verdict](
+    "verdict",
+    "what the run is worth",
+    of=lambda s: s.verdict,
+    fields=(
+        Field("grade", "string", "that of the worst reason; FAILED has not converged",
+              choices=("ACCEPTED", *_GRADES)),
+        Each[Verdict, Reason](
+            "reasons",
+            "one row per reason against the answer, the worst first",
+            of=lambda v: v.reasons,
+            fields=(
+                Field("grade", "string", "that the reason alone would give", choices=_GRADES),
+                Field("concern", "string", "what it is about: convergence, sigma0, control, ..."),
+                Field("text", "string", "the reason"),
+                Field("section", "string", "how the title of the section of the listing begins where it shows"),
+            ),
+        ),
+        Field("notes", "* string", "worth knowing, and no doubt"),
+    ),
+)  # fmt: skip
+
+
+SOLUTION = Group[Statistics, Solution](
+    "solution",
+    "the result in short",
+    of=lambda s: s.solution,
+    fields=(
+        Field("converged", "boolean", "whether the limits were reached"),
+        Field("reason", "string", "why not converged; empty when converged"),
+        Field("warnings", "* string", "ill-determined unknowns and the like"),
+        Field("sigma0", "number?", "standard deviation of unit weight, a posteriori"),
+        Field("unit_sigma", "number?",
+              "the same without what the errors of known water explain: it is tested, and scales the covariances"),
+        Field("degrees_of_freedom", "integer", "observations minus unknowns"),
+        Field("sum_of_squares", "number?", "weighted, of all residuals"),
+        Field("observations", "map", "kind of observation -> number", lambda s: _whole(s.observations)),
+        Field("unknowns", "map", "kind of unknown -> number", lambda s: _whole(s.unknowns)),
+    ),
+)  # fmt: skip
 _TABLES: tuple[Node[Statistics], ...] = (
     job_record.part("options", "options", lambda s: s.block.options),
-    iterations.SOLUTION,
+    SOLUTION,
     analyses.PLATE_STATISTICS,
     control.CONTROL,
     adjusted_water.ADJUSTED_WATER,
@@ -48,6 +88,10 @@ _TABLES: tuple[Node[Statistics], ...] = (
     blunders.FINDINGS,
     *common_errors.RECORD,
 )
+
+
+def _whole(counts: dict[str, int]) -> dict[str, int]:
+    return {kind: int(count) for kind, count in counts.items()}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,64 +1,19 @@
-"""How the adjustment went: every iteration, and every pass of the water point correction."""
+"""How the adjustment went: iterations, passes of the water point correction, and a summary of the solution."""
 
 from __future__ import annotations
 
-from musatpy.model import Iteration, Solution, Verdict, WaterPass
-from musatpy.model.findings import Reason
-from musatpy.reports.fields import Each, Field, Group
-from musatpy.reports.pages import Section
-from musatpy.reports.table import Report, unless_zero
+from collections.abc import Sequence
+
+from musatpy.model import Iteration, WaterPass
+from musatpy.reports import analyses, answer
+from musatpy.reports.editing import number_text
+from musatpy.reports.fields import Each, Field
+from musatpy.reports.headline import SOLUTION
+from musatpy.reports.pages import Section, by_kind, labelled, wrapped
+from musatpy.reports.table import Content, Labels, Report, Texts, numbers_at, sentences_at, unless_zero
+from musatpy.reports.values import at
 from musatpy.statistics import Statistics
 from musatpy.units import ARC_SECOND
-
-_GRADES = ("DOUBTFUL", "REJECTED", "FAILED")
-VERDICT = Group[Statistics, Verdict](
-    "verdict",
-    "what the run is worth",
-    of=lambda s: s.verdict,
-    fields=(
-        Field("grade", "string", "that of the worst reason; FAILED has not converged",
-              choices=("ACCEPTED", *_GRADES)),
-        Each[Verdict, Reason](
-            "reasons",
-            "one row per reason against the answer, the worst first",
-            of=lambda v: v.reasons,
-            fields=(
-                Field("grade", "string", "that the reason alone would give", choices=_GRADES),
-                Field("concern", "string", "what it is about: convergence, sigma0, control, ..."),
-                Field("text", "string", "the reason"),
-                Field("section", "string", "how the title of the section of the listing begins where it shows"),
-            ),
-        ),
-        Field("notes", "* string", "worth knowing, and no doubt"),
-    ),
-)  # fmt: skip
-
-
-def _solution(statistics: Statistics) -> Solution:
-    return statistics.solution
-
-
-SOLUTION = Group[Statistics, Solution](
-    "solution",
-    "the result in short",
-    of=_solution,
-    fields=(
-        Field("converged", "boolean", "whether the limits were reached"),
-        Field("reason", "string", "why not converged; empty when converged"),
-        Field("warnings", "* string", "ill-determined unknowns and the like"),
-        Field("sigma0", "number?", "standard deviation of unit weight, a posteriori"),
-        Field("unit_sigma", "number?",
-              "the same without what the errors of known water explain: it is tested, and scales the covariances"),
-        Field("degrees_of_freedom", "integer", "observations minus unknowns"),
-        Field("sum_of_squares", "number?", "weighted, of all residuals"),
-        Field("observations", "map", "kind of observation -> number", lambda s: _counts(s.observations)),
-        Field("unknowns", "map", "kind of unknown -> number", lambda s: _counts(s.unknowns)),
-    ),
-)  # fmt: skip
-
-
-def _counts(counts: dict[str, int]) -> dict[str, int]:
-    return {kind: int(count) for kind, count in counts.items()}
 
 
 def _iterations(statistics: Statistics) -> list[tuple[Iteration, str, str]]:
@@ -121,12 +76,69 @@ ITERATION_TABLE = Report("Iterations", ITERATIONS)
 PASS_TABLE = Report(
     "Passes Of The Water Point Correction: ", PASSES, pattern=r"Passes Of The Water Point Correction: \d+"
 )
-STATED = (ITERATION_TABLE, PASS_TABLE)
+LISTED_WARNINGS = 10  # of a kind; the record has them all
+PLATE_RESIDUALS = Report(
+    "Plate Residuals Of The Job",
+    analyses.PLATE_STATISTICS,
+    "kinds total_count total_rms",
+    expand=("kinds", "total_count", "total_rms"),
+)
+
+
+_EDITS = {  # of what is no whole number
+    "Weighted sum of squares": "F18.4",
+    "Sigma0 (standard deviation of unit weight)": "F12.6",
+    "Sigma0, errors of known water allowed for": "F12.6",
+}
+
+
+def _numbers(content: Content) -> dict[str, Sequence[float | None]]:
+    """Return the numbers of the summary by their labels, as a record has them."""
+    labels: dict[str, Sequence[float | None]] = {}
+    for noun in ("Observations", "Unknowns"):
+        counts = at(content, f"solution.{noun.lower()}") or {}
+        labels |= {f"{noun}, {kind}": [count] for kind, count in counts.items()}
+        labels[f"{noun}, all"] = [sum(count for count in counts.values() if isinstance(count, int | float))]
+    labels["Degrees of freedom"] = numbers_at(content, "solution.degrees_of_freedom")
+    for label, name in zip(_EDITS, ("sum_of_squares", "sigma0", "unit_sigma"), strict=True):
+        labels[label] = numbers_at(content, f"solution.{name}")
+    return labels
+
+
+SUMMARY = Labels("Solution Summary", _numbers)
+STATED = (
+    ITERATION_TABLE,
+    PASS_TABLE,
+    SUMMARY,
+    Texts(answer.ALL_REASONS, lambda r: sentences_at(r, "verdict.reasons", "verdict.notes"), "verdict"),
+    PLATE_RESIDUALS,
+    Texts("Warnings", lambda r: sentences_at(r, "solution.warnings"), "solution"),
+)
 
 
 def sections(statistics: Statistics) -> list[Section]:
-    """Return the iterations, and the passes where there are any."""
+    """Return iterations and passes, the summary, the plate residuals of the whole job, and warnings."""
     solution, passes = statistics.solution, len(statistics.solution.passes)
     start = f"Two starts were made. The iterations are those from {solution.start}." if solution.start else ""
-    first = ITERATION_TABLE.section(statistics, start, new_page=True)
-    return [first, PASS_TABLE.section(statistics, title=f"{PASS_TABLE.title}{passes}")] if passes else [first]
+    kinds = by_kind(solution.warnings, shown=LISTED_WARNINGS)
+    return [
+        ITERATION_TABLE.section(statistics, start, new_page=True),
+        *([PASS_TABLE.section(statistics, title=f"{PASS_TABLE.title}{passes}")] if passes else []),
+        Section(title=SUMMARY.title, lines=_summary(statistics)),
+        *answer.all_reasons(statistics),
+        PLATE_RESIDUALS.section(statistics),
+        *([Section(title="Warnings", lines=[line for kind in kinds for line in kind])] if kinds else []),
+    ]
+
+
+def _summary(statistics: Statistics) -> list[str]:
+    solution = statistics.solution
+    verdict = "CONVERGED" if solution.converged else f"NOT CONVERGED: {solution.reason}"
+    values = {name: value for name, (value,) in SOLUTION.raw(statistics).items()}
+    lines = {}
+    for label, (number,) in _numbers({"solution": values}).items():
+        *_, considered = _EDITS
+        is_said = label != considered or solution.considered is not None
+        if number is not None and is_said and (number or not label.startswith(("Observations, ", "Unknowns, "))):
+            lines[label] = number_text(_EDITS[label], number) if label in _EDITS else str(int(number))
+    return [*wrapped([verdict]), "", *labelled(lines)]

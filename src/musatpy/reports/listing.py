@@ -23,7 +23,6 @@ from musatpy.reports import (
     positions,
     reduction,
     residuals,
-    solution_summary,
     statistical_tests,
     titles,
 )
@@ -37,7 +36,6 @@ REPORTS = (
     echo,
     reduction,
     iterations,
-    solution_summary,
     blunders,
     analyses,
     bathymetric,

@@ -23,6 +23,7 @@ from musatpy.reports import (
     blunders,
     control,
     echo,
+    headline,
     iterations,
     job_record,
     listing,
@@ -72,8 +73,8 @@ _HEAD: tuple[Node[Statistics], ...] = (
 _RESULTS: tuple[Node[Statistics], ...] = (
     echo.WAVES,
     echo.WAVE_ORIGIN,
-    iterations.VERDICT,
-    iterations.SOLUTION,
+    headline.VERDICT,
+    headline.SOLUTION,
     iterations.ITERATIONS,
     iterations.PASSES,
     analyses.ANALYSES,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,7 @@ import musatpy
 from musatpy.model import Block, CoordinateSystem, Editing, Initial, Options, Refraction, WaterLevel, Weights
 from musatpy.reports import stated
 from musatpy.reports.editing import number_text
+from musatpy.reports.job_record import HOMES
 from musatpy.reports.pages import Section, labelled, wrapped
 from musatpy.reports.table import Content, Labels, count_at, numbers_at
 from musatpy.statistics import Statistics
@@ -95,30 +96,26 @@ def _limits(content: Content) -> dict[str, Sequence[float | None]]:
     return labels | {"Refractive index of water": numbers_at(content, "water.index", "water.sigma")}
 
 
-_COUNTS: dict[str, tuple[str, Callable[[Block], int]]] = {  # table of the record, and rows in a block
-    "Cameras": ("cameras", lambda b: b.cameras.count),
-    "Photos": ("stations", lambda b: b.photos.count),
-    "Ground points": ("points", lambda b: b.points.count),
-    "Submerged points": ("points.bathymetric", lambda b: int(b.points.bathymetric.sum())),
-    "Plate measurements": ("plates", lambda b: b.plates.count),
-    "Control points, check points included": ("control", lambda b: b.control.count),
-    "Equal elevation groups": ("equal_elevations", lambda b: b.equal_elevations.count),
-    "Air bases": ("air_bases", lambda b: b.air_bases.count),
-    "Distances": ("distances", lambda b: b.distances.count),
-    "Height differences": ("height_differences", lambda b: b.height_differences.count),
+_COUNTS = {  # tables of the block, of which rows are counted, or those that a flag is true of
+    "Cameras": "cameras",
+    "Photos": "photos",
+    "Ground points": "points",
+    "Submerged points": "points.bathymetric",
+    "Plate measurements": "plates",
+    "Control points, check points included": "control",
+    "Equal elevation groups": "equal_elevations",
+    "Air bases": "air_bases",
+    "Distances": "distances",
+    "Height differences": "height_differences",
 }
 _LEFT_OUT = ("Distances", "Height differences")  # where there are none
 
 
 def _counts(content: Content) -> dict[str, Sequence[float | None]]:
     """Return the sizes of the tables by their labels, as a record has them."""
-    left_out = {"plates"} if content.get("content") == "tables" else set()
-    places = {label: path.partition(".") for label, (path, _) in _COUNTS.items()}
-    return {
-        label: [count_at(content, table, flag)]
-        for label, (table, _, flag) in places.items()
-        if table not in left_out
-    }
+    left_out = "plates" if content.get("content") == "tables" else ""
+    places = {label: name.partition(".") for label, name in _COUNTS.items() if name != left_out}
+    return {label: [count_at(content, HOMES.get(table, table), of)] for label, (table, _, of) in places.items()}
 
 
 SIZE = Labels("Size Of The Job", _counts)
@@ -138,19 +135,31 @@ def sections(statistics: Statistics) -> list[Section]:
 
 
 def _options(block: Block) -> dict[str, str]:
-    options, default = block.options, Options()
-    system = "Coordinate system" if block.answer_in is None else "Coordinate system of the adjustment"
-    return {
+    options, default, water = block.options, Options(), block.water
+    computed = water.conditions if water else None
+    words = {
         "Program": f"MUSAT-{options.program}",
-        system: f"{options.system}  {SYSTEMS[options.system]}",
+        f"Coordinate system{' of the adjustment' if block.answer_in else ''}": f"{options.system}  "
+        f"{SYSTEMS[options.system]}",
         **dict(_line(options, name) for name in _OPTIONS),
         **dict(_line(options, name) for name in _OFF_DEFAULT if getattr(options, name) != getattr(default, name)),
         "Ellipsoid": _ellipsoid(block),
-        "Refractive index of water": _index(block),
-        **_conditions(block),
-        **({"Liquid, which is not water": block.water.liquid} if block.water and block.water.liquid else {}),
-        **_tilt(block),
+        "Refractive index of water": _with_sigma("F9.6", water.index, water.sigma) if water else "not given",
     }
+    if computed:
+        words |= {"Refractive index computed for water of": computed.of_water, "relative to": computed.of_air}
+    if water and water.liquid:
+        words["Liquid, which is not water"] = water.liquid
+    tilts = (water.tilt_east, water.tilt_north, water.tilt_sigma) if water else (None,)
+    if any(value is not None for value in tilts):
+        east, north, sigma = (None if value is None else value / ARC_SECOND for value in tilts)
+        text = f"{number_text('F10.3', east or 0.0)} arc seconds towards east, "
+        words["Tilt of the water on its card"] = f"{text}{_with_sigma('F10.3', north or 0.0, sigma)}"
+    return words
+
+
+def _with_sigma(edit: str, value: float, sigma: float | None) -> str:
+    return number_text(edit, value) + ("" if sigma is None else f", sigma {number_text(edit, sigma)}")
 
 
 def _settings(block: Block) -> list[str]:
@@ -177,37 +186,10 @@ def _ellipsoid(block: Block) -> str:
     return f"a = {axis} m, 1/f = {number_text('F16.9', spec.inverse_flattening or 0.0)}"
 
 
-def _index(block: Block) -> str:
-    if block.water is None:
-        return "not given"
-    text = number_text("F9.6", block.water.index)
-    if block.water.sigma is not None:
-        text += f", sigma {number_text('F9.6', block.water.sigma)}"
-    return text
-
-
-def _tilt(block: Block) -> dict[str, str]:
-    """Return the line of the tilt of the water, nothing where the card says nothing of it."""
-    water = block.water
-    if water is None or all(value is None for value in (water.tilt_east, water.tilt_north, water.tilt_sigma)):
-        return {}
-    east, north = (
-        number_text("F10.3", (slope or 0.0) / ARC_SECOND) for slope in (water.tilt_east, water.tilt_north)
-    )
-    text = f"{east} arc seconds towards east, {north} towards north"
-    if water.tilt_sigma is not None:
-        text += f", sigma {number_text('F10.3', water.tilt_sigma / ARC_SECOND)}"
-    return {"Tilt of the water on its card": text}
-
-
-def _conditions(block: Block) -> dict[str, str]:
-    """Return the lines that say what the index comes from, where it does not stand in the deck itself."""
-    if block.water is None or block.water.conditions is None:
-        return {}
-    conditions = block.water.conditions
-    return {"Refractive index computed for water of": conditions.of_water, "relative to": conditions.of_air}
-
-
 def _sizes(block: Block) -> dict[str, str]:
-    counts = {label: count(block) for label, (_, count) in _COUNTS.items()}
+    counts = {}
+    for label, name in _COUNTS.items():
+        table, _, of = name.partition(".")
+        rows = getattr(block, table)
+        counts[label] = int(getattr(rows, of).sum()) if of else rows.count
     return {label: str(count) for label, count in counts.items() if count or label not in _LEFT_OUT}
