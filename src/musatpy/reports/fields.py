@@ -115,9 +115,9 @@ class Field(Node[Source]):
             yield self
             return
         edits = (edit,) * len(heading) if isinstance(edit, str) else edit
-        wide = int(self.kind[2]) if self.kind[1:2] == "x" else 0  # columns of a matrix
+        wide = int(self.kind[2]) if self.kind[1:2] == "x" else len(heading)
         for n, (words, descriptor) in enumerate(zip(heading, edits, strict=True)):
-            step = f"[{n // wide}][{n % wide}]" if wide else f"[{n}]"
+            step = f"[{n // wide}][{n % wide}]" if wide < len(heading) else f"[{n}]"  # of a matrix, or a vector
             shown = None if self.shown is None else partial(self._component, n)
             yield replace(self, name=f"{self.name}{step}", heading=words, edit=descriptor, shown=shown)
 
