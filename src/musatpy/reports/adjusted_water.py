@@ -137,7 +137,7 @@ ADJUSTED_WATER = Group[Statistics, Statistics](
         Group[Statistics, AdjustedWaves](
             "waves",
             "waves whose parameters were unknown; null without such",
-            of="solution.water.waves",
+            of=lambda s: _water(s).waves,
             fields=(_WAVES, _PARAMETERS, _CORRELATIONS_OF_WAVES),
             optional=True,
         ),

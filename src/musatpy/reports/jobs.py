@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import IntArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import Extract
 from musatpy.jobs.merge import Merged
 from musatpy.jobs.naming import Kind, Names
 from musatpy.jobs.summary import NO_CONTROL, Summary, rays_histogram
 from musatpy.model import Block, ControlKind, Plates
+from musatpy.reports.fields import Field, Rows, identity
 from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, paginate, print_pages, text_of, wrapped
-from musatpy.reports.table import Table, sheet
-from musatpy.reports.values import Json, plain, rows
+from musatpy.reports.table import Report, Table, sheet
+from musatpy.reports.values import Json, Values, plain, rows
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 _NUMBER, _ID, _CELL = 3, 8, 5  # widths of a row number, a photo, and a number of points, in the matrix
@@ -44,7 +46,7 @@ def sections(job: Summary) -> list[Section]:
     }
     return [
         Section(title="Job", lines=_job(job), together=True),
-        _section("Photos: Rays On Each, And Points In Common With The Next", _photos(job)),
+        _PHOTOS.section(job),
         _section("Rays Per Point", _rays(job), together=True),
         Section(title="Points In Common, By Measurements Not Flagged N", lines=_ties(job)),
         Section(title="Parts Of The Job", lines=_parts(job)),
@@ -80,6 +82,8 @@ def _job(job: Summary) -> list[str]:
         "distances": len(block.distances.length),
         "height differences": len(block.height_differences.difference),
     }
+    unknown = zip(block.waves.ids, block.waves.unknown, strict=True)
+    waves = [f"{name} (to be found)" if is_unknown else str(name) for name, is_unknown in unknown]
     facts = {
         "program, system, refraction": f"{options.program}, {options.system}, {options.refraction}",
         **_stated(block),
@@ -88,17 +92,10 @@ def _job(job: Summary) -> list[str]:
         "plate measurements, flagged N": f"{len(plates.photo)}, {np.count_nonzero(~plates.triangulated)}",
         "sigmas of plate coordinates (how many)": sigmas or "none",
         "control points": control or "none",
-        **_waves(block),
+        **({"waves on the water": ", ".join(waves)} if waves else {}),
         **{what: str(count) for what, count in between.items() if count},
     }
     return [*block.titles, "", *labelled(facts)] if block.titles else labelled(facts)
-
-
-def _waves(block: Block) -> dict[str, str]:
-    """Return the names of the waves, and which of them have sigmas."""
-    names = zip(block.waves.ids, block.waves.unknown, strict=True)
-    waves = ", ".join(f"{name} (to be found)" if unknown else str(name) for name, unknown in names)
-    return {"waves on the water": waves} if waves else {}
 
 
 def _stated(block: Block) -> dict[str, str]:
@@ -116,22 +113,40 @@ def _stated(block: Block) -> dict[str, str]:
 # --- photos and rays ---
 
 
-def _photos(job: Summary) -> Table[Any]:
-    photos, with_next = job.photos, np.array(job.photos.with_next, dtype=float)
-    with_next[-1:] = np.nan  # the last photo has no next one
-    return sheet(
-        ("Photo", "A8", job.block.photos.ids),
-        ("Camera", "A6", job.block.cameras.ids[job.block.photos.camera]),
-        ("Rays", "I6", photos.rays),
-        ("Land", "I6", photos.land),
-        ("Subm", "I6", photos.submerged),
-        ("Flag N", "I6", photos.kept_out),
-        ([f"Control\n{name}" for name in _KINDS.values()], "I7", photos.control),
-        ("Here\nonly", "I6", photos.single),
-        ("With\nnext", "I6", with_next),
-        ("Ties to\nphotos", "I6", photos.neighbours),
-        ("Tide\nm", "F10.4", job.block.photos.tide),
-    )
+def _with_next(t: Values) -> FloatArray:
+    """Return the points in common with the next photo, none of the last, which has no next one."""
+    return np.where(np.arange(t.count) < t.count - 1, t["with_next"], np.nan)
+
+
+def _of_control(kind: int, job: Summary) -> IntArray:
+    return job.photos.control[:, kind]
+
+
+PHOTOS: Rows[Summary, Summary] = Rows(
+    "photos",
+    "one row per photo: rays, and points in common",
+    (
+        identity("photo", "block.photos.ids"),
+        Field("camera", "string", "", lambda j: j.block.cameras.ids[j.block.photos.camera], "Camera", "A6"),
+        Field("rays", "integer", "", "photos.rays", "Rays", "I6"),
+        Field("land", "integer", "", "photos.land", "Land", "I6"),
+        Field("submerged", "integer", "", "photos.submerged", "Subm", "I6"),
+        Field("flagged_n", "integer", "", "photos.kept_out", "Flag N", "I6"),
+        *(
+            Field(f"control_{name}", "integer", "", partial(_of_control, kind), f"Control\n{name}", "I7")
+            for kind, name in _KINDS.items()
+        ),
+        Field("single", "integer", "", "photos.single", "Here\nonly", "I6"),
+        Field("with_next", "integer", "", "photos.with_next", "With\nnext", "I6", shown=_with_next),
+        Field("neighbours", "integer", "", "photos.neighbours", "Ties to\nphotos", "I6"),
+        Field("tide", "number?", "", "block.photos.tide", "Tide\nm", "F10.4"),
+        Field("time", "number?", "", "block.photos.time"),
+        Field("position_sigma", "3 number?", "", "block.photos.position_sigma"),
+        Field("attitude_sigma", "3 number?", "", lambda j: j.block.photos.attitude_sigma / ARC_SECOND),
+        Field("tide_sigma", "number?", "", "block.photos.tide_sigma"),
+    ),
+)  # fmt: skip
+_PHOTOS = Report("Photos: Rays On Each, And Points In Common With The Next", PHOTOS)
 
 
 def _rays(job: Summary) -> Table[Any]:
@@ -277,7 +292,7 @@ def _unmeasured(job: Summary) -> list[str]:
 
 def list_record(job: Summary, deck: str) -> dict[str, Json]:
     """Return what is in a job as dictionaries, lists, texts and numbers: metres, millimetres, arc seconds."""
-    block, photos, points, pairs = job.block, job.photos, job.points, job.pairs
+    block, points, pairs = job.block, job.points, job.pairs
     ids = block.photos.ids
     kind = ["" if number == NO_CONTROL else _KINDS[ControlKind(number)] for number in points.kind.tolist()]
     return {
@@ -287,23 +302,7 @@ def list_record(job: Summary, deck: str) -> dict[str, Json]:
         "stated": {**_stated(block)},
         "waves": block.waves.ids.tolist(),
         "plate_sigmas": rows(sigma=job.plate_sigma, coordinates=job.plate_sigma_count),
-        "photos": rows(
-            photo=ids,
-            camera=block.cameras.ids[block.photos.camera],
-            rays=photos.rays,
-            land=photos.land,
-            submerged=photos.submerged,
-            flagged_n=photos.kept_out,
-            **{f"control_{name}": photos.control[:, one] for one, name in _KINDS.items()},
-            single=photos.single,
-            with_next=photos.with_next,
-            neighbours=photos.neighbours,
-            tide=block.photos.tide,
-            time=block.photos.time,
-            position_sigma=block.photos.position_sigma,
-            attitude_sigma=block.photos.attitude_sigma / ARC_SECOND,
-            tide_sigma=block.photos.tide_sigma,
-        ),
+        "photos": rows(**PHOTOS.raw(job)),
         "rays": {name: plain(count) for name, count in rays_histogram(job).items()},
         "overlaps": rows(first=ids[pairs.first], second=ids[pairs.second], points=pairs.points),
         "few": job.few,
