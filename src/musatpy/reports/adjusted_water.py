@@ -29,9 +29,7 @@ def _water(statistics: Statistics) -> AdjustedWater:
 
 
 _WAVES = Rows[AdjustedWaves, AdjustedWaves](
-    "waves",
-    "the waves as adjusted",
-    (
+    "waves", "the waves as adjusted", (
         Field("wave", "string", "wave id; of waves without one, their number", "ids", "Wave", "A4", is_id=True),
         Field("period", "number?", "length over speed; null where the wave stands still",
               lambda w: np.where(np.isinf(w.period), np.nan, w.period), "Period\ns", "F8.3"),
@@ -56,9 +54,7 @@ def _in_printed_units(t: Values, name: str) -> FloatArray:
 
 
 _PARAMETERS = Rows[AdjustedWaves, AdjustedWaves](
-    "parameters",
-    "one row per parameter of a wave, known or not",
-    (
+    "parameters", "one row per parameter of a wave, known or not", (
         Field("wave", "string", "wave id", lambda w: np.repeat(w.ids, len(WAVE_VALUES)), "Wave", "A4", is_id=True),
         Field("parameter", "string", "of the wave", lambda w: WAVE_VALUES * len(w.ids), "Parameter", "A14",
               choices=WAVE_VALUES, is_id=True,
@@ -100,10 +96,7 @@ def _considered_sigmas(water: ConsideredWater) -> FloatArray:
 
 
 _CORRECTIONS = Rows[Statistics, AdjustedWater](
-    "corrections",
-    "corrections of tides",
-    of=_water,
-    fields=(
+    "corrections", "corrections of tides", of=_water, fields=(
         Field("group", "string", "photo, group or day; empty for all photos", "correction_ids", "Photo or group",
               "A14", words={"": "all photos"}, is_id=True),
         Field("correction", "number?", "to be added to the given tides; null: not determined",
@@ -112,10 +105,8 @@ _CORRECTIONS = Rows[Statistics, AdjustedWater](
     ),
 )  # fmt: skip
 _CONSIDERED = Rows[Statistics, ConsideredWater](
-    "considered",
-    "water that was known with a sigma and not adjusted; its errors are in all sigmas",
-    of=lambda s: s.solution.considered,
-    fields=(
+    "considered", "water that was known with a sigma and not adjusted; its errors are in all sigmas",
+    of=lambda s: s.solution.considered, fields=(
         Field("quantity", "string",
               "the level of a tide group, day or photo; the tilt; the index; a parameter of a wave", "names",
               "Quantity", "A36", is_id=True),
@@ -124,10 +115,8 @@ _CONSIDERED = Rows[Statistics, ConsideredWater](
     ),
 )  # fmt: skip
 ADJUSTED_WATER = Group[Statistics, Statistics](
-    "adjusted_water",
-    "the water after the adjustment; null without a water card",
-    of=lambda s: None if s.solution.water is None else s,
-    fields=(
+    "adjusted_water", "the water after the adjustment; null without a water card",
+    of=lambda s: None if s.solution.water is None else s, fields=(
         Field("tide", "* number?", "height of the water at each photo", "solution.water.tide", unit="m"),
         _CORRECTIONS,
         Field("tilt", "* number", "slopes towards east and north", "solution.water.tilt", unit="rad"),
@@ -135,11 +124,8 @@ ADJUSTED_WATER = Group[Statistics, Statistics](
         Field("index", "number", "refractive index", "solution.water.index"),
         Field("index_sigma", "number?", "null: known, or not determined", "solution.water.index_sigma"),
         Group[Statistics, AdjustedWaves](
-            "waves",
-            "waves whose parameters were unknown; null without such",
-            of=lambda s: _water(s).waves,
-            fields=(_WAVES, _PARAMETERS, _CORRELATIONS_OF_WAVES),
-            optional=True,
+            "waves", "waves whose parameters were unknown; null without such", of=lambda s: _water(s).waves,
+            fields=(_WAVES, _PARAMETERS, _CORRELATIONS_OF_WAVES), optional=True,
         ),
         _CONSIDERED,
         Field("undetermined", "* string", "unknown water that no observation determines, in words: it has no sigma",
@@ -154,8 +140,7 @@ ADJUSTED_WATER = Group[Statistics, Statistics](
 WATER_PRECISION = Rows[Statistics, WaterPrecision](
     "water_precision",
     "one row per quantity of the water that is adjusted or considered, but unknown levels of single photos",
-    of=lambda s: s.solution.water_precision,
-    fields=(
+    of=lambda s: s.solution.water_precision, fields=(
         Field("quantity", "string", "level, tilt, index or parameter of a wave", "names"),
         Field("covariance", "* number?", "a posteriori, with all of them in this order", unit="m, rad"),
         Field("stations", "* number?",

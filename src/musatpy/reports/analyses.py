@@ -105,9 +105,7 @@ REPORTS = (
 CHECK_POINTS = _report(_ANALYSES[3], "Check Point Analysis", "Point")
 
 FRAMES = Rows[Statistics, Statistics](
-    "frames",
-    "one row per photo",
-    (
+    "frames", "one row per photo", (
         identity("photo", "block.photos.ids"),
         Field("count", "3 integer", "points of each kind", "plates.count"),
         Field("rms", "3x2 number?", "x and y of each kind", "plates.rms", unit="mm"),
@@ -121,9 +119,7 @@ def _largest(statistics: Statistics) -> list[str | None]:
 
 
 PLATE_STATISTICS = Group[Statistics, Statistics](
-    "plate_statistics",
-    "RMS plate residuals",
-    (
+    "plate_statistics", "RMS plate residuals", (
         Field("kinds", "3 string", "order of the kinds in count, rms, largest and the totals",
               lambda s: PLATE_KINDS, "Points", "A16", is_id=True),
         FRAMES,

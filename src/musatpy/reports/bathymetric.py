@@ -28,9 +28,7 @@ def _given_heights(statistics: Statistics) -> list[str | None]:
 
 
 BATHYMETRIC = Rows[Statistics, Statistics](
-    "bathymetric_points",
-    "one row per submerged point; X, Y, Z are geocentric, or the job's own in LOCL jobs",
-    (
+    "bathymetric_points", "one row per submerged point; X, Y, Z are geocentric, or the job's own in LOCL jobs", (
         identity("point", lambda s: s.block.points.ids[s.solution.bathymetric.point]),
         Field("no_refraction", "3 number?",
               "X, Y, Z where straight rays of the adjusted stations meet; null where two rays that are not "
@@ -103,8 +101,7 @@ def _rows(statistics: Statistics) -> IntArray:
 
 FLAGS = Rows[Statistics, Statistics](
     "flags_against_heights",
-    "one row per point whose height contradicts its flag, the worst first; with the other flag for all too",
-    (
+    "one row per point whose height contradicts its flag, the worst first; with the other flag for all too", (
         identity("point", lambda s: s.block.points.ids[s.flags.point[_rows(s)]]),
         flag("bathymetric", "flagged as submerged", "Flag", "B", lambda s: s.flags.flagged[_rows(s)]),
         Field("height", "number", "adjusted", lambda s: s.flags.height[_rows(s)], "Height\nm", "F12.3"),

@@ -16,10 +16,7 @@ from musatpy.reports.table import Report
 from musatpy.statistics import Statistics
 
 FINDINGS = Each[Statistics, Finding](
-    "findings",
-    "one row per finding of the search for blunders",
-    of=lambda s: s.solution.findings,
-    fields=(
+    "findings", "one row per finding of the search for blunders", of=lambda s: s.solution.findings, fields=(
         Field("blunder", "string", "what is wrong", heading="Blunder", edit="A21", is_id=True),
         Field("photo", "string?", "photo id; of tides also a group, a day, or all", lambda f: f.photo or None,
               "Photo", "A17", is_id=True),
@@ -35,8 +32,7 @@ FINDINGS = Each[Statistics, Finding](
 CAUSES = Each[Statistics, Cause](
     "causes",
     "ranked causes of what does not fit: of a search that was asked for, and of runs that failed or are doubtful",
-    of=lambda s: s.solution.causes,
-    fields=(
+    of=lambda s: s.solution.causes, fields=(
         Field("group", "integer", "causes of one group explain the same misfit", heading="Group", edit="I5"),
         Field("rank", "integer",
               "in the group; causes of one rank explain it equally well, the cheaper to check first",

@@ -51,9 +51,7 @@ def _moves(kind: int) -> tuple[Field[Statistics], ...]:
 
 
 PARAMETERS = Rows[Statistics, Statistics](
-    "parameters",
-    "one row per parameter that is held",
-    (
+    "parameters", "one row per parameter that is held", (
         Field("parameter", "string", "name", "common_errors.held.names", "Parameter", "A29", is_id=True),
         Field("unit", "enum", "of its errors", "common_errors.held.units", "Unit", "A4", choices=("mm", "m", "")),
         Field("tested", "boolean", "residuals show an error that may be", "common_errors.tested", "", "A7",
@@ -73,8 +71,7 @@ PARAMETERS = Rows[Statistics, Statistics](
 _ERRORS = Group[Statistics, Statistics](
     "common_errors",
     "parameters that are held and common to many observations; null where the run did not converge",
-    of=lambda s: None if s.common_errors is None else s,
-    fields=(
+    of=lambda s: None if s.common_errors is None else s, fields=(
         Field("limit", "number", "of the test values", "common_errors.limit"),
         Field("adjusted", "integer", "left out as they are adjusted", "common_errors.held.adjusted"),
         Field("considered", "integer", "left out as they are considered", "common_errors.held.known_with_sigma"),

@@ -31,10 +31,7 @@ _ABOUT = (
 )
 
 JOB: Group[Compilation, Compiled] = Group(
-    "job",
-    "what was compiled",
-    of=lambda c: c.compiled,
-    fields=(
+    "job", "what was compiled", of=lambda c: c.compiled, fields=(
         Field("titles", "* string", "titles of the deck", "deck.titles"),
         Field("system", "string", "coordinate system of the run", "run.block.options.system"),
         job_record.part("ellipsoid", "ellipsoid", lambda c: c.run.block.ellipsoid),
@@ -52,10 +49,7 @@ VERDICT: Group[Compilation, Verdict] = Group(
     "verdict", "what it is worth", headline.VERDICT.fields, lambda c: c.verdict
 )
 MODELS: Each[Compilation, CompiledModel] = Each(
-    "models",
-    "one row per stereomodel",
-    of=lambda c: c.compiled.models,
-    fields=(
+    "models", "one row per stereomodel", of=lambda c: c.compiled.models, fields=(
         identity("model", "name"),
         Field("photos", "2 string", "left and right",
               lambda m: m.stereo.run.block.photos.ids[list(m.stereo.photos)], ("Left", "Right"), "A8"),
@@ -88,10 +82,8 @@ MODELS: Each[Compilation, CompiledModel] = Each(
     ),
 )  # fmt: skip
 SHORELINES: Each[Compilation, tuple[str, FloatArray]] = Each(
-    "shoreline",
-    "one row per model with points of the shoreline: their heights over the mean tide",
-    of=lambda c: _shorelines(c.compiled),
-    fields=(
+    "shoreline", "one row per model with points of the shoreline: their heights over the mean tide",
+    of=lambda c: _shorelines(c.compiled), fields=(
         identity("model", lambda s: s[0]),
         Field("points", "integer", "on the shoreline", lambda s: len(s[1]), "Points", "I6"),
         Field("mean", "number", "of the heights", lambda s: s[1].mean(), "Mean\nm", "F8.3"),
@@ -101,10 +93,8 @@ SHORELINES: Each[Compilation, tuple[str, FloatArray]] = Each(
     ),
 )  # fmt: skip
 RECOVERED: Each[Compilation, AgainstRun] = Each(
-    "recovered",
-    "one row per model: readings of class R less what the points of the run predict",
-    of=lambda c: c.against,
-    fields=(
+    "recovered", "one row per model: readings of class R less what the points of the run predict",
+    of=lambda c: c.against, fields=(
         identity("model", "model.name"),
         Field("points", "integer", "read again", lambda a: int(a.again.sum()), "Points", "I6"),
         Field("rms", "2x2 number?", "left and right, x and y",
@@ -160,9 +150,7 @@ def _in_model(setups: Compilation) -> Any:
 
 
 RUN_POINTS: Rows[Compilation, Compilation] = Rows(
-    "points",
-    "one row per point of the run that both photos of a model show",
-    (
+    "points", "one row per point of the run that both photos of a model show", (
         identity("model", _models("again.points")),
         identity("point", lambda s: _of_run(s, "ids")),
         flag("submerged", "flagged so", "Bath", "B", lambda s: _of_run(s, "bathymetric")),
@@ -177,9 +165,7 @@ RUN_POINTS: Rows[Compilation, Compilation] = Rows(
     ),
 )  # fmt: skip
 EXPECTED: Rows[Compilation, Compilation] = Rows(
-    "expected",
-    "standard errors to expect of points at places of a model",
-    (
+    "expected", "standard errors to expect of points at places of a model", (
         identity("model", _models("expected.depth")),
         Field("place", "3 number", "in the model", _all("expected.place"), ("X\nm", "Y\nm", "Z\nm"), "F10.2",
               exact=True),

@@ -23,10 +23,8 @@ if TYPE_CHECKING:
 Level = tuple[str, float, bool, int, float, float]
 
 SURFACES: Each[Compilation, tuple[str, Surface, Bottom]] = Each(
-    "surfaces",
-    "one row per surface of models that overlap, where depths or heights were asked for",
-    of=lambda c: _numbered(c),
-    fields=(
+    "surfaces", "one row per surface of models that overlap, where depths or heights were asked for",
+    of=lambda c: _numbered(c), fields=(
         Field("surface", "string", "number, behind an H of heights", lambda s: s[0], "Surface", "A7", is_id=True),
         Field("of", "enum", "what it has at its points", lambda s: s[2].of, "Of", "A6",
               choices=("depth", "height")),
@@ -49,10 +47,8 @@ SURFACES: Each[Compilation, tuple[str, Surface, Bottom]] = Each(
     ),
 )  # fmt: skip
 EDGES: Each[Compilation, tuple[Bottom, EdgeMatch]] = Each(
-    "edge_match",
-    "one row per pair of models that overlap: values of the first less those of the second",
-    of=lambda c: [(bottom, edge) for bottom in c.bottoms for edge in bottom.edges],
-    fields=(
+    "edge_match", "one row per pair of models that overlap: values of the first less those of the second",
+    of=lambda c: [(bottom, edge) for bottom in c.bottoms for edge in bottom.edges], fields=(
         Field("models", "2 string", "model ids", lambda e: e[1].models, ("First", "Second"), "A8", is_id=True),
         Field("of", "enum", "what is compared", lambda e: e[0].of, "Of", "A6", choices=("depth", "height"),
               is_id=True),
@@ -68,9 +64,7 @@ EDGES: Each[Compilation, tuple[Bottom, EdgeMatch]] = Each(
     ),
 )  # fmt: skip
 GRIDS: Each[Compilation, PostGrid] = Each(
-    "grids",
-    "one row per grid of posts",
-    of=lambda c: [grid for bottom in c.bottoms for grid in bottom.grids],
+    "grids", "one row per grid of posts", of=lambda c: [grid for bottom in c.bottoms for grid in bottom.grids],
     fields=(
         identity("grid", "name", text="name"),
         Field("spacing", "number", "of the posts", heading="Spacing\nm", edit="F9.2"),
@@ -96,10 +90,7 @@ _DRAWN: tuple[Field[Level], ...] = (
     Field("area", "number", "enclosed by closed lines", lambda c: c[5], "Enclosed area\nm2", "F14.1", unit="m2"),
 )  # fmt: skip
 CONTOURS: Each[Compilation, Level] = Each(
-    "contours",
-    "one row per depth of a surface or grid",
-    of=lambda c: _levels(c, "depth"),
-    fields=(
+    "contours", "one row per depth of a surface or grid", of=lambda c: _levels(c, "depth"), fields=(
         Field("contour", "string", "surface or grid, and depth", lambda c: f"{c[0]}:{c[1]:.3f}", "Contour", "A18",
               is_id=True),
         Field("surface", "string", "number, or name of a grid", lambda c: c[0]),
@@ -109,10 +100,7 @@ CONTOURS: Each[Compilation, Level] = Each(
     ),
 )  # fmt: skip
 HEIGHT_CONTOURS: Each[Compilation, Level] = Each(
-    "height_contours",
-    "one row per height of a surface",
-    of=lambda c: _levels(c, "height"),
-    fields=(
+    "height_contours", "one row per height of a surface", of=lambda c: _levels(c, "height"), fields=(
         Field("contour", "string", "surface and height", lambda c: f"{c[0]}:{c[1]:.3f}", "Contour", "A18",
               is_id=True),
         Field("surface", "string", "number", lambda c: c[0]),

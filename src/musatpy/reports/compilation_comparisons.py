@@ -23,9 +23,7 @@ def _all(name: str) -> Any:
 
 
 RUN_POINTS: Rows[Compilation, Compilation] = Rows(
-    "against_run",
-    "one row per point that the run has too",
-    (
+    "against_run", "one row per point that the run has too", (
         identity("model", lambda c: _models_of(c)),
         identity("point", lambda c: _points_of(c)),
         flag("shared", "its readings are those of the run", "Same", "S", _all("shared")),
@@ -120,8 +118,7 @@ def _models_of(done: Compilation) -> Any:
 DISTANCES: Each[Contoured, ContourDistance] = Each(
     "distances",
     "one row per depth of a surface and source: its contours, sampled every metre, from those of the other",
-    of=lambda c: c.distances,
-    fields=(
+    of=lambda c: c.distances, fields=(
         Field("surface", "integer", "number, as in the record of a compilation", heading="Surface", edit="I7",
               is_id=True),
         Field("depth", "number", "below the datum", heading="Depth\nm", edit="F8.3", is_id=True),
@@ -140,10 +137,7 @@ DISTANCES: Each[Contoured, ContourDistance] = Each(
     ),
 )  # fmt: skip
 AREAS: Each[Contoured, ContourArea] = Each(
-    "areas",
-    "one row per depth of a surface",
-    of=lambda c: c.areas,
-    fields=(
+    "areas", "one row per depth of a surface", of=lambda c: c.areas, fields=(
         Field("surface", "integer", "number, as in the record of a compilation", heading="Surface", edit="I7",
               is_id=True),
         Field("depth", "number", "below the datum", heading="Depth\nm", edit="F8.3", is_id=True),

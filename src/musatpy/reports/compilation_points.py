@@ -47,10 +47,7 @@ class Compilation:
 
 
 POINTS: Rows[Compilation, Compiled] = Rows(
-    "points",
-    "one row per reading",
-    of=lambda c: c.compiled,
-    fields=(
+    "points", "one row per reading", of=lambda c: c.compiled, fields=(
         identity("model", "model_ids"),
         identity("point", lambda c: c.deck.stages.ids[c.rows], text="point or feature"),
         Field("class", "string", "G, P, S, R", lambda c: c.deck.stages.kind[c.rows], "Class", "A5"),
@@ -84,10 +81,8 @@ POINTS: Rows[Compilation, Compiled] = Rows(
     ),
 )  # fmt: skip
 STATED_POINTS: Rows[Compiled, tuple[Compiled, StatedPoints]] = Rows(
-    "points",
-    "one row per reading; null where the system does not reach",
-    of=lambda c: None if c.answer is None else (c, c.answer),
-    fields=(
+    "points", "one row per reading; null where the system does not reach",
+    of=lambda c: None if c.answer is None else (c, c.answer), fields=(
         Field("model", "string", "model id", lambda a: a[0].model_ids),
         Field("point", "string", "point or feature", lambda a: a[0].deck.stages.ids[a[0].rows]),
         Field("position", "3 number?", "true", lambda a: a[1].position, unit="that of the coordinates", exact=True),
@@ -140,10 +135,7 @@ ANSWER_TABLES: tuple[Report[Any], Report[Any]] = (
 
 
 PROFILES: Each[Compilation, CompiledProfile] = Each(
-    "profiles",
-    "one row per profile, of scans per line",
-    of=lambda c: c.profiles,
-    fields=(
+    "profiles", "one row per profile, of scans per line", of=lambda c: c.profiles, fields=(
         identity("model", "model"),
         identity("profile", "name"),
         Field("line", "integer", "number in a scan, 1 of a single one, 0 of what is on none", heading="Line",
@@ -170,10 +162,7 @@ PROFILES: Each[Compilation, CompiledProfile] = Each(
     ),
 )  # fmt: skip
 SCANS: Each[Compilation, ProfileScan] = Each(
-    "scans",
-    "one row per profile of several lines",
-    of=lambda c: c.scans,
-    fields=(
+    "scans", "one row per profile of several lines", of=lambda c: c.scans, fields=(
         identity("model", "model"),
         identity("profile", "name"),
         Field("along", "string", "axis of the model", "scan", "Along", "A5"),

@@ -43,10 +43,7 @@ def _shapes(trains: tuple[Waves, Any]) -> list[str]:
 
 
 WAVES: Rows[Statistics, tuple[Waves, Any]] = Rows(
-    "waves",
-    "one row per wave on the water; empty where it is level",
-    of=_trains,
-    fields=(
+    "waves", "one row per wave on the water; empty where it is level", of=_trains, fields=(
         Field("wave", "string", "wave id", lambda w: w[0].ids, "Wave", "A4", is_id=True),
         Field("shape", "string", "of the wave", _shapes, "Shape", "A10",
               choices=("sinusoidal", "stokes", "trochoidal")),

@@ -39,17 +39,11 @@ CONTROL, CHECKS = "control residuals", "check points"
 Edited = Callable[[str, float], str]  # a number by an edit descriptor
 _GRADES = ("DOUBTFUL", "REJECTED", "FAILED")
 VERDICT = Group[Statistics, Verdict](
-    "verdict",
-    "what the run is worth",
-    of=lambda s: s.verdict,
-    fields=(
+    "verdict", "what the run is worth", of=lambda s: s.verdict, fields=(
         Field("grade", "string", "that of the worst reason; FAILED has not converged",
               choices=("ACCEPTED", *_GRADES)),
         Each[Verdict, Reason](
-            "reasons",
-            "one row per reason against the answer, the worst first",
-            of=lambda v: v.reasons,
-            fields=(
+            "reasons", "one row per reason against the answer, the worst first", of=lambda v: v.reasons, fields=(
                 Field("grade", "string", "that the reason alone would give", choices=_GRADES),
                 Field("concern", "string", "what it is about: convergence, sigma0, control, ..."),
                 Field("text", "string", "the reason"),
@@ -62,10 +56,7 @@ VERDICT = Group[Statistics, Verdict](
 
 
 SOLUTION = Group[Statistics, Solution](
-    "solution",
-    "the result in short",
-    of=lambda s: s.solution,
-    fields=(
+    "solution", "the result in short", of=lambda s: s.solution, fields=(
         Field("converged", "boolean", "whether the limits were reached"),
         Field("reason", "string", "why not converged; empty when converged"),
         Field("warnings", "* string", "ill-determined unknowns and the like"),

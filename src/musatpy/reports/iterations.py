@@ -23,10 +23,7 @@ def _iterations(statistics: Statistics) -> list[tuple[Iteration, str, str]]:
 
 
 ITERATIONS = Each[Statistics, tuple[Iteration, str, str]](
-    "iterations",
-    "one row per iteration",
-    of=_iterations,
-    fields=(
+    "iterations", "one row per iteration", of=_iterations, fields=(
         Field("pass", "integer", "0 the first triangulation, 1.. the passes with refraction",
               lambda i: i[0].outer_pass, "Pass", "I4", is_id=True),
         Field("number", "integer", "iteration within the pass", lambda i: i[0].number, "Iteration", "I9",
@@ -53,10 +50,7 @@ def _passes(statistics: Statistics) -> list[tuple[WaterPass, str]]:
 
 
 PASSES = Each[Statistics, tuple[WaterPass, str]](
-    "water_passes",
-    "one row per pass of the water point correction",
-    of=_passes,
-    fields=(
+    "water_passes", "one row per pass of the water point correction", of=_passes, fields=(
         Field("number", "integer", "pass", lambda p: p[0].number, "Pass", "I4", is_id=True),
         Field("movement", "number?", "largest movement of a submerged point since the pass before",
               lambda p: p[0].movement, "Largest movement\nm", "F14.5"),

@@ -123,9 +123,7 @@ def _of_control(kind: int, job: Summary) -> IntArray:
 
 
 PHOTOS: Rows[Summary, Summary] = Rows(
-    "photos",
-    "one row per photo: rays, and points in common",
-    (
+    "photos", "one row per photo: rays, and points in common", (
         identity("photo", "block.photos.ids"),
         Field("camera", "string", "", lambda j: j.block.cameras.ids[j.block.photos.camera], "Camera", "A6"),
         Field("rays", "integer", "", "photos.rays", "Rays", "I6"),

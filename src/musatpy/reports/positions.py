@@ -19,9 +19,7 @@ from musatpy.reports.values import names
 from musatpy.statistics import Statistics, Words
 
 STATIONS = Rows[Statistics, Statistics](
-    "stations",
-    "one row per photo",
-    (
+    "stations", "one row per photo", (
         identity("photo", "block.photos.ids"),
         Field("camera", "string", "camera id", lambda s: s.block.cameras.ids[s.block.photos.camera], "Camera",
               "A6"),
@@ -43,10 +41,7 @@ def _pairs(statistics: Statistics) -> tuple[TextArray, StationPairs] | None:
 
 
 PAIRS = Rows[Statistics, tuple[TextArray, StationPairs]](
-    "station_pairs",
-    "one row per pair of photos that share a point",
-    of=_pairs,
-    fields=(
+    "station_pairs", "one row per pair of photos that share a point", of=_pairs, fields=(
         Field("photos", "2 string", "photo ids", lambda p: p[0][p[1].photo]),
         Field("covariance", "6x6 number?",
               "a posteriori, of east, north, up, X-tilt, Y-tilt, heading of the first with those of the second",
@@ -97,9 +92,7 @@ def _reasons(statistics: Statistics) -> list[str | None]:
 
 
 POINTS = Rows[Statistics, Statistics](
-    "points",
-    "one row per ground point",
-    (
+    "points", "one row per ground point", (
         identity("point", "block.points.ids"),
         flag("bathymetric", "submerged", "Bath", "B", "block.points.bathymetric"),
         Field("dry", "boolean", "flagged as dry for certain", "block.points.dry", "Dry", "A3",

@@ -48,9 +48,7 @@ _ABOUT = (
 
 _HEAD: tuple[Node[Statistics], ...] = (
     Group[Statistics, Statistics](
-        "program",
-        "what made the record",
-        (
+        "program", "what made the record", (
             Field("name", "const", "name of the program", lambda s: "musatpy", choices=("musatpy",)),
             Field("version", "string", "version of the program", lambda s: musatpy.__version__),
             Field("kernels", "string", "that did the work point after point; no difference to `diff`",
@@ -58,9 +56,7 @@ _HEAD: tuple[Node[Statistics], ...] = (
         ),
     ),
     Group[Statistics, Statistics](
-        "units",
-        "units of all fields that name no other",
-        (
+        "units", "units of all fields that name no other", (
             Field("length", "const", "of positions, differences, depths", lambda s: "m", choices=("m",)),
             Field("angle", "const", "of all angles", lambda s: "rad", choices=("rad",)),
             Field("plate", "const", "of plate coordinates and their residuals", lambda s: "mm", choices=("mm",)),

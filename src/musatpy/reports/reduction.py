@@ -66,9 +66,7 @@ READINGS: Rows[Reduced, Reduced] = Rows(
     of_images=True,
 )
 _MARKS: Rows[ReducedPlate, ReducedPlate] = Rows(
-    "marks",
-    "one row per measured mark",
-    (
+    "marks", "one row per measured mark", (
         Field("mark", "string", "mark id", "marks", "Mark", "A4", is_id=True),
         Field("residual", "2 number?", "transformed minus calibrated", "residuals",
               ("Resid. x\num", "Resid. y\num"), "F10.2"),
@@ -77,9 +75,7 @@ _MARKS: Rows[ReducedPlate, ReducedPlate] = Rows(
     ),
 )  # fmt: skip
 _DISTANCES: Rows[ReducedPlate, ReducedPlate] = Rows(
-    "distances",
-    "one row per distance, where the transformation goes by distances",
-    (
+    "distances", "one row per distance, where the transformation goes by distances", (
         Field("marks", "2 string", "mark ids", "ends", ("Mark", "Mark"), "A4", is_id=True),
         Field("residual", "number?", "scaled minus calibrated", "distance_residuals", "Residual\num", "F10.2"),
     ),
@@ -96,10 +92,7 @@ _PARAMETERS: Each[ReductionStep, Quantity] = Each(
     ),
 )
 _STEPS: Each[ReducedPlate, ReductionStep] = Each(
-    "steps",
-    "one row per step taken, in their order",
-    of=lambda p: p.steps,
-    fields=(
+    "steps", "one row per step taken, in their order", of=lambda p: p.steps, fields=(
         Field("step", "string", "name of the step", "name",
               choices=("comparator", "fiducials", "reseau", "lens", "refraction", "curvature")),
         Field("largest", "number?", "largest displacement, null of a step that changes the system", unit="mm"),
@@ -107,10 +100,7 @@ _STEPS: Each[ReducedPlate, ReductionStep] = Each(
     ),
 )  # fmt: skip
 _SPREADS: Each[ReducedPlate, Spread] = Each(
-    "spreads",
-    "one row per kind of repeated readings",
-    of=lambda p: p.spreads,
-    fields=(
+    "spreads", "one row per kind of repeated readings", of=lambda p: p.spreads, fields=(
         Field("of", "string", "what was read", "what", "Of", "A7", choices=("marks", "points", "crosses"),
               is_id=True),
         Field("freedom", "integer", "readings less targets", heading="Freedom", edit="I7"),
@@ -125,10 +115,7 @@ _SPREADS: Each[ReducedPlate, Spread] = Each(
     ),
 )  # fmt: skip
 REDUCED_PLATES: Each[Reduced, ReducedPlate] = Each(
-    "plates",
-    "one row per raw plate, as the program reduced it",
-    of=lambda r: r.plates,
-    fields=(
+    "plates", "one row per raw plate, as the program reduced it", of=lambda r: r.plates, fields=(
         identity("photo"),
         Field("refusal", "string?", "why the plate is refused and the photo left out; null: it is not",
               lambda p: p.refusal or None),

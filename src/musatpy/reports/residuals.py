@@ -17,9 +17,7 @@ from musatpy.reports.values import Json, Values, names
 from musatpy.statistics import LARGE_RESIDUAL, Statistics
 
 PLATES = Rows[Statistics, Statistics](
-    "plates",
-    "one row per plate measurement",
-    (
+    "plates", "one row per plate measurement", (
         identity("photo", lambda s: s.block.photos.ids[s.block.plates.photo]),
         identity("point", lambda s: s.block.points.ids[s.block.plates.point]),
         Field("xy", "2 number", "measured", "block.plates.xy", ("x\nmm", "y\nmm"), "F10.4", exact=True),

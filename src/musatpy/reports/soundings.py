@@ -58,10 +58,7 @@ MATCHING: Group[Sounded, Matching] = Group(
     ),
 )
 SAMPLES: Each[Sounded, Sample] = Each(
-    "samples",
-    "compiled less sounded depths, in numbers",
-    of=lambda s: samples(s.differences),
-    fields=(
+    "samples", "compiled less sounded depths, in numbers", of=lambda s: samples(s.differences), fields=(
         Field("sample", "string", "which soundings, by sounded depth", "what", "Sample", "A16", is_id=True),
         *within(lambda p: p.statistics, differences("m", "sounding")),
         Field("median", "number?", "", heading="Median\nm", edit="F9.3"),
@@ -83,19 +80,15 @@ REGRESSION: Group[Sounded, Regression] = Group(
     optional=True,
 )
 SHARES: Each[Sounded, OrderShare] = Each(
-    "orders",
-    "differences within the vertical uncertainty of the orders of S-44",
-    of=lambda s: order_shares(s.differences),
-    fields=(
+    "orders", "differences within the vertical uncertainty of the orders of S-44",
+    of=lambda s: order_shares(s.differences), fields=(
         Field("order", "string", "of the survey", "name", "Order", "A10", is_id=True),
         Field("share", "number", "of the differences", heading="Within", edit="F7.3"),
         Field("met", "boolean", "95 % are within", heading="95 %", edit="A4", words={True: "met", False: "NO"}),
     ),
 )  # fmt: skip
 DIFFERENCES: Rows[Sounded, Sounded] = Rows(
-    "differences",
-    "one row per sounding that meets the bottom",
-    (
+    "differences", "one row per sounding that meets the bottom", (
         Field("sounding", "string", "its name, or line", "differences.names", "Sounding", "A16", is_id=True),
         Field("compiled", "number", "depth", "differences.compiled", "Compiled\nm", "F9.3"),
         Field("sounded", "number", "depth below the same datum", "differences.sounded", "Sounded\nm", "F9.3"),
@@ -106,9 +99,7 @@ DIFFERENCES: Rows[Sounded, Sounded] = Rows(
     ),
 )  # fmt: skip
 LEFT_OUT: Rows[Sounded, Sounded] = Rows(
-    "left_out",
-    "soundings that do not meet the bottom",
-    (
+    "left_out", "soundings that do not meet the bottom", (
         Field("sounding", "string", "its name, or line", lambda s: s.soundings.names[list(s.reasons)], "Sounding",
               "A16", is_id=True),
         Field("reason", "string", "why", lambda s: list(s.reasons.values()), "Reason", "A60"),

@@ -86,10 +86,8 @@ def _scales(answer: Any) -> list[Json]:
 
 
 STATIONS: Rows[Statistics, Answer] = Rows(
-    "stations",
-    "one row per photo; null where the system does not reach",
-    of=lambda s: None if s.answer is None else (s, s.answer),
-    fields=(
+    "stations", "one row per photo; null where the system does not reach",
+    of=lambda s: None if s.answer is None else (s, s.answer), fields=(
         Field("photo", "string", "photo id", lambda a: a[0].block.photos.ids),
         Field("position", "3 number?", "adjusted", lambda a: a[1].position, unit=_COORDINATES, exact=True),
         Field("angles", "3 number?", "adjusted, in the order of the form; null where attitudes are matrices",
@@ -112,10 +110,8 @@ STATIONS: Rows[Statistics, Answer] = Rows(
     ),
 )  # fmt: skip
 POINTS: Rows[Statistics, Answer] = Rows(
-    "points",
-    "one row per ground point; null where not determined or not reached",
-    of=lambda s: None if s.answer is None else (s, s.answer),
-    fields=(
+    "points", "one row per ground point; null where not determined or not reached",
+    of=lambda s: None if s.answer is None else (s, s.answer), fields=(
         Field("point", "string", "point id", lambda a: a[0].block.points.ids),
         Field("position", "3 number?", "adjusted", lambda a: a[1].points, unit=_COORDINATES, exact=True),
         Field("covariance", "3x3 number?", "a posteriori", lambda a: a[1].point_covariance,

@@ -40,10 +40,7 @@ FACTOR_DEFINITION = Group[ChiSquare, ChiSquare](
     "factor", "a variance factor with its two-sided test at 95 %", FACTOR, optional=True
 )
 _COMPONENTS = Each[Statistics, tuple[str, ChiSquare]](
-    "variance_components",
-    "variance components",
-    of=lambda s: list(s.components.items()),
-    fields=(
+    "variance_components", "variance components", of=lambda s: list(s.components.items()), fields=(
         Field("group", "string", "group of observations", lambda g: g[0], "Group", "A28", is_id=True),
         *within(lambda g: g[1], FACTOR),
         Field("verdict", heading="Test", edit="A8",
@@ -51,9 +48,7 @@ _COMPONENTS = Each[Statistics, tuple[str, ChiSquare]](
     ),
 )  # fmt: skip
 _CHECK_POINTS = Rows[Statistics, Statistics](
-    "check_points",
-    "one row per check point",
-    (
+    "check_points", "one row per check point", (
         identity("point", lambda s: s.block.points.ids[s.block.control.point[s.check_test.row]]),
         Field("chi_square", "number", "difference against its covariance", "check_test.squares", "Chi-square",
               "F10.3"),
@@ -69,9 +64,7 @@ def _moved(statistics: Statistics) -> IntArray:
 
 
 _HIDDEN_ERRORS = Rows[Statistics, Statistics](
-    "hidden_errors",
-    "one row per point that an error may move which its test does not find",
-    (
+    "hidden_errors", "one row per point that an error may move which its test does not find", (
         identity("point", lambda s: s.block.points.ids[_moved(s)]),
         Field("rays", "integer", "plate measurements of the position", lambda s: s.solution.points.rays[_moved(s)],
               "Rays", "I4"),
@@ -103,9 +96,7 @@ TESTS = Group[Statistics, Statistics](
     optional=True,
 )
 _STATION_INFLATION = Rows[Statistics, Statistics](
-    "stations",
-    "one row per photo",
-    (
+    "stations", "one row per photo", (
         identity("photo", "block.photos.ids"),
         Field("inflation", "6 number?", "variance inflation factors: east, north, up, X-tilt, Y-tilt, heading",
               "dependence.station_inflation", (*ENU, *ANGLES), "F10.1"),
@@ -127,10 +118,7 @@ def _global_sigmas(t: Values) -> FloatArray:
 
 
 _GLOBALS = Rows[Statistics, Dependence](
-    "globals",
-    "levels, water, and points with distances or height differences",
-    of=_dependence,
-    fields=(
+    "globals", "levels, water, and points with distances or height differences", of=_dependence, fields=(
         Field("unknown", "string", "name", "names", "Unknown", "A32", is_id=True),
         Field("sigma", "number?", "a posteriori; null: nothing observes it", heading="Sigma\nm, arc sec, 1",
               edit="F12.6", shown=_global_sigmas),
@@ -138,10 +126,7 @@ _GLOBALS = Rows[Statistics, Dependence](
     ),
 )  # fmt: skip
 _CORRELATIONS = Rows[Statistics, Dependence](
-    "correlations",
-    "correlations of 0.95 and more, the strongest first",
-    of=_dependence,
-    fields=(
+    "correlations", "correlations of 0.95 and more, the strongest first", of=_dependence, fields=(
         Field("first", "string", "unknown", heading="Unknown", edit="A32", is_id=True),
         Field("second", "string", "unknown", heading="With", edit="A32", is_id=True),
         Field("correlation", "number", "coefficient", heading="Correlation", edit="F9.4"),
