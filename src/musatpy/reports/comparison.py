@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from musatpy.comparison import Comparison, Differences
@@ -9,8 +11,9 @@ from musatpy.reports.table import sheet
 from musatpy.reports.values import Json, plain, rows
 
 _LISTED = 20
-_AXES = ("East", "North", "Up")
-_ANGLES = ("X-Tilt", "Y-Tilt", "Heading")
+_AXES = ("East\nm", "North\nm", "Up\nm")
+_ANGLES = ("X-Tilt\narc sec", "Y-Tilt\narc sec", "Heading\narc sec")
+_WAVE = ("Height\nm", "Length\nm", "Azimuth\ndegrees", "Crest\nm")
 
 
 def comparison_text(comparison: Comparison, listed: int = _LISTED) -> str:
@@ -20,10 +23,14 @@ def comparison_text(comparison: Comparison, listed: int = _LISTED) -> str:
     what, *values = zip(*comparison.facts, strict=True)
     lines += sheet(("", "A46", what), *zip((first[-20:], second[-20:]), ("A20", "A20"), values, strict=True)).text()
     title = f"{second} minus {first}, in sigmas of {second}: the largest of each row first"
-    lines += ["", "", f"Exposure Stations: {title}", "", *_stations(comparison.stations, listed)]
-    lines += ["", "", f"Ground Points: {title}", "", *_points(comparison.points, listed)]
-    if len(comparison.waves.ids):
-        lines += ["", "", f"Waves: {title}", "", *_waves(comparison.waves, listed)]
+    parts = (
+        ("Exposure Stations", "Photo", comparison.stations, (*_AXES, *_ANGLES)),
+        ("Ground Points", "Point", comparison.points, _AXES),
+        ("Waves", "Wave", comparison.waves, _WAVE),
+    )
+    for section, name, part, headings in parts:
+        if name != "Wave" or len(part.ids):
+            lines += ["", "", f"{section}: {title}", "", *_table(name, part, headings, listed)]
     if len(comparison.depths.ids):
         lines += ["", "", "Depths Of Submerged Points", "", *_depths(comparison)]
     if comparison.only_one:
@@ -50,21 +57,7 @@ def _rows(name: str, part: Differences) -> list[dict[str, Json]]:
     return rows(**{name: part.ids}, difference=part.difference, sigma=part.sigma, ratio=part.ratio)
 
 
-def _stations(part: Differences, listed: int) -> list[str]:
-    names = [f"{name}\nm" for name in _AXES] + [f"{name}\narc sec" for name in _ANGLES]
-    return _table("Photo", part, names, listed)
-
-
-def _points(part: Differences, listed: int) -> list[str]:
-    return _table("Point", part, [f"{name}\nm" for name in _AXES], listed)
-
-
-def _waves(part: Differences, listed: int) -> list[str]:
-    names = ["Height\nm", "Length\nm", "Azimuth\ndegrees", "Crest\nm"]
-    return _table("Wave", part, names, listed)
-
-
-def _table(name: str, part: Differences, names: list[str], listed: int) -> list[str]:
+def _table(name: str, part: Differences, names: Sequence[str], listed: int) -> list[str]:
     table = sheet(
         (name, "A8", part.ids[:listed]),
         (names, "F9.3", part.difference[:listed]),

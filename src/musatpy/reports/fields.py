@@ -325,9 +325,9 @@ def flag(name: str, text: str, heading: str, mark: str, values: Callable[[Any], 
     return Field(name, "boolean", text, values, heading=heading, edit=f"A{len(mark)}", words=words)
 
 
-def unrecorded(heading: str, edit: str, values: Callable[[Any], Any]) -> Field[Any]:
+def unrecorded(heading: str, edit: str, values: Callable[[Any], Any], *, is_id: bool = False) -> Field[Any]:
     """Return a column of what no record has: `values` of the source of the table, in units that records have."""
-    return Field(heading, heading=heading, edit=edit, shown=values)
+    return Field(heading, heading=heading, edit=edit, shown=values, is_id=is_id)
 
 
 def of_job(heading: str, edit: str, values: Callable[[Any], Any]) -> Field[Any]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import TextArray
-from musatpy.model import LevelPairs, PointStatus, StationPairs
+from musatpy.model import PointStatus
 from musatpy.model.tables import POSITION_UNIT
 from musatpy.reports import stated
 from musatpy.reports.editing import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, along_axes, position
@@ -18,6 +18,7 @@ from musatpy.reports.table import Report, worst_first
 from musatpy.reports.values import names
 from musatpy.statistics import Statistics, Words
 
+_COVARIANCE = "a posteriori, of east, north, up, X-tilt, Y-tilt, heading"
 STATIONS = Rows[Statistics, Statistics](
     "stations", "one row per photo", (
         identity("photo", "block.photos.ids"),
@@ -29,45 +30,34 @@ STATIONS = Rows[Statistics, Statistics](
         Field("attitude", "3 number", "adjusted", "solution.stations.attitude", ATTITUDES_AS_ANGLES, "S14.3"),
         Field("attitude_sigma", "3 number?", "a posteriori", lambda s: s.station_sigmas[:, 3:], ATTITUDE_SIGMAS,
               "F9.2"),
-        Field("covariance", "6x6 number?", "a posteriori, of east, north, up, X-tilt, Y-tilt, heading",
+        Field("covariance", "6x6 number?", _COVARIANCE,
               "solution.stations.covariance", unit="m2, m rad, rad2"),
     ),
 )  # fmt: skip
 
 
-def _pairs(statistics: Statistics) -> tuple[TextArray, StationPairs] | None:
-    pairs = statistics.solution.pairs
-    return None if pairs is None else (statistics.block.photos.ids, pairs)
+def _photos(pairs: str, statistics: Statistics) -> Any:
+    return statistics.block.photos.ids[getattr(statistics.solution, pairs).photo]
 
 
-PAIRS = Rows[Statistics, tuple[TextArray, StationPairs]](
-    "station_pairs", "one row per pair of photos that share a point", of=_pairs, fields=(
-        Field("photos", "2 string", "photo ids", lambda p: p[0][p[1].photo]),
-        Field("covariance", "6x6 number?",
-              "a posteriori, of east, north, up, X-tilt, Y-tilt, heading of the first with those of the second",
-              lambda p: p[1].covariance, unit="m2, m rad, rad2"),
+PAIRS = Rows[Statistics, Statistics](
+    "station_pairs", "one row per pair of photos that share a point",
+    of=lambda s: None if s.solution.pairs is None else s, fields=(
+        Field("photos", "2 string", "photo ids", partial(_photos, "pairs")),
+        Field("covariance", "6x6 number?", f"{_COVARIANCE} of the first with those of the second",
+              "solution.pairs.covariance", unit="m2, m rad, rad2"),
     ),
 )  # fmt: skip
-
-
-def _level_pairs(statistics: Statistics) -> tuple[TextArray, LevelPairs] | None:
-    pairs = statistics.solution.level_pairs
-    return None if pairs is None else (statistics.block.photos.ids, pairs)
-
-
-LEVEL_PAIRS = Rows[Statistics, tuple[TextArray, LevelPairs]](
+LEVEL_PAIRS = Rows[Statistics, Statistics](
     "level_pairs",
     "levels that photos have of their own as unknowns: one row per pair of photos that share a point, and of each "
-    "alone; empty where there are none",
-    of=_level_pairs,
-    fields=(
-        Field("photos", "2 string", "photo ids", lambda p: p[0][p[1].photo]),
-        Field("of_first", "6 number?",
-              "a posteriori, of east, north, up, X-tilt, Y-tilt, heading of the first with the level of the second",
-              lambda p: p[1].of_first, unit="m2, m rad"),
-        Field("of_second", "6 number?", "of the first's level with those of the second", lambda p: p[1].of_second,
-              unit="m2, m rad"),
-        Field("level", "number?", "of both levels", lambda p: p[1].level, unit="m2"),
+    "alone; empty where there are none", of=lambda s: None if s.solution.level_pairs is None else s, fields=(
+        Field("photos", "2 string", "photo ids", partial(_photos, "level_pairs")),
+        Field("of_first", "6 number?", f"{_COVARIANCE} of the first with the level of the second",
+              "solution.level_pairs.of_first", unit="m2, m rad"),
+        Field("of_second", "6 number?", "of the first's level with those of the second",
+              "solution.level_pairs.of_second", unit="m2, m rad"),
+        Field("level", "number?", "of both levels", "solution.level_pairs.level", unit="m2"),
     ),
 )  # fmt: skip
 

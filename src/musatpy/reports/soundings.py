@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +30,20 @@ if TYPE_CHECKING:
 _LARGEST = 20  # blunders that are named
 
 
+MATCHING: Group[Sounded, Matching] = Group(
+    "matching", "how the soundings are held against the bottom", of=lambda s: s.how, fields=(
+        Field("radius", "number?", "of points whose plane is the bottom; null: triangles",
+              lambda m: _limit(m.radius), unit="m"),
+        Field("datum", "number", "of the soundings below that of the bottom", unit="m"),
+        Field("datum_sigma", "number", "of that", unit="m"),
+        Field("sigma", "number", "of soundings whose file has none", unit="m"),
+        Field("plan_sigma", "number", "of the places of soundings", unit="m"),
+        Field("steepest", "number?", "slope that counts; null: any", lambda m: _limit(m.steepest)),
+        Field("not_before", "string?", "first day that counts; null: any", lambda m: _first_day(m)),
+    ),
+)  # fmt: skip
+
+
 def _limit(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
@@ -37,26 +52,6 @@ def _first_day(how: Matching) -> str | None:
     return how.not_before.isoformat() if how.not_before else None
 
 
-MATCHING: Group[Sounded, Matching] = Group(
-    "matching",
-    "how the soundings are held against the bottom",
-    of=lambda s: s.how,
-    fields=(
-        Field(
-            "radius",
-            "number?",
-            "of points whose plane is the bottom; null: triangles",
-            lambda m: _limit(m.radius),
-            unit="m",
-        ),
-        Field("datum", "number", "of the soundings below that of the bottom", unit="m"),
-        Field("datum_sigma", "number", "of that", unit="m"),
-        Field("sigma", "number", "of soundings whose file has none", unit="m"),
-        Field("plan_sigma", "number", "of the places of soundings", unit="m"),
-        Field("steepest", "number?", "slope that counts; null: any", lambda m: _limit(m.steepest)),
-        Field("not_before", "string?", "first day that counts; null: any", _first_day),
-    ),
-)
 SAMPLES: Each[Sounded, Sample] = Each(
     "samples", "compiled less sounded depths, in numbers", of=lambda s: samples(s.differences), fields=(
         Field("sample", "string", "which soundings, by sounded depth", "what", "Sample", "A16", is_id=True),
@@ -136,44 +131,38 @@ def sections_of(compared: Sounded, compiled: Compiled | None) -> list[Section]:
     """Return what the listing says, section by section; `compiled` is None for a raster."""
     line, warning = regression(compared.differences), likeness_warning(compared.differences)
     blunders = compared.differences.part(compared.differences.blunders)
-    named = [
-        f"{name}: compiled {of:.2f} m, sounded {read:.2f} m"
-        for name, of, read in zip(blunders.names[:_LARGEST], blunders.compiled, blunders.sounded, strict=False)
-    ]
-    lost: dict[str, int] = {}
-    for reason in compared.reasons.values():
-        lost[reason] = lost.get(reason, 0) + 1
-    how = labelled(_matching(compared.how, is_raster=compiled is None))
-    sections = [
-        Section(title="How The Soundings Are Held Against The Bottom", lines=how),
+    rows = zip(blunders.names, blunders.compiled, blunders.sounded, strict=True)
+    named = [f"{name}: compiled {of:.2f} m, sounded {read:.2f} m" for name, of, read in rows]
+    more = [f"and {len(named) - _LARGEST} more"] if len(named) > _LARGEST else []
+    lost = Counter(reason.capitalize() for reason in compared.reasons.values())
+    how = _matching(compared.how, is_raster=compiled is None)
+    met = ["Not known: a raster has no sigmas of places."]
+    if compiled is not None:
+        met = labelled({name: f"{count} points" for name, count in point_orders(compiled).items()})
+    parts: list[Section | None] = [
+        Section(title="Warning", lines=wrapped([f"{warning}."])) if warning else None,
+        Section(title="How The Soundings Are Held Against The Bottom", lines=labelled(how)),
         SAMPLE_TABLE.section(compared),
+        None if line is None else _regression(line),
+        SHARE_TABLE.section(compared),
+        Section(title="Orders Of S-44 Met By The Sigmas Of The Points", lines=[*met, "", f"{source()}."]),
+        Section(title="Blunders", lines=wrapped([*named[:_LARGEST], *more])),
+        Section(
+            title="Soundings That Do Not Meet The Bottom",
+            lines=labelled({reason: f"{count} soundings" for reason, count in lost.items()}),
+        ),
     ]
-    if warning:
-        sections.insert(0, Section(title="Warning", lines=wrapped([f"{warning}."])))
-    if line is not None:
-        lines = {
-            "a, m (tide, datum)": f"{line.a:.4f}, sigma {line.a_sigma:.4f}",
-            "b (refraction)": f"{line.b:.5f}, sigma {line.b_sigma:.5f}",
-            "Correlation of a and b": f"{line.correlation:.3f}",
-            "Sigma0": f"{line.sigma0:.3f}",
-        }
-        sections.append(Section(title="Regression: Difference = a + b Depth", lines=labelled(lines)))
-    sections.append(SHARE_TABLE.section(compared))
-    met = ["Not known: a raster has no sigmas of places."] if compiled is None else _orders_met(compiled)
-    title = "Orders Of S-44 Met By The Sigmas Of The Points"
-    sections.append(Section(title=title, lines=[*met, "", f"{source()}."]))
-    if named:
-        more = len(blunders.names) - len(named)
-        tail = [f"and {more} more"] if more > 0 else []
-        sections.append(Section(title="Blunders", lines=wrapped([*named, *tail])))
-    if lost:
-        lines = {reason.capitalize(): f"{count} soundings" for reason, count in lost.items()}
-        sections.append(Section(title="Soundings That Do Not Meet The Bottom", lines=labelled(lines)))
-    return sections
+    return [part for part in parts if part and part.lines]
 
 
-def _orders_met(compiled: Compiled) -> list[str]:
-    return labelled({name: f"{count} points" for name, count in point_orders(compiled).items()})
+def _regression(line: Regression) -> Section:
+    lines = {
+        "a, m (tide, datum)": f"{line.a:.4f}, sigma {line.a_sigma:.4f}",
+        "b (refraction)": f"{line.b:.5f}, sigma {line.b_sigma:.5f}",
+        "Correlation of a and b": f"{line.correlation:.3f}",
+        "Sigma0": f"{line.sigma0:.3f}",
+    }
+    return Section(title="Regression: Difference = a + b Depth", lines=labelled(lines))
 
 
 def _matching(how: Matching, is_raster: bool) -> dict[str, str]:

@@ -14,10 +14,10 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem
 from musatpy.reports.editing import printed_unit
-from musatpy.reports.fields import Field, Group, Rows
+from musatpy.reports.fields import Field, Group, Rows, unrecorded
 from musatpy.reports.pages import Section, labelled, wrapped
 from musatpy.reports.table import Report
-from musatpy.reports.values import Json, Values, plain
+from musatpy.reports.values import Values, plain
 from musatpy.statistics import Statistics, Words
 from musatpy.statistics.quality import sigmas_of
 from musatpy.units import ARC_SECOND, DEGREE, GON, AngleUnit
@@ -71,18 +71,9 @@ WORDS: tuple[Field[Words], ...] = (
 _COORDINATES = "that of the coordinates"
 
 
-def _convergence(answer: Any) -> list[Json]:
-    factors = answer.factors
-    return [None] * len(answer.tide) if factors is None else plain(factors.convergence)
-
-
-def _scales(answer: Any) -> list[Json]:
-    """Return the scales of the map along meridian and parallel."""
-    factors = answer.factors
-    if factors is None:
-        return [None] * len(answer.tide)
-    scales = plain(factors.meridian_scale), plain(factors.parallel_scale)
-    return [list(pair) for pair in zip(*scales, strict=True)]
+def _of_map(of: Callable[[Any], Any]) -> Callable[[Answer], Any]:
+    """Return what takes a factor of the map at the stations, None of each where there is no map."""
+    return lambda a: [None] * len(a[1].tide) if a[1].factors is None else plain(of(a[1].factors))
 
 
 STATIONS: Rows[Statistics, Answer] = Rows(
@@ -104,9 +95,9 @@ STATIONS: Rows[Statistics, Answer] = Rows(
         Field("undulation", "number?", "height of the geoid above the ellipsoid; 0 without one",
               lambda a: a[1].undulation, unit="m"),
         Field("convergence", "number?", "from true to grid north, clockwise; null where there is no map",
-              lambda a: _convergence(a[1]), unit="rad"),
+              _of_map(lambda f: f.convergence), unit="rad"),
         Field("scale", "2 number? or null", "map over ellipsoid, along meridian and parallel",
-              lambda a: _scales(a[1])),
+              _of_map(lambda f: np.stack([f.meridian_scale, f.parallel_scale], axis=1))),
     ),
 )  # fmt: skip
 POINTS: Rows[Statistics, Answer] = Rows(
@@ -190,15 +181,15 @@ def turn_columns(said: Said) -> Columns:
     if angles is None:
         axes = ("First axis", "Second axis", "Third axis")
         return (
-            _column("Photo", "A8", lambda t: np.repeat(t["photo"], 3), is_id=True),
-            _column("Row", "I3", lambda t: np.tile([1, 2, 3], len(t["photo"]))),
+            unrecorded("Photo", "A8", lambda t: np.repeat(t["photo"], 3), is_id=True),
+            unrecorded("Row", "I3", lambda t: np.tile([1, 2, 3], len(t["photo"]))),
             *_vector(axes, ("F13.9",) * 3, lambda t: t["matrix"].reshape(-1, 3), (1.0,) * 3),
-            _column("Sigma\narc sec", "F9.2", lambda t: sigmas(t).ravel()),
+            unrecorded("Sigma\narc sec", "F9.2", lambda t: sigmas(t).ravel()),
         )
     unit, size, _, edit = _ANGLES[said["unit"]]
     names = angles if of_system else ("X-T", "Y-T", "Hdg")
     return (
-        _column("Photo", "A8", lambda t: t["photo"], is_id=True),
+        unrecorded("Photo", "A8", lambda t: t["photo"], is_id=True),
         *_vector([f"{name}\n{unit}" for name in angles], (edit,) * 3, lambda t: t["angles"], (size,) * 3),
         *_vector([f"Sigma {name}\narc sec" for name in names], ("F9.2",) * 3, sigmas, (ARC_SECOND,) * 3),
     )
@@ -210,16 +201,12 @@ def map_columns(said: Said) -> Columns:
         return ()
     unit, size, _, edit = _ANGLES[said["unit"]]
     columns: Columns = (
-        _column("Photo", "A8", lambda t: t["photo"], is_id=True),
+        unrecorded("Photo", "A8", lambda t: t["photo"], is_id=True),
         *_vector([f"Convergence\n{unit}"], [edit], lambda t: t["convergence"][:, None], [size]),
-        _column("Scale along\nmeridian", "F11.7", lambda t: t["scale[0]"]),
-        _column("Scale along\nparallel", "F11.7", lambda t: t["scale[1]"]),
+        unrecorded("Scale along\nmeridian", "F11.7", lambda t: t["scale[0]"]),
+        unrecorded("Scale along\nparallel", "F11.7", lambda t: t["scale[1]"]),
     )
-    return (*columns, _column("Geoid\nm", "F9.3", lambda t: t["undulation"])) if said["geoid"] else columns
-
-
-def _column(heading: str, edit: str, values: Callable[[Values], Any], *, is_id: bool = False) -> Field[Any]:
-    return Field(heading, heading=heading, edit=edit, shown=values, is_id=is_id)
+    return (*columns, unrecorded("Geoid\nm", "F9.3", lambda t: t["undulation"])) if said["geoid"] else columns
 
 
 def _vector(
@@ -231,7 +218,7 @@ def _vector(
         return lambda t: values(t)[:, axis] / size
 
     return tuple(
-        _column(heading, edit, component(axis, size / printed_unit(heading)))
+        unrecorded(heading, edit, component(axis, size / printed_unit(heading)))
         for axis, (heading, edit, size) in enumerate(zip(headings, edits, sizes, strict=True))
     )
 
@@ -273,15 +260,10 @@ def notes(statistics: Statistics, words: Words) -> list[Section]:
     answer, ids = statistics.answer, statistics.block.photos.ids
     if answer is None:
         return []
-    lost = [
-        f"{name}: first and third angle turn about one line; the first is set to zero, and they have no sigmas."
-        for name in ids[answer.lost].tolist()
-    ]
-    far = [
-        f"{name}: {words.statement.system.text} does not reach the station."
-        for name in ids[answer.far_stations].tolist()
-    ]
-    lines = wrapped([f"Photo {text}" for text in (*lost, *far)])
+    lost = "first and third angle turn about one line; the first is set to zero, and they have no sigmas"
+    far = f"{words.statement.system.text} does not reach the station"
+    rows = ((lost, answer.lost), (far, answer.far_stations))
+    lines = wrapped([f"Photo {name}: {text}." for text, which in rows for name in ids[which].tolist()])
     return [Section(title="Notes On The Stations", lines=lines)] if lines else []
 
 

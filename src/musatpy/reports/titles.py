@@ -144,7 +144,9 @@ def _options(block: Block) -> dict[str, str]:
         **dict(_line(options, name) for name in _OPTIONS),
         **dict(_line(options, name) for name in _OFF_DEFAULT if getattr(options, name) != getattr(default, name)),
         "Ellipsoid": _ellipsoid(block),
-        "Refractive index of water": _with_sigma("F9.6", water.index, water.sigma) if water else "not given",
+        "Refractive index of water": number_text("F9.6", water.index) + _sigma("F9.6", water.sigma)
+        if water
+        else "not given",
     }
     if computed:
         words |= {"Refractive index computed for water of": computed.of_water, "relative to": computed.of_air}
@@ -154,12 +156,13 @@ def _options(block: Block) -> dict[str, str]:
     if any(value is not None for value in tilts):
         east, north, sigma = (None if value is None else value / ARC_SECOND for value in tilts)
         text = f"{number_text('F10.3', east or 0.0)} arc seconds towards east, "
-        words["Tilt of the water on its card"] = f"{text}{_with_sigma('F10.3', north or 0.0, sigma)}"
+        text += f"{number_text('F10.3', north or 0.0)} towards north"
+        words["Tilt of the water on its card"] = text + _sigma("F10.3", sigma)
     return words
 
 
-def _with_sigma(edit: str, value: float, sigma: float | None) -> str:
-    return number_text(edit, value) + ("" if sigma is None else f", sigma {number_text(edit, sigma)}")
+def _sigma(edit: str, sigma: float | None) -> str:
+    return "" if sigma is None else f", sigma {number_text(edit, sigma)}"
 
 
 def _settings(block: Block) -> list[str]:
