@@ -139,7 +139,7 @@ def _cause_report(causes: tuple[Cause, ...], numbers: Mapping[str, str]) -> Repo
         CAUSES,
         (
             "group rank cause",
-            each("Photo, point", "A20", lambda cause, axis: _owner(cause)),
+            each("Photo, point", "A20", lambda of, axis: f"{_names(of.photos)} {_names(of.points)}".strip()),
             each("Of", "A17", _component),
             each("Size", "F12.3", lambda cause, axis: _at(cause.size, axis)),
             each("Sigma", "F9.3", lambda cause, axis: _at(cause.sigma, axis)),
@@ -162,10 +162,6 @@ def _at(values: tuple[float, ...], axis: int) -> float:
 
 def _component(cause: Cause, axis: int) -> str:
     return cause.kind.axes[axis] if cause.kind.axes and cause.size else cause.component
-
-
-def _owner(cause: Cause) -> str:
-    return " ".join(_names(ids) for ids in (cause.photos, cause.points) if ids)
 
 
 def _names(ids: tuple[str, ...]) -> str:

@@ -139,10 +139,6 @@ def _of_run(setups: Compilation, name: str) -> Any:
     return getattr(setups.compiled.run.block.points, name)[_all("again.points")(setups)]
 
 
-def _difference(setups: Compilation) -> Any:
-    return _all("again.read")(setups) - _all("again.predicted")(setups)
-
-
 def _in_model(setups: Compilation) -> Any:
     run = setups.compiled.run
     places = (m.model.stereo.model(run.frame.working(run.position[m.again.points])) for m in setups.set_up)
@@ -157,7 +153,8 @@ RUN_POINTS: Rows[Compilation, Compilation] = Rows(
         Field("position", "3 number", "in the model", _in_model, unit="m", exact=True),
         Field("predicted", "2x2 number", "stages, left and right, x and y", _all("again.predicted"),
               [f"{side} {axis}\nmm" for side in "LR" for axis in "xy"], "F10.4", exact=True),
-        Field("difference", "2x2 number?", "read less predicted", _difference,
+        Field("difference", "2x2 number?", "read less predicted",
+              lambda c: _all("again.read")(c) - _all("again.predicted")(c),
               [f"Read {side}{axis}\nless\num" for side in "LR" for axis in "xy"], "F8.2"),
         Field("y_parallax", "number?", "of refracted rays, by readings where there are any", _all("again.parallax"),
               "py\num", "F7.2"),

@@ -24,7 +24,7 @@ def _all(name: str) -> Any:
 
 RUN_POINTS: Rows[Compilation, Compilation] = Rows(
     "against_run", "one row per point that the run has too", (
-        identity("model", lambda c: _models_of(c)),
+        identity("model", lambda c: np.concatenate([[part.model.name] * len(part.rows) for part in c.against])),
         identity("point", lambda c: _points_of(c)),
         flag("shared", "its readings are those of the run", "Same", "S", _all("shared")),
         Field("difference", "3 number", "compiled minus run, east, north, up", _all("difference"),
@@ -109,10 +109,6 @@ def _statistics(done: Compilation) -> list[tuple[str, DifferenceStatistics]]:
 
 def _points_of(done: Compilation) -> Any:
     return np.concatenate([part.model.readings.ids[part.rows] for part in done.against])
-
-
-def _models_of(done: Compilation) -> Any:
-    return np.repeat([part.model.name for part in done.against], [len(part.rows) for part in done.against])
 
 
 DISTANCES: Each[Contoured, ContourDistance] = Each(

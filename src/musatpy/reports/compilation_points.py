@@ -144,8 +144,8 @@ PROFILES: Each[Compilation, CompiledProfile] = Each(
         Field("spikes", "integer", "readings beside the median of seven", lambda p: _number(p, "spike"), "Spikes",
               "I6"),
         Field("needed", "integer", "readings that thinning keeps", lambda p: _number(p, "kept"), "Needed", "I6"),
-        Field("length", "number?", "from the first to the last reading", lambda p: _of_stations(p), "Length\nm",
-              "F10.2"),
+        Field("length", "number?", "from the first to the last reading",
+              lambda p: float(np.ptp(p.profile.station)) if p.profile else np.nan, "Length\nm", "F10.2"),
         Field("least", "number?", "depth below the datum", lambda p: _of_values(p, np.min), "Least depth\nm",
               "F11.3"),
         Field("greatest", "number?", "depth below the datum", lambda p: _of_values(p, np.max), "Greatest depth\nm",
@@ -178,10 +178,6 @@ def _number(part: CompiledProfile, name: str) -> int:
     return 0 if part.profile is None else int(getattr(part.profile, name).sum())
 
 
-def _of_stations(part: CompiledProfile) -> float:
-    return np.nan if part.profile is None else float(np.ptp(part.profile.station))
-
-
 def _of_values(part: CompiledProfile, of: Any) -> float:
     values = np.zeros(0) if part.profile is None else part.profile.value[~part.profile.spike]
     return float(of(values)) if len(values) else np.nan
@@ -205,7 +201,8 @@ def profile_sections(done: Compilation) -> list[Section]:
     if not done.profiles:
         return []
     spikes = [
-        f"Model {part.model}, profile {_named(part)}, station {station:.2f} m: depth {value:.3f} m"
+        f"Model {part.model}, profile {part.name}{f', line {part.line}' * (part.line != 1)}, "
+        f"station {station:.2f} m: depth {value:.3f} m"
         for part in done.profiles
         if (of := part.profile) is not None
         for station, value in zip(of.station[of.spike], of.value[of.spike], strict=True)
@@ -215,10 +212,6 @@ def profile_sections(done: Compilation) -> list[Section]:
         *filled([PACE_TABLE, SCAN_TABLE], done),
         *([Section(title="Spikes Of Profiles", lines=spikes)] if spikes else []),
     ]
-
-
-def _named(part: CompiledProfile) -> str:
-    return part.name if part.line == 1 else f"{part.name}, line {part.line}"
 
 
 def profiles_csv(profiles: Sequence[CompiledProfile], places: FilePlaces, datum: Datum) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
@@ -18,9 +21,7 @@ from musatpy.statistics.quality import TEST_LIMIT
 
 Table = Rows[Statistics, Statistics]
 CONTROL = Table(
-    "control",
-    "one row per control card",
-    (
+    "control", "one row per control card", (
         identity("point", lambda s: s.block.points.ids[s.block.control.point]),
         Field("kind", "string", "components that are known", lambda s: names(ControlKind, s.block.control.kind),
               "Kind", "A10", choices=("full", "horizontal", "vertical", "check"), is_id=True),
@@ -63,30 +64,27 @@ DIFFERENCES = Report(
 )
 
 
-def _members(statistics: Statistics) -> list[list[str]]:
-    """Return the points of each group of equal elevations."""
-    groups = statistics.block.equal_elevations
-    ids = statistics.block.points.ids[groups.point]
-    return [ids[groups.group == group].tolist() for group in range(len(groups.ids))]
+def _by_group(of: Callable[[Statistics], Any]) -> Callable[[Statistics], list[list[Any]]]:
+    """Return what takes the values of the points of each group of equal elevations."""
 
+    def values(statistics: Statistics) -> list[list[Any]]:
+        groups, every = statistics.block.equal_elevations, of(statistics)
+        return [plain(every[groups.group == group]) for group in range(len(groups.ids))]
 
-def _level_differences(statistics: Statistics) -> list[list[float | None]]:
-    groups = statistics.block.equal_elevations
-    return [plain(statistics.level_differences[groups.group == group]) for group in range(len(groups.ids))]
+    return values
 
 
 EQUAL_ELEVATIONS = Table(
-    "equal_elevations",
-    "one row per group",
-    (
+    "equal_elevations", "one row per group", (
         identity("group", "block.equal_elevations.ids"),
         Field("given_sigma", "number", "of a point about the level", "block.equal_elevations.sigma",
               "Sigma given\nm", "F9.4"),
         Field("level", "number?", "adjusted", "solution.levels", "Level\nm", "F11.4"),
         Field("level_sigma", "number?", "a posteriori", "solution.level_sigmas", "Sigma\nm", "F9.4"),
-        Field("points", "* string", "point ids", _members, "Point", "A8", is_id=True),
-        Field("difference", "* number?", "adjusted elevation of each point minus the level", _level_differences,
-              "Point minus level\nm", "F11.4"),
+        Field("points", "* string", "point ids",
+              _by_group(lambda s: s.block.points.ids[s.block.equal_elevations.point]), "Point", "A8", is_id=True),
+        Field("difference", "* number?", "adjusted elevation of each point minus the level",
+              _by_group(lambda s: s.level_differences), "Point minus level\nm", "F11.4"),
     ),
 )  # fmt: skip
 _K = ObservationKind
@@ -101,9 +99,7 @@ def _between(name: str, text: str, ends: str, what: str, kind: ObservationKind) 
         return getattr(block, ends).ids[getattr(getattr(block, name), end)]
 
     return Table(
-        name,
-        text,
-        (
+        name, text, (
             Field(ends, "2 string", f"{end} ids", ids, (end.capitalize(),) * 2, "A8", is_id=True),
             Field(f"given_{what}", "number", "of the deck", lambda s: getattr(getattr(s.block, name), what),
                   "Given\nm", "F13.4"),

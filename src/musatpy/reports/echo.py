@@ -13,7 +13,7 @@ import numpy as np
 from musatpy.formats import assembly, mapping
 from musatpy.formats.cards.spec import STATED_UNIT, CardSpec
 from musatpy.formats.job_tables import card_family
-from musatpy.model import Waves
+from musatpy.model import Block
 from musatpy.model.block import parts_of_block
 from musatpy.model.tables import POSITION_UNIT, Table, columns
 from musatpy.reports import job_record, residuals
@@ -26,29 +26,29 @@ from musatpy.statistics import Statistics
 from musatpy.units import AngleUnit
 
 
-def _trains(statistics: Statistics) -> tuple[Waves, Any] | None:
-    """Return the waves as given, and what linear theory makes of them; None in a job without."""
-    waves = statistics.block.waves
-    if not len(waves.ids):
+def _trains(statistics: Statistics) -> tuple[Block, Any] | None:
+    """Return the block, and what linear theory makes of its waves; None in a job without."""
+    block = statistics.block
+    if not len(block.waves.ids):
         return None
     from musatpy.sea.deck_waves import wave_trains
 
-    return waves, wave_trains(waves)
+    return block, wave_trains(block.waves)
 
 
-def _shapes(trains: tuple[Waves, Any]) -> list[str]:
+def _shapes(trains: tuple[Block, Any]) -> list[str]:
     from musatpy.sea.deck_waves import SHAPES
 
-    return [str(SHAPES[shape]) for shape in trains[0].shape.tolist()]
+    return [str(SHAPES[shape]) for shape in trains[0].waves.shape.tolist()]
 
 
-WAVES: Rows[Statistics, tuple[Waves, Any]] = Rows(
+WAVES: Rows[Statistics, tuple[Block, Any]] = Rows(
     "waves", "one row per wave on the water; empty where it is level", of=_trains, fields=(
-        Field("wave", "string", "wave id", lambda w: w[0].ids, "Wave", "A4", is_id=True),
+        Field("wave", "string", "wave id", lambda w: w[0].waves.ids, "Wave", "A4", is_id=True),
         Field("shape", "string", "of the wave", _shapes, "Shape", "A10",
               choices=("sinusoidal", "stokes", "trochoidal")),
-        Field("depth", "number?", "of the water, for the theory of the wave; null is deep", lambda w: w[0].depth,
-              "Depth\nm", "F8.2"),
+        Field("depth", "number?", "of the water, for the theory of the wave; null is deep",
+              lambda w: w[0].waves.depth, "Depth\nm", "F8.2"),
         Field("period", "number", "as given, or found by linear theory", lambda w: w[1].period, "Period\ns",
               "F8.3"),
         Field("length", "number", "as given, or found by linear theory", lambda w: w[1].length, "Length\nm",
@@ -56,13 +56,13 @@ WAVES: Rows[Statistics, tuple[Waves, Any]] = Rows(
         Field("speed", "number", "of the crests: length over period", lambda w: w[1].speed, "Speed\nm/s", "F8.3"),
         Field("group_speed", "number", "of groups of such waves, by linear theory", lambda w: w[1].group_speed,
               "Group\nm/s", "F8.3"),
-        Field("height", "number", "from trough to crest", lambda w: w[0].height, "Height\nm", "F8.3"),
+        Field("height", "number", "from trough to crest", lambda w: w[0].waves.height, "Height\nm", "F8.3"),
         Field("breaking_height", "number", "that the wave cannot exceed, by linear theory",
               lambda w: w[1].breaking_height, "Breaks at\nm", "F9.2"),
         Field("azimuth", "number", "direction it runs to, clockwise from true north (+Y in LOCL jobs)",
-              lambda w: w[0].azimuth, "Towards\ndegrees", "F9.3"),
+              lambda w: w[0].waves.azimuth, "Towards\ndegrees", "F9.3"),
         Field("crest", "number", "distance from the origin, in that direction, of a crest at time 0",
-              lambda w: w[0].crest, "Crest\nm", "F10.3"),
+              lambda w: w[0].waves.crest, "Crest\nm", "F10.3"),
     ),
 )  # fmt: skip
 WAVE_ORIGIN = Field[Statistics](

@@ -129,7 +129,8 @@ class Field(Node[Source]):
         """Return what is printed of a table in units of the record: an array, or a list of texts."""
         values = table[self.name] if self.shown is None else self.shown(table)
         if self.words:
-            return [self.words.get(value, value) for value in _listed(values)]
+            listed = values.tolist() if isinstance(values, np.ndarray) else values
+            return [self.words.get(value, value) for value in listed]
         if isinstance(values, np.ndarray) and values.dtype != object:
             return values
         return ["" if value is None else value for value in values]
@@ -168,7 +169,8 @@ class Tabled(Node[Source], Generic[Source, Item]):
 
     def column(self, path: str, heading: Any = "", edit: Any = "", **changes: Any) -> Field[Any]:
         """Return a column, or a component of one (`xy[1]`), as it is said once, or printed in another way."""
-        said, steps = _field(self.fields, path), len(_STEP.findall(path))
+        known = {field.name: field for field in self.fields if isinstance(field, Field)}
+        said, steps = known[path.partition("[")[0]], len(_STEP.findall(path))
         if heading or edit:
             changes |= {"heading": heading, "edit": edit}
         if steps:
@@ -299,11 +301,6 @@ class Each(Tabled[Source, Item]):
         return self.of(source)
 
 
-def _field(fields: Iterable[Node[Item]], path: str) -> Field[Item]:
-    """Return the field at a path; raises `KeyError` where there is none by that name."""
-    return {field.name: field for field in fields if isinstance(field, Field)}[path.partition("[")[0]]
-
-
 def within(part: Callable[[Source], Part], fields: Iterable[Field[Part]]) -> list[Field[Source]]:
     """Return the fields of a part of a source as fields of the source."""
 
@@ -426,10 +423,6 @@ def _schema(kind: str, choices: Iterable[Any]) -> Schema:
         limits = {} if size == "*" else {"minItems": int(size), "maxItems": int(size)}
         schema = {"type": "array", **limits, "items": schema}
     return schema
-
-
-def _listed(values: Any) -> list[Any]:
-    return values.tolist() if isinstance(values, np.ndarray) else list(values)
 
 
 def _plain(value: Any) -> Json:

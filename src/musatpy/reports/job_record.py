@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import re
 import typing
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import fields, replace
 from enum import IntEnum, StrEnum
-from functools import cache
+from functools import cache, partial
+from operator import attrgetter, itemgetter
 from types import UnionType
 from typing import Any, TypeVar
 
@@ -77,35 +78,22 @@ def called(path: str) -> tuple[str, str]:
     return HOMES.get(table, table), _CALLED.get(path, name)
 
 
-def block_of(statistics: Statistics, table: str) -> Block:
-    """Return the block whose table is that of the cards."""
-    return statistics.read if table in OF_READINGS else statistics.block
-
-
 def input_tables(results: Collection[str]) -> Iterator[Node[Statistics]]:
     """Yield every part of the block, but those that have a table of `results`."""
     for name, kind in parts_of_block().items():
         if HOMES.get(name, name).partition(".")[0] not in results:
-
-            def block(statistics: Statistics, name: str = name) -> Block:
-                return block_of(statistics, name)
-
+            block = "read" if name in OF_READINGS else "block"
             if issubclass(kind, Table):
-                yield table(name, name, block)
+                yield table(name, name, attrgetter(block))
             else:
-                yield part(name, name, lambda s, name=name: getattr(block_of(s, name), name))  # type: ignore[misc]
+                yield part(name, name, attrgetter(f"{block}.{name}"))
 
 
 def table(name: str, called: str, block: Callable[[Source], Block]) -> Rows[Source, Any]:
     """Return a table of the block as the record has it."""
-    of_images = "photo" in columns(parts_of_block()[name]) and name.endswith(("plates", "measurements"))
-    return Rows(
-        called,
-        _text(parts_of_block()[name]),
-        of=block,
-        fields=tuple(_fields(name, lambda b: getattr(b, name), same)),
-        of_images=of_images,
-    )
+    kind = parts_of_block()[name]
+    of_images = "photo" in columns(kind) and name.endswith(("plates", "measurements"))
+    return Rows(called, _text(kind), tuple(_fields(name, same)), block, of_images)
 
 
 def part(name: str, called: str, of: Callable[[Source], Any]) -> Group[Source, Any]:
@@ -116,7 +104,7 @@ def part(name: str, called: str, of: Callable[[Source], Any]) -> Group[Source, A
     for one in fields(kind):
         within = f"{name}_{one.name}"
         if within in mapping.TABLES:
-            nodes.append(part(within, one.name, lambda item, at=one.name: getattr(item, at)))  # type: ignore[misc]
+            nodes.append(part(within, one.name, attrgetter(one.name)))
         elif (field := _single(name, one.name, hints[one.name], one.default)) is not None:
             nodes.append(field)
     return Group(called, _text(kind), of=of, fields=tuple(nodes), optional=name != "options")
@@ -128,59 +116,48 @@ def with_cards(node: Node[Statistics]) -> Node[Statistics]:
     if not isinstance(node, Rows) or name not in parts_of_block():
         return node
     known = {field.name for field in node.fields}
-    if name == "waves":  # what they are by linear theory stands beside them
-        more = [field for field in _fields(name, lambda waves: waves[0]) if field.name not in known]
-    else:
-        of_block = _fields(name, lambda s: getattr(s.block, name), lambda s: s.block)
-        more = [field for field in of_block if field.name not in known]
+    block = itemgetter(0) if name == "waves" else attrgetter("block")  # by linear theory there is more of waves
+    more = [field for field in _fields(name, block) if field.name not in known]
     return replace(node, fields=(*node.fields, *more)) if more else node
 
 
-def _fields(
-    name: str, part: Callable[[Any], Table], block: Callable[[Any], Block | None] = lambda _: None
-) -> Iterator[Field[Any]]:
-    """Yield the columns of a table of the block, a `part` of it, that have one value per row."""
+def _fields(name: str, block: Callable[[Any], Block]) -> Iterator[Field[Any]]:
+    """Yield the columns of a table of the block, which a source has, that have one value per row."""
     kind: Any = parts_of_block()[name]
     for column, about in columns(kind).items():
         path = f"{name}.{column}"
         if about.rows or not (text := _meaning(path)):
             continue
         codes = [value for value in (about.codes or {}).values() if isinstance(value, IntEnum)]
-        is_whole = not about.link and all(field.edit.letter in "AI" for field in _card_fields(path))
+        of_cards = _card_fields(path)
+        is_whole = not about.link and all(field.edit.letter in "AI" for field in of_cards)
         base = "string" if about.link or codes else _KINDS[types_of(kind)[column]]
         base = "integer" if base == "number" and is_whole else base
-        is_open = base == "number" and (about.role or _may_be_blank(path))
+        may_be_blank = any(field.blank == "missing" or field.asterisks for field in of_cards)
+        is_open = base == "number" and (about.role or may_be_blank)
         sizes = "x".join(map(str, about.components))
         yield Field(
             called(path)[1],
             f"{sizes} {base}{'?' if is_open else ''}".strip(),
             text,
-            _values_of(column, about.link, codes, base, part, block),
+            partial(_values, name, column, about.link, codes, base, block),
             unit=about.unit or _unit(path),
             choices=[value.name.lower() for value in dict.fromkeys(codes)] or _allowed(path),
             exact=True,
         )
 
 
-def _values_of(
-    column: str,
-    link: str,
-    codes: Sequence[IntEnum],
-    base: str,
-    part: Callable[[Any], Table],
-    block: Callable[[Any], Block | None],
-) -> Callable[[Any], Any]:
-    """Return what takes the values of a column: links as names, kinds as words."""
-
-    def values(source: Any) -> Any:
-        value = getattr(part(source), column)
-        if link:
-            return getattr(block(source), link).ids[value]
-        if codes:
-            return names(type(codes[0]), value)
-        return value.astype(int) if base == "integer" else value
-
-    return values
+def _values(
+    name: str, column: str, link: str, codes: list[IntEnum], base: str, block: Callable[[Any], Block], source: Any
+) -> Any:
+    """Return the values of a column: links as names, kinds as words."""
+    of = block(source)
+    value = getattr(getattr(of, name), column)
+    if link:
+        return getattr(of, link).ids[value]
+    if codes:
+        return names(type(codes[0]), value)
+    return value.astype(int) if base == "integer" else value
 
 
 def _single(name: str, attribute: str, hint: Any, default: Any) -> Field[Any] | None:
@@ -222,10 +199,6 @@ def _meaning(path: str) -> str:
     spec = places[0][0]
     of_card = ", ".join(slot.name for one, slot in places if one is spec)
     return f"{spec.mnemonic} {of_card}: {places[0][1].fields[0].doc}"
-
-
-def _may_be_blank(path: str) -> bool:
-    return any(field.blank == "missing" or field.asterisks for field in _card_fields(path))
 
 
 def _allowed(path: str) -> list[str]:

@@ -39,30 +39,36 @@ def list_text(job: Summary, deck: str) -> str:
 
 def sections(job: Summary) -> list[Section]:
     """Return the tables of a job: what it is, photos, rays, ties, control, points on one photo, flags."""
+    block, plates, links = job.block, job.block.plates, job.block.control.point
+    points, photos = block.points.ids, block.photos.ids
+    counts, kept_out = rays_histogram(job), np.flatnonzero(~plates.triangulated)
+    columns = ((name.capitalize(), "I9", counts[name]) for name in ("points", "land", "submerged", "control"))
+    rays = sheet(("Rays", "I4", range(len(counts["points"]))), *columns)
+    flagged = zip(points[plates.point[kept_out]], photos[plates.photo[kept_out]], strict=True)
     optional = {
         "Control": _control(job),
         "Equal Elevation Groups": _groups(job),
         "Stations And Tides That Are Observed": _observed(job),
     }
+    names = {
+        "Points On One Photo Only, With Nothing Known Of Them": _alone(job),
+        "Measurements Flagged N: Point On Photo": [f"{point} on {photo}" for point, photo in flagged],
+        "Control Measured On No Photo": points[links[job.points.rays[links] == 0]].tolist(),
+    }
+    ties = _matrix(job) if len(photos) <= _MATRIX else _neighbours(job)
     return [
         Section(title="Job", lines=_job(job), together=True),
         _PHOTOS.section(job),
-        _section("Rays Per Point", _rays(job), together=True),
-        Section(title="Points In Common, By Measurements Not Flagged N", lines=_ties(job)),
+        _section("Rays Per Point", rays, together=True),
+        Section(title="Points In Common, By Measurements Not Flagged N", lines=ties),
         Section(title="Parts Of The Job", lines=_parts(job)),
         *(section for title, table in optional.items() if (section := _section(title, table)).lines),
-        *_names("Points On One Photo Only, With Nothing Known Of Them", _alone(job)),
-        *_names("Measurements Flagged N: Point On Photo", _flagged(job)),
-        *_names("Control Measured On No Photo", _unmeasured(job)),
+        *(Section(title=f"{title}: {len(of)}", lines=listed(of)) for title, of in names.items() if of),
     ]
 
 
 def _section(title: str, table: Table[Any], together: bool = False) -> Section:
     return Section(title=title, head=table.head(), lines=table.lines(None), together=together)
-
-
-def _names(title: str, names: list[str]) -> list[Section]:
-    return [Section(title=f"{title}: {len(names)}", lines=listed(names))] if names else []
 
 
 # --- the job ---
@@ -147,19 +153,7 @@ PHOTOS: Rows[Summary, Summary] = Rows(
 _PHOTOS = Report("Photos: Rays On Each, And Points In Common With The Next", PHOTOS)
 
 
-def _rays(job: Summary) -> Table[Any]:
-    counts = rays_histogram(job)
-    names = ("points", "land", "submerged", "control")
-    return sheet(
-        ("Rays", "I4", range(len(counts["points"]))), *((name.capitalize(), "I9", counts[name]) for name in names)
-    )
-
-
 # --- ties ---
-
-
-def _ties(job: Summary) -> list[str]:
-    return _matrix(job) if len(job.block.photos.ids) <= _MATRIX else _neighbours(job)
 
 
 def _matrix(job: Summary) -> list[str]:
@@ -272,17 +266,6 @@ def _alone(job: Summary) -> list[str]:
     unknown = (points.kind == NO_CONTROL) | (points.kind == ControlKind.CHECK)
     alone = np.flatnonzero((points.rays == 1) & unknown & ~points.grouped)
     return [f"{block.points.ids[i]} on {block.photos.ids[points.only_photo[i]]}" for i in alone.tolist()]
-
-
-def _flagged(job: Summary) -> list[str]:
-    plates, block = job.block.plates, job.block
-    rays = np.flatnonzero(~plates.triangulated)
-    return [f"{block.points.ids[plates.point[i]]} on {block.photos.ids[plates.photo[i]]}" for i in rays.tolist()]
-
-
-def _unmeasured(job: Summary) -> list[str]:
-    links = job.block.control.point
-    return [str(name) for name in job.block.points.ids[links[job.points.rays[links] == 0]]]
 
 
 # --- JSON ---

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -190,7 +191,10 @@ def reduction_sections(reduced: Reduced) -> list[Section]:
         PARAMETERS.section(list(_parameters(reduced))),
         SPREADS.section(reduced),
     ]
-    texts = {"Notes": list(_notes(reduced)), "Photos Left Out": _left_out(reduced)}
+    left_out = [
+        f"Photo {plate.photo}: {plate.reason}: {plate.refusal}." for plate in reduced.plates if plate.refusal
+    ]
+    texts = {"Notes": list(_notes(reduced)), "Photos Left Out": left_out}
     return [
         Section(title=_TITLE, lines=labelled(_options(options) | _largest(reduced)), new_page=True),
         *(section for section in tables if section.lines),
@@ -239,19 +243,13 @@ def _parameters(reduced: Reduced) -> Iterator[tuple[str, ...]]:
     seen: dict[tuple[str, tuple[Quantity, ...]], str] = {}
     for plate in reduced.plates:
         for step in plate.steps:
-            first = seen.setdefault((step.name, _comparable(step.parameters)), plate.photo)
+            given = tuple(replace(quantity, sigma=0.0) for quantity in step.parameters)  # NaN is no number
+            first = seen.setdefault((step.name, given), plate.photo)
             if first != plate.photo:
                 yield plate.photo, step.name, f"as on photo {first}", "", "", ""
                 continue
             for quantity in step.parameters:
                 yield plate.photo, step.name, quantity.name, *_printed(quantity, coefficient=step.name == "lens")
-
-
-def _comparable(parameters: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
-    """Return parameters that are equal where they print alike: given ones, NaN being no number."""
-    return tuple(
-        Quantity(name=quantity.name, value=quantity.value, unit=quantity.unit, sigma=0.0) for quantity in parameters
-    )
 
 
 def _printed(quantity: Quantity, *, coefficient: bool) -> tuple[str, str, str]:
@@ -278,10 +276,6 @@ def _notes(reduced: Reduced) -> Iterator[str]:
             f"*  So large a spread has a probability below {SPREAD_LEVEL:.2f} if one reading has the standard "
             "deviation given."
         )
-
-
-def _left_out(reduced: Reduced) -> list[str]:
-    return [f"Photo {plate.photo}: {plate.reason}: {plate.refusal}." for plate in reduced.plates if plate.refusal]
 
 
 def _entries(place: int, t: Values) -> list[str]:

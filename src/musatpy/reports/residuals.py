@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy import image_observations
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.model import ObservationKind
 from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows, identity, of_job
 from musatpy.reports.pages import Section
@@ -196,14 +196,15 @@ RESIDUALS = Report(
         PLATES.column("refraction", shown=_refraction),
         of_job("Bath", "A4", lambda s: s.block.points.letters[s.block.plates.point[s.plate_order]]),
         "triangulated",
-        Field("large", heading="Large", edit="A5", shown=lambda t: np.where(_large(t), "*", "")),
+        Field(
+            "large",
+            heading="Large",
+            edit="A5",
+            shown=lambda t: np.where((np.abs(t["residual"]) > LARGE_RESIDUAL * t["sigma"]).any(axis=1), "*", ""),
+        ),
     ),
     which=lambda t: t.source.plate_order if t.source else np.arange(t.count),
 )
-
-
-def _large(t: Values) -> BoolArray:
-    return np.asarray((np.abs(t["residual"]) > LARGE_RESIDUAL * t["sigma"]).any(axis=1))
 
 
 STATED = (RESIDUALS,)

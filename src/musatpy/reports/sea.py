@@ -12,12 +12,12 @@ from musatpy.model.tables import falling
 from musatpy.reports.pages import text_of
 from musatpy.reports.table import Table, sheet
 from musatpy.sea.interpolation.correlation import Family
-from musatpy.sea.interpolation.interpolate import Candidate, Interpolation, Verdict
+from musatpy.sea.interpolation.interpolate import Interpolation, Verdict
 from musatpy.sea.interpolation.prediction import Trend
 from musatpy.sea.stereo.corrected_points import REASONS, Corrected, Fault
 from musatpy.sea.stereo.estimate import SurfaceFit
 from musatpy.sea.stereo.fitted import height_sigma
-from musatpy.sea.stereo.fourier import FourierSurface, Step
+from musatpy.sea.stereo.fourier import FourierSurface
 from musatpy.sea.stereo.grid import GridSurface, Mesh, cell_counts
 from musatpy.sea.stereo.point_records import ReadPoints
 from musatpy.sea.study import WIDE, Trials, WaveStudy, flying_height
@@ -42,8 +42,20 @@ def surface_text(fit: SurfaceFit, title: str, left: tuple[str, ...] = ()) -> str
         "",
     ]
     lines += _fourier(fit, fit.fitted) if isinstance(fit.fitted, FourierSurface) else _grid(fit, fit.fitted)
-    lines += ["", *_residuals(fit), "", *_rejected(fit), *(f"left out: {line}" for line in left)]
-    lines += [f"note: {note}" for note in fit.notes]
+    residual, shown = fit.misfits.residual[fit.kept], [f"    {name}: {reason}" for name, reason in fit.rejected]
+    lines += [
+        "",
+        f"Residuals of {len(residual)} points: {fit.rms:.4f} m RMS, {np.abs(residual).max():.4f} at most, "
+        f"mean {round(float(residual.mean()), 4) + 0.0:.4f}",
+        f"Degrees of freedom {fit.freedom:.1f}, sigma0 {fit.sigma0:.4f}; sigmas of the surface are those of the "
+        f"points times {fit.factor:.4f}",
+        f"Least redundancy of a point {fit.misfits.redundancy[fit.kept].min():.3f}; "
+        f"standardised residuals are divided by {fit.scale:.3f}",
+        "",
+        *(["Rejected", *shown] if shown else ["No point rejected"]),
+        *(f"left out: {line}" for line in left),
+        *(f"note: {note}" for note in fit.notes),
+    ]
     return text_of(lines)
 
 
@@ -55,25 +67,21 @@ def _fourier(fit: SurfaceFit, fitted: FourierSurface) -> list[str]:
         f"{fit.waves.trials} that can be told apart",
         "Peaks of the spectrum of what is left; F: what the fit gains by the wave",
         "",
-        *_steps(fit.steps).text(),
+        *sheet(
+            ("Try", "I3", range(1, len(fit.steps) + 1)),
+            ("Length\nm", "F9.2", [step.length for step in fit.steps]),
+            ("Azimuth\ndeg", "F7.1", [step.azimuth / DEGREE for step in fit.steps]),
+            ("Power", "F6.3", [step.power for step in fit.steps]),
+            ("F", "F10.2", [step.ratio if step.is_tested else np.nan for step in fit.steps]),
+            ("Limit", "F6.2", [step.critical if step.is_tested else np.nan for step in fit.steps]),
+            ("Verdict", "A54", [step.reason or "taken" for step in fit.steps]),
+        ).text(),
         "",
         f"Level {level:.4f} m, sigma {sigma:.4f}",
     ]
     if fitted.count:
         lines += ["", *_described(fitted).text(), "", *_correlations(fitted)]
     return lines
-
-
-def _steps(steps: Sequence[Step]) -> Table[Any]:
-    return sheet(
-        ("Try", "I3", range(1, len(steps) + 1)),
-        ("Length\nm", "F9.2", [step.length for step in steps]),
-        ("Azimuth\ndeg", "F7.1", [step.azimuth / DEGREE for step in steps]),
-        ("Power", "F6.3", [step.power for step in steps]),
-        ("F", "F10.2", [step.ratio if step.is_tested else np.nan for step in steps]),
-        ("Limit", "F6.2", [step.critical if step.is_tested else np.nan for step in steps]),
-        ("Verdict", "A54", [step.reason or "taken" for step in steps]),
-    )
 
 
 def _described(surface: FourierSurface) -> Table[Any]:
@@ -126,24 +134,6 @@ def _grid(fit: SurfaceFit, fitted: GridSurface) -> list[str]:
     ]
 
 
-def _residuals(fit: SurfaceFit) -> list[str]:
-    residual = fit.misfits.residual[fit.kept]
-    return [
-        f"Residuals of {len(residual)} points: {fit.rms:.4f} m RMS, {np.abs(residual).max():.4f} at most, "
-        f"mean {round(float(residual.mean()), 4) + 0.0:.4f}",
-        f"Degrees of freedom {fit.freedom:.1f}, sigma0 {fit.sigma0:.4f}; sigmas of the surface are those of the "
-        f"points times {fit.factor:.4f}",
-        f"Least redundancy of a point {fit.misfits.redundancy[fit.kept].min():.3f}; "
-        f"standardised residuals are divided by {fit.scale:.3f}",
-    ]
-
-
-def _rejected(fit: SurfaceFit) -> list[str]:
-    if not fit.rejected:
-        return ["No point rejected"]
-    return ["Rejected", *(f"    {name}: {reason}" for name, reason in fit.rejected)]
-
-
 def corrected_csv(read: ReadPoints, corrected: Corrected) -> str:
     """Return apparent and true points as their file has them, with sigmas (m), or the reason why there is none."""
     good = corrected.fault == Fault.NONE
@@ -191,7 +181,7 @@ def covariance_at(result: Interpolation, distance: float) -> float:
 def collocation_text(result: Interpolation, ids: Sequence[str], sources: tuple[str, str]) -> str:
     """Return the report of an interpolation; `ids` are those of the control points, sources the two files."""
     trend = "a plane" if result.options.trend == Trend.PLANE else "a constant"
-    used = int(result.used.sum())
+    used, every = int(result.used.sum()), result.candidates
     lines = [
         "ERRORS IN HEIGHT INTERPOLATED BETWEEN CONTROL POINTS",
         "",
@@ -200,7 +190,15 @@ def collocation_text(result: Interpolation, ids: Sequence[str], sources: tuple[s
         "",
         "Covariance functions, best first, by Akaike's criterion of the restricted likelihood",
         "",
-        *_families(result.candidates).text(),
+        *sheet(
+            ("Function", "A11", [one.family for one in every]),
+            ("Signal\nm", "F7.3", [one.estimate.covariance.signal**0.5 for one in every]),
+            ("Noise\nm", "F7.3", [one.estimate.covariance.noise**0.5 for one in every]),
+            ("Criterion", "F9.1", [one.estimate.criterion for one in every]),
+            ("Left one out\nm", "F12.3", [one.validation.rms for one in every]),
+            ("Over sigma", "F10.2", [one.validation.standardised_rms for one in every]),
+            ("Parameters", "A50", [one.estimate.covariance.correlation.in_words() for one in every]),
+        ).text(),
         "",
         f"Empirical covariances without trend, and the function used ({result.best.family}), "
         "mean of all directions",
@@ -221,18 +219,6 @@ def collocation_text(result: Interpolation, ids: Sequence[str], sources: tuple[s
         verdict_line(result),
     ]
     return text_of(lines)
-
-
-def _families(every: Sequence[Candidate]) -> Table[Any]:
-    return sheet(
-        ("Function", "A11", [one.family for one in every]),
-        ("Signal\nm", "F7.3", [one.estimate.covariance.signal**0.5 for one in every]),
-        ("Noise\nm", "F7.3", [one.estimate.covariance.noise**0.5 for one in every]),
-        ("Criterion", "F9.1", [one.estimate.criterion for one in every]),
-        ("Left one out\nm", "F12.3", [one.validation.rms for one in every]),
-        ("Over sigma", "F10.2", [one.validation.standardised_rms for one in every]),
-        ("Parameters", "A50", [one.estimate.covariance.correlation.in_words() for one in every]),
-    )
 
 
 def verdict_line(result: Interpolation) -> str:
