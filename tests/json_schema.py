@@ -134,9 +134,23 @@ def with_table(text, schema):
     return f"{before}{BEGIN}\n{manual_list(schema)}\n{END}{after}"
 
 
-if __name__ == "__main__":
-    from musatpy.reports.record import schema_text
+def schema_text():
+    """Return the schema of the record as JSON text, one field on a line."""
+    from musatpy.reports.record import document
 
+    return _spread(document().schema(), "\n") + "\n"
+
+
+def _spread(schema, margin):
+    """Spread what holds fields over lines that begin with `margin`."""
+    inner, text = margin + "  ", json.dumps(schema)
+    if not isinstance(schema, dict) or '"properties": ' not in text:
+        return text
+    entries = (f"{inner}{json.dumps(key)}: {_spread(entry, inner)}" for key, entry in schema.items())
+    return "{" + ",".join(entries) + margin + "}"
+
+
+if __name__ == "__main__":
     SCHEMA.write_text(schema_text())
     for manual, schema in ((MANUAL, SCHEMA), (BATCH_MANUAL, BATCH_SCHEMA)):
         manual.write_text(with_table(manual.read_text(), load_schema(schema)))

@@ -14,7 +14,7 @@ from musatpy.compilation.bottom import Bottom, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.file_places import places_of
 from musatpy.compilation.joined_surfaces import Of
-from musatpy.compilation.profiles import CompiledProfile, oddities, profiles_of, scans_of
+from musatpy.compilation.profiles import oddities, profiles_of, scans_of
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.setups import model_set_up
 from musatpy.compilation.stereomodels import faults_of_pair
@@ -80,36 +80,19 @@ def compile_deck(
     result, bottoms, problems = _with_bottoms(run, deck, anyway)
     if result is None:
         return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
-    kind = result.deck.stages.kind
-    against = [against_run(model, kind[model.rows] == AGAIN) for model in result.models]
     try:
-        profiles = profiles_of(result)
+        done = _reported(result, bottoms)
     except ProblemsError as error:
         return CompileResult(
             status=ExitStatus.UNUSABLE, problems=(*problems, *_of_file(deck, error)), compiled=None
         )
-    scans = scans_of(result, profiles)
-    drawn = [text for bottom in bottoms for text in bottom.warnings(result.deck.grids.ids.tolist())]
-    of_points = (text for part in against for text in part.warnings())
-    warnings = (*of_points, *result.warnings(), *oddities(profiles), *drawn)
-    verdict = verdict_of(result, against)
-    done = Compilation(
-        compiled=result,
-        against=against,
-        warnings=warnings,
-        verdict=verdict,
-        profiles=profiles,
-        scans=scans,
-        bottoms=bottoms,
-    )
-    sections = compilation.sections_of(done)
+    sections, values = compilation.sections_of(done), compilation.DOCUMENT.record(done)
     listing, record = output_paths(deck, out_dir)[:2]
     text = compilation.listing_of(done, sections, carriage_control=carriage_control, date=date)
-    values = compilation.DOCUMENT.record(done)
     files = {listing: text.encode(), record: dumps(values).encode()}
     if csv:
         files |= csv_files(sections, listing)
-    files |= {listing.with_suffix(f".{name}"): data for name, data in _extracts(result, profiles, bottoms)}
+    files |= {listing.with_suffix(f".{name}"): data for name, data in _extracts(done)}
     if plots:
         files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(result, bottoms, values)}
     layers = _layers(result, bottoms, crs) if gis or las else {}
@@ -118,13 +101,31 @@ def compile_deck(
         written = [*files, *(_for_gis(result, bottoms, layers, listing) if gis else ())]
         written += _point_cloud(layers, listing) if las else ()
         of_globe, refused = write_each(layers, listing.with_suffix("")) if gis and crs else ([], [])
+    assert done.verdict is not None
     return CompileResult(
-        status=ExitStatus.of(verdict.grade, strict=strict),
+        status=ExitStatus.of(done.verdict.grade, strict=strict),
         problems=tuple(problems),
         compiled=result,
-        verdict=verdict,
-        warnings=(*warnings, *refused),
+        verdict=done.verdict,
+        warnings=(*done.warnings, *refused),
         files=(*written, *of_globe),
+    )
+
+
+def _reported(result: Compiled, bottoms: Sequence[Bottom]) -> Compilation:
+    """Return what is reported of a deck; raises `ProblemsError` where its profiles cannot be used."""
+    kind, profiles = result.deck.stages.kind, profiles_of(result)
+    against = [against_run(model, kind[model.rows] == AGAIN) for model in result.models]
+    drawn = (text for bottom in bottoms for text in bottom.warnings(result.deck.grids.ids.tolist()))
+    of_points = (text for part in against for text in part.warnings())
+    return Compilation(
+        compiled=result,
+        against=against,
+        warnings=(*of_points, *result.warnings(), *oddities(profiles), *drawn),
+        verdict=verdict_of(result, against),
+        profiles=profiles,
+        scans=scans_of(result, profiles),
+        bottoms=bottoms,
     )
 
 
@@ -142,18 +143,16 @@ def _with_bottoms(run: Path, deck: Path, anyway: bool) -> tuple[Compiled | None,
         return None, (), [*problems, *_of_file(deck, error)]
 
 
-def _extracts(
-    result: Compiled, profiles: list[CompiledProfile], bottoms: Sequence[Bottom]
-) -> Iterator[tuple[str, bytes]]:
+def _extracts(done: Compilation) -> Iterator[tuple[str, bytes]]:
     """Yield the names and contents of the files that a deck asks for: profiles, contours, grids of posts."""
-    places = places_of(result)
-    if profiles:
-        yield "profiles.csv", profiles_csv(profiles, places, result.datum).encode()
-    for bottom in bottoms:
+    places, datum = places_of(done.compiled), done.compiled.datum
+    if done.profiles:
+        yield "profiles.csv", profiles_csv(done.profiles, places, datum).encode()
+    for bottom in done.bottoms:
         if bottom.sheets:
-            yield f"{_OF[bottom.of]}.csv", contours_csv(bottom, places, result.datum).encode()
+            yield f"{_OF[bottom.of]}.csv", contours_csv(bottom, places, datum).encode()
         for grid in bottom.grids:
-            yield f"{grid.name}.csv", grid_csv(grid, places, result.datum).encode()
+            yield f"{grid.name}.csv", grid_csv(grid, places, datum).encode()
 
 
 def set_up_deck(

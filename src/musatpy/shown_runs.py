@@ -73,10 +73,10 @@ def write_page(result: RunResult) -> Path:
     Raises `MusatError` without jinja2 or matplotlib, and `OSError`.
     """
     from musatpy.page.composition import LEFT, page_of_tables
-    from musatpy.reports.record import tables
+    from musatpy.reports.record import document
 
     stem = _stem(result)
-    names = {node.name for node in tables()} - LEFT
+    names = {node.name for node in document().whole} - LEFT
     place = stem.with_name(f"{stem.name}.html")
     files = [file for file in (result.record, result.deck) if file is not None and file.is_file()]
     with numerics(_SHOWN):

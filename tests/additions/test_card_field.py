@@ -27,7 +27,7 @@ from musatpy.jobs.merge import merged
 from musatpy.jobs.punch import punched
 from musatpy.model.block import in_order_of_ids
 import musatpy
-from musatpy.reports.record import record, schema
+from musatpy.reports.record import document, record
 
 deck = Path(sys.argv[1])
 block = musat.read_deck(deck)
@@ -56,7 +56,7 @@ start = next(line for line in echo if "Gauge" in line).index("Gauge")
 assert [line[start:].strip() for line in echo if line.startswith(gauged)] == ["PIER"], echo
 stations = record(solution)["stations"]
 assert dict(zip(stations["photo"], stations["tide_gauge"]))[gauged] == "PIER"
-about = schema()["properties"]["stations"]["properties"]["tide_gauge"]
+about = document().schema()["properties"]["stations"]["properties"]["tide_gauge"]
 assert about["description"] == "TID gauge: Gauge from which the height comes.", about
 left_out = families.families()["patb"].render(parts.parts_of(block), deck.parent).left_out
 print(*left_out, sep="\\n")

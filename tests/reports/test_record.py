@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from altered import altered
-from json_schema import MANUAL, SCHEMA, load_schema, violations, with_table
+from json_schema import MANUAL, SCHEMA, load_schema, schema_text, violations, with_table
 from musatpy.model import CoordinateSystem, RecordContent, Refraction
 from musatpy.reports import record as record_module
 from musatpy.reports.fields import Field, Rows
-from musatpy.reports.record import dumps, held_tables, record, record_of, schema_text, texts_of
+from musatpy.reports.record import dumps, held_tables, record, record_of, texts_of
 from musatpy.reports.values import LazyColumn, rounded
 from musatpy.statistics import Statistics
 from sample_solutions import sample_solution
@@ -71,7 +71,7 @@ def test_the_text_of_odd_values_is_that_of_the_table(monkeypatch):
         ),
     )
     empty = Rows("empty", "", of=lambda s: None, fields=table.fields)
-    text = "".join(record_module.record_texts([table, empty], 1))
+    text = "".join(record_module.object_texts([table, empty], 1, "\n"))
     found = json.loads(text)
     assert found == json.loads(dumps({node.name: node.json(1) for node in (table, empty)}))
     assert found["t %s"]["%d"] == [1.0, None, None, 0.0, 1e-300] and found["t %s"]["name"] == names

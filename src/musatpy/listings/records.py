@@ -250,9 +250,9 @@ def _placed(value: Any) -> Placed:
 @cache
 def _stated_units() -> dict[str, str]:
     """Return the units of the fields of our records that have one, by their paths without indices."""
-    from musatpy.reports.record import schema  # most comparisons need none
+    from musatpy.reports.record import document  # most comparisons need none
 
-    whole = schema()
+    whole = document().schema()
 
     def units(node: Mapping[str, Any], path: str) -> Iterator[tuple[str, str]]:
         node = whole["$defs"][node["$ref"].rpartition("/")[2]] if "$ref" in node else node

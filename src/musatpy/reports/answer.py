@@ -44,21 +44,15 @@ _CAUSES = "Blunders: Causes"
 UNSETTLED = "nothing has converged: what is blamed here may itself be carried away by what is wrong"
 
 
-def _quality_numbers(content: Content) -> dict[str, Sequence[float | None]]:
-    """Return the numbers of the quality in short by their labels, as a record has them."""
-    return {figure.label: figure.numbers for figure in headline(content) if figure.numbers}
-
-
 def _run_numbers(content: Content) -> dict[str, Sequence[float | None]]:
     """Return the numbers of the run in short by their labels, as a record has them."""
     images = [count_at(content, "plates")] if content.get("content") != "tables" else []
+    sizes = [count_at(content, "stations"), count_at(content, "points"), *images]
     return {
-        "Photos, points, images, submerged points": [
-            count_at(content, "stations"), count_at(content, "points"), *images,
-        ],
+        "Photos, points, images, submerged points": sizes,
         "Points flagged D, dry for certain": [count_at(content, "points", "dry")],
         "Iterations": [count_at(content, "iterations"), count_at(content, "water_passes")],
-    }  # fmt: skip
+    }
 
 
 BLUNDERS = Report("Blunders Found", blunders.FINDINGS, "blunder photo point test action")
@@ -80,7 +74,7 @@ def _verdict_texts(content: Content) -> Iterator[str]:
 
 STATED = (
     Texts("Verdict", _verdict_texts, "verdict"),
-    Labels("Quality In Short", _quality_numbers),
+    Labels("Quality In Short", lambda r: {one.label: one.numbers for one in headline(r) if one.numbers}),
     BLUNDERS,
     Texts("Warnings In Short", lambda r: sentences_at(r, "solution.warnings"), "solution"),
     WORST,

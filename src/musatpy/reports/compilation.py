@@ -247,9 +247,10 @@ AXES_TABLE = Report("Model Axes In Working Axes", MODELS, "model origin axes")
 RUN_POINT_TABLE = Report("Points Of The Run In The Model", RUN_POINTS)
 EXPECTED_TABLE = Report("Standard Errors To Expect", EXPECTED)
 WARNINGS = Texts("Warnings Of Run And Readings", lambda r: sentences_at(r, "warnings"), "warnings")
+SET_UP_TABLES = (GEOMETRY_TABLE, AXES_TABLE, RUN_POINT_TABLE, EXPECTED_TABLE)
 STATED = (
     *(WARNINGS, MODEL_TABLE, SHORE_TABLE, RECOVERED_TABLE, compilation_comparisons.RUN_TABLE),
-    *(GEOMETRY_TABLE, AXES_TABLE, RUN_POINT_TABLE, EXPECTED_TABLE),
+    *SET_UP_TABLES,
 )
 
 
@@ -274,8 +275,8 @@ def sections_of(done: Compilation) -> list[Section]:
 
 def set_up_sections(done: Compilation) -> list[Section]:
     """Return what the listing of models set up says, section by section."""
-    tables = (GEOMETRY_TABLE, False), (AXES_TABLE, False), (RUN_POINT_TABLE, True), (EXPECTED_TABLE, True)
-    return [*_model_sections(done), *(report.section(done, new_page=new_page) for report, new_page in tables)]
+    tables = [report.section(done, new_page=number > 1) for number, report in enumerate(SET_UP_TABLES)]
+    return [*_model_sections(done), *tables]
 
 
 def _model_sections(done: Compilation) -> list[Section]:

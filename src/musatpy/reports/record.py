@@ -33,7 +33,7 @@ from musatpy.reports import (
     stated,
     statistical_tests,
 )
-from musatpy.reports.fields import Document, Field, Group, Node, Rows, Schema, without_images
+from musatpy.reports.fields import Document, Field, Group, Node, Rows, without_images
 from musatpy.reports.values import Json, plain, rounded
 from musatpy.statistics import Statistics
 
@@ -127,11 +127,6 @@ def document(content: RecordContent = RecordContent.FULL, *, as_read: bool = Fal
     )
 
 
-def tables(content: RecordContent = RecordContent.FULL) -> Sequence[Node[Statistics]]:
-    """Return all that stands in the record, in its order; last the tables of pages that have their own."""
-    return document(content).whole
-
-
 def record(solution: Solution) -> dict[str, Json]:
     """Return the record of a solution as it is written: dictionaries, lists, texts and numbers."""
     return document().record(Statistics(solution))
@@ -152,25 +147,6 @@ def held_tables(statistics: Statistics, names: Container[str]) -> dict[str, Json
     return {node.name: node.held(statistics) for node in present if node.name in names}
 
 
-def schema() -> Schema:
-    """Return the JSON Schema of the record."""
-    return document().schema()
-
-
-def schema_text() -> str:
-    """Return the schema as JSON text, one field on a line."""
-    return _spread(schema(), "\n") + "\n"
-
-
-def _spread(schema: Any, margin: str) -> str:
-    """Spread what holds fields over lines that begin with `margin`."""
-    inner = margin + "  "
-    if not isinstance(schema, dict) or '"properties": ' not in (text := encoded(schema)):
-        return encoded(schema)
-    entries = (f"{inner}{encoded(key)}: {_spread(entry, inner)}" for key, entry in schema.items())
-    return text if not schema else "{" + ",".join(entries) + margin + "}"
-
-
 def dumps(record: dict[str, Json]) -> str:
     """Return a record as JSON text, one column of a table on a line."""
     return laid_out(record, "\n") + "\n"
@@ -178,7 +154,8 @@ def dumps(record: dict[str, Json]) -> str:
 
 def texts_of(statistics: Statistics, content: RecordContent = RecordContent.FULL) -> Iterator[str]:
     """Yield the text of `record` piece by piece."""
-    yield from record_texts(document(content).present(statistics), statistics)
+    yield from object_texts(document(content).present(statistics), statistics, "\n")
+    yield "\n"
 
 
 _ROWS = 20_000  # at a time
@@ -188,13 +165,8 @@ encoded = json.JSONEncoder(allow_nan=False).encode
 _compact = json.JSONEncoder(allow_nan=False, separators=(",", ":")).encode
 
 
-def record_texts(nodes: Sequence[Node[Any]], source: Any) -> Iterator[str]:
-    """Yield the text of a record of these fields and tables, piece by piece."""
-    yield from _object(nodes, source, "\n")
-    yield "\n"
-
-
-def _object(nodes: Sequence[Node[Any]], source: Any, margin: str) -> Iterator[str]:
+def object_texts(nodes: Sequence[Node[Any]], source: Any, margin: str) -> Iterator[str]:
+    """Yield the text of an object of these fields and tables, piece by piece, on lines that begin with `margin`."""
     inner = margin + "  "
     for number, node in enumerate(nodes):
         yield f"{',' if number else '{'}{inner}{encoded(node.name)}: "
@@ -202,7 +174,7 @@ def _object(nodes: Sequence[Node[Any]], source: Any, margin: str) -> Iterator[st
             yield from _table(node, source, inner)
         elif isinstance(node, Group) and any(isinstance(field, Rows | Group) for field in node.fields):
             item = node.of(source)
-            yield from ["null"] if item is None else _object(node.fields, item, inner)
+            yield from ["null"] if item is None else object_texts(node.fields, item, inner)
         else:
             yield laid_out(node.json(source), inner)
     yield margin + "}"

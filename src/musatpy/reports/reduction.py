@@ -177,14 +177,8 @@ _COEFFICIENT = "E18.9"  # of a lens: by powers of mm
 def sections(statistics: Statistics) -> list[Section]:
     """Return the pages of the reduction; nothing where the plates came refined."""
     reduced = statistics.solution.reduced
-    return [] if reduced is None else reduction_sections(reduced)
-
-
-brief = None  # left out
-
-
-def reduction_sections(reduced: Reduced) -> list[Section]:
-    """Return what the reduction did."""
+    if reduced is None:
+        return []
     options = reduced.given.reduction or ReductionOptions()
     tables = [
         *(report.section(reduced) for report in (PLATES, MARKS, DISTANCES)),
@@ -200,6 +194,9 @@ def reduction_sections(reduced: Reduced) -> list[Section]:
         *(section for section in tables if section.lines),
         *(Section(title=f"{_TITLE}: {title}", lines=wrapped(text)) for title, text in texts.items() if text),
     ]
+
+
+brief = None  # left out
 
 
 def _options(options: ReductionOptions) -> dict[str, str]:

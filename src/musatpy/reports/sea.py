@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -87,12 +87,7 @@ def _fourier(fit: SurfaceFit, fitted: FourierSurface) -> list[str]:
 def _described(surface: FourierSurface) -> Table[Any]:
     """Return the numbers that describe each wave, with their sigmas."""
     values, sigmas = surface.described
-    stated = (
-        ("Amplitude\nm", 4, 1.0),
-        ("Length\nm", 3, 1.0),
-        ("Azimuth\ndeg", 2, DEGREE),
-        ("Phase\ndeg", 2, DEGREE),
-    )
+    stated = ("Amplitude\nm", 4, 1.0), ("Length\nm", 3, 1.0), ("Azimuth\ndeg", 2, DEGREE), ("Phase\ndeg", 2, DEGREE)
     columns: list[tuple[str, str, Any]] = [("Wave", "I4", range(1, surface.count + 1))]
     for n, (heading, decimals, unit) in enumerate(stated):
         columns.append((heading, f"F9.{decimals}", values[:, n] / unit))
@@ -182,6 +177,7 @@ def collocation_text(result: Interpolation, ids: Sequence[str], sources: tuple[s
     """Return the report of an interpolation; `ids` are those of the control points, sources the two files."""
     trend = "a plane" if result.options.trend == Trend.PLANE else "a constant"
     used, every = int(result.used.sum()), result.candidates
+    single, grouped = result.best.validation, result.grouped
     lines = [
         "ERRORS IN HEIGHT INTERPOLATED BETWEEN CONTROL POINTS",
         "",
@@ -210,7 +206,14 @@ def collocation_text(result: Interpolation, ids: Sequence[str], sources: tuple[s
             ("Fitted\nm2", "F10.4", fitted(result)),
         ).text(),
         "",
-        *_validation(result),
+        "Cross-validation (given minus predicted, noise of the control included)",
+        "",
+        f"Before any correction                                  {result.before:8.3f} m RMS",
+        f"Each point left out, the covariance held               {single.rms:8.3f} m RMS, "
+        f"{single.standardised_rms:.2f} over sigma",
+        f"Groups left out, the covariance estimated without them {grouped.rms:8.3f} m RMS, "
+        f"{grouped.standardised_rms:.2f} over sigma",
+        f"Sigmas of corrected heights are those of prediction and noise times {result.factor:.2f}",
         "",
         *_outliers(result, ids),
         "",
@@ -227,20 +230,6 @@ def verdict_line(result: Interpolation) -> str:
     return f"Verdict: {_SAYS[result.verdict]} ({change})"
 
 
-def _validation(result: Interpolation) -> list[str]:
-    single, grouped = result.best.validation, result.grouped
-    return [
-        "Cross-validation (given minus predicted, noise of the control included)",
-        "",
-        f"Before any correction                                  {result.before:8.3f} m RMS",
-        f"Each point left out, the covariance held               {single.rms:8.3f} m RMS, "
-        f"{single.standardised_rms:.2f} over sigma",
-        f"Groups left out, the covariance estimated without them {grouped.rms:8.3f} m RMS, "
-        f"{grouped.standardised_rms:.2f} over sigma",
-        f"Sigmas of corrected heights are those of prediction and noise times {result.factor:.2f}",
-    ]
-
-
 def _outliers(result: Interpolation, ids: Sequence[str]) -> list[str]:
     if not result.outliers:
         return [f"No outliers among the control points (beyond {result.critical:.2f} sigma)"]
@@ -254,17 +243,15 @@ def _outliers(result: Interpolation, ids: Sequence[str]) -> list[str]:
     ]
 
 
-def _cautions(result: Interpolation) -> list[str]:
-    lines = []
+def _cautions(result: Interpolation) -> Iterator[str]:
     wave = result.best.estimate.covariance.correlation.wave_length
     if result.best.family == Family.NONE:
-        lines.append("note: no function of distance explains the errors: the trend alone is taken off")
+        yield "note: no function of distance explains the errors: the trend alone is taken off"
     if wave is not None and result.spacing > wave / 2.0:
-        lines.append(
+        yield (
             f"note: control {result.spacing:.1f} m apart is wider than half the wave of {wave:.1f} m: "
             "on a regular grid another wave would fit as well"
         )
-    return lines
 
 
 _COORDINATES = ("X", "Y", "Z")
@@ -332,25 +319,21 @@ def points_csv(study: WaveStudy) -> str:
     return "\n".join([",".join(POINTS), *rows]) + "\n"
 
 
-def _rays(study: WaveStudy) -> list[str]:
+def _rays(study: WaveStudy) -> Iterator[str]:
     number, parallax = study.errors.number, study.errors.parallax
-    several = int((number > 1).sum())
-    lines = [
-        f"Y-parallax of the mapped points: {np.sqrt(np.mean(parallax**2)):.3f} m RMS, "
-        f"{np.abs(parallax).max():.3f} m at most",
-        f"Rays with several refraction points: {several} of {number.size}",
-    ]
+    several, missing = int((number > 1).sum()), int((~study.errors.complete).sum())
+    rms, most = np.sqrt(np.mean(parallax**2)), np.abs(parallax).max()
+    yield f"Y-parallax of the mapped points: {rms:.3f} m RMS, {most:.3f} m at most"
+    yield f"Rays with several refraction points: {several} of {number.size}"
     if several:
-        lines.append(f"    at most {number.max()} points; the one of the least optical path counts")
+        yield f"    at most {number.max()} points; the one of the least optical path counts"
     if study.wide:
-        lines.append(
+        yield (
             f"note: {study.wide} rays are more than {WIDE / DEGREE:.0f} degrees from the vertical: "
             "points that are not in the overlap of two photographs"
         )
-    missing = int((~study.errors.complete).sum())
     if missing:
-        lines.append(f"note: of {missing} rays the search may have missed refraction points")
-    return lines
+        yield f"note: of {missing} rays the search may have missed refraction points"
 
 
 def _histograms(study: WaveStudy) -> list[str]:

@@ -61,10 +61,8 @@ SAMPLES: Each[Sounded, Sample] = Each(
     ),
 )  # fmt: skip
 REGRESSION: Group[Sounded, Regression] = Group(
-    "regression",
-    "difference = a + b depth without blunders; null for fewer than three depths",
-    of=lambda s: regression(s.differences),
-    fields=(
+    "regression", "difference = a + b depth without blunders; null for fewer than three depths",
+    of=lambda s: regression(s.differences), optional=True, fields=(
         Field("a", "number", "tells of tide or datum", unit="m"),
         Field("a_sigma", "number", "of a", unit="m"),
         Field("b", "number", "tells of refraction"),
@@ -72,8 +70,7 @@ REGRESSION: Group[Sounded, Regression] = Group(
         Field("correlation", "number", "of a and b"),
         Field("sigma0", "number", "of the differences over their sigmas"),
     ),
-    optional=True,
-)
+)  # fmt: skip
 SHARES: Each[Sounded, OrderShare] = Each(
     "orders", "differences within the vertical uncertainty of the orders of S-44",
     of=lambda s: order_shares(s.differences), fields=(
