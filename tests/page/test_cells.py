@@ -81,7 +81,7 @@ def test_tables_of_compilations():
     pages = (compilation, compilation_bottom, compilation_points)
     titles = {report.title for page in pages for report in page.STATED if isinstance(report, Report)}
     assert len(titles) > 10
-    others = (*compilation_points.ANSWER_TABLES, *compilation.SET_UP_TABLES)  # in words of their own, of models alone
+    others = (*compilation_points.ANSWER_TABLES, *compilation.SET_UP_TABLES)  # other words, models alone
     assert titles - {report.title for report in others} <= shown(compilation_page)
 
 
