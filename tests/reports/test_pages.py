@@ -16,7 +16,7 @@ from musatpy.reports import table
 from musatpy.reports.editing import MANY, edited, field_width
 from musatpy.reports.fields import unrecorded
 from musatpy.reports.listing import sections_of
-from musatpy.reports.pages import PAGE_LINES, Section, csv_files, paginate, print_pages
+from musatpy.reports.pages import PAGE_LINES, Section, csv_files, page_texts, paginate
 from musatpy.reports.record import record_of
 from musatpy.runs import run_deck
 from musatpy.statistics import Statistics
@@ -71,13 +71,22 @@ def test_a_section_that_starts_a_page_does_so_once():
 
 
 def test_pages_are_parted_by_form_feeds():
-    text = print_pages([["A", "", "x"], ["B"]], header, carriage_control=False)
+    text = "".join(page_texts([["A", "", "x"], ["B"]], header, carriage_control=False))
     assert text == "PAGE 1\n\nA\n\nx\n\fPAGE 2\n\nB\n"
 
 
 def test_carriage_control_spaces_as_an_impact_printer_did():
-    text = print_pages([["A", "", "x", "", "", "y", "", "", "", "z"], ["B"]], header, carriage_control=True)
-    assert text.splitlines() == ["1PAGE 1", "0A", "0x", "-y", "-", " z", "1PAGE 2", "0B"]
+    pages = [["A", "", "x", "", "", "y", "", "", "", "z"], ["B"]]
+    assert "".join(page_texts(pages, header, carriage_control=True)).splitlines() == [
+        "1PAGE 1",
+        "0A",
+        "0x",
+        "-y",
+        "-",
+        " z",
+        "1PAGE 2",
+        "0B",
+    ]
 
 
 NAN = math.nan

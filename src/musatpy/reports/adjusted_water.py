@@ -90,11 +90,6 @@ _CORRELATIONS_OF_WAVES = Rows[AdjustedWaves, AdjustedWaves](
 )  # fmt: skip
 
 
-def _considered_sigmas(water: ConsideredWater) -> FloatArray:
-    """Return the sigmas (c,) of what is known with an error, in the units in which they are read."""
-    return water.sigma / np.array([_CONSIDERED_UNITS[unit] for unit in water.units.tolist()])
-
-
 _CORRECTIONS = Rows[Statistics, AdjustedWater](
     "corrections", "corrections of tides", of=_water, fields=(
         Field("group", "string", "photo, group or day; empty for all photos", "correction_ids", "Photo or group",
@@ -110,7 +105,9 @@ _CONSIDERED = Rows[Statistics, ConsideredWater](
         Field("quantity", "string",
               "the level of a tide group, day or photo; the tilt; the index; a parameter of a wave", "names",
               "Quantity", "A36", is_id=True),
-        Field("sigma", "number", "in the unit beside", _considered_sigmas, "Sigma", "F12.6"),
+        Field("sigma", "number", "in the unit beside",
+              lambda c: c.sigma / np.array([_CONSIDERED_UNITS[unit] for unit in c.units.tolist()]),
+              "Sigma", "F12.6"),
         Field("unit", "enum", "of the sigma", "units", "Unit", "A8", choices=("m", "arc sec", "deg", "")),
     ),
 )  # fmt: skip
@@ -161,25 +158,18 @@ def sections(statistics: Statistics) -> list[Section]:
     lines = labelled(_lines(water))
     is_open = any(name.startswith("the level") for name in water.undetermined)
     note = "Blank: not determined by the images, if any depend on it." if is_open else ""
-    return [
+    sections = [
         *([CORRECTIONS.section(statistics, note, worst=())] if len(water.correction) else []),
         *([Section(title=SURFACE.title, lines=lines)] if lines else []),
         *([] if water.waves is None else _waves(water.waves)),
-        *_not_adjusted(statistics),
     ]
-
-
-def _not_adjusted(statistics: Statistics) -> list[Section]:
-    """Return the water that is known with an error, and that without; nothing in a job without submerged points."""
-    sections, solution = [], statistics.solution
-    if solution.considered is not None:
+    if (solution := statistics.solution).considered is not None:
         note = (
             "Their errors are not adjusted: they are in the sigmas of stations, points and depths, and the tests "
             f"allow for them. Without what they explain, sigma0 is {number_text('F8.3', solution.unit_sigma)}."
         )
         sections.append(CONSIDERED.section(statistics, note))
-    exact = exact_water(statistics.block)
-    if exact:
+    if exact := exact_water(statistics.block):
         note = f"Taken to be without error, as the cards give no sigma: {'; '.join(exact)}."
         sections.append(Section(title="Water: Without Error", lines=wrapped([note])))
     return sections

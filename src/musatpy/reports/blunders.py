@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -108,17 +108,6 @@ def _findings(statistics: Statistics, unit: str) -> Section:
     return report.section(statistics, ["", *(f"{number}  {note}" for note, number in notes.items())])
 
 
-def _causes(statistics: Statistics) -> list[Section]:
-    """Return the ranked causes, and what to check; nothing where there are none."""
-    causes = statistics.solution.causes
-    if not causes:
-        return []
-    advice = dict.fromkeys(cause.advice for cause in causes)
-    numbers = {text: f"{number:4d}" for number, text in enumerate(advice, 1)}
-    notes = wrapped([f"{number}  {text}" for text, number in numbers.items()])
-    return [_cause_report(causes, numbers).section(statistics, ["", *notes, "", *wrapped(_CAUSES_SAY)])]
-
-
 _CAUSES_SAY = [
     "Causes of one group explain the same misfit; those of one rank explain it equally well, the cheaper to check "
     "first. The test is the root of what the weighted sum of squares loses by it, for each parameter, in sigma0; "
@@ -126,27 +115,31 @@ _CAUSES_SAY = [
 ]
 
 
-def _cause_report(causes: tuple[Cause, ...], numbers: Mapping[str, str]) -> Report[Statistics]:
-    """Return the table of causes; `numbers` are those of what is to be checked."""
+def _causes(statistics: Statistics) -> list[Section]:
+    """Return the ranked causes, and what to check; nothing where there are none."""
+    causes = statistics.solution.causes
+    if not causes:
+        return []
+    numbers = {text: f"{number:4d}" for number, text in enumerate(dict.fromkeys(of.advice for of in causes), 1)}
     largest = [_largest(cause) for cause in causes]
 
     def each(heading: str, edit: str, value: Callable[[Cause, int], Any]) -> Field[Statistics]:
         values = [value(cause, axis) for cause, axis in zip(causes, largest, strict=True)]
         return Field(heading, heading=heading, edit=edit, shown=lambda t: values)
 
-    return Report(
-        "Blunders: Causes",
-        CAUSES,
-        (
-            "group rank cause",
-            each("Photo, point", "A20", lambda of, axis: f"{_names(of.photos)} {_names(of.points)}".strip()),
-            each("Of", "A17", _component),
-            each("Size", "F12.3", lambda cause, axis: _at(cause.size, axis)),
-            each("Sigma", "F9.3", lambda cause, axis: _at(cause.sigma, axis)),
-            "unit test",
-            each("Note", "A4", lambda cause, axis: numbers[cause.advice]),
-        ),
+    columns = (
+        "group rank cause",
+        each("Photo, point", "A20", lambda of, axis: f"{_names(of.photos)} {_names(of.points)}".strip()),
+        each("Of", "A17", lambda of, axis: of.kind.axes[axis] if of.kind.axes and of.size else of.component),
+        each("Size", "F12.3", lambda of, axis: _at(of.size, axis)),
+        each("Sigma", "F9.3", lambda of, axis: _at(of.sigma, axis)),
+        "unit test",
+        each("Note", "A4", lambda of, axis: numbers[of.advice]),
     )
+    notes = wrapped([f"{number}  {text}" for text, number in numbers.items()])
+    return [
+        Report("Blunders: Causes", CAUSES, columns).section(statistics, ["", *notes, "", *wrapped(_CAUSES_SAY)])
+    ]
 
 
 def _largest(cause: Cause) -> int:
@@ -158,10 +151,6 @@ def _largest(cause: Cause) -> int:
 
 def _at(values: tuple[float, ...], axis: int) -> float:
     return values[axis] if axis < len(values) else float("nan")
-
-
-def _component(cause: Cause, axis: int) -> str:
-    return cause.kind.axes[axis] if cause.kind.axes and cause.size else cause.component
 
 
 def _names(ids: tuple[str, ...]) -> str:

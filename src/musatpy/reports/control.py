@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.arrays import FloatArray, TextArray
 from musatpy.model import ControlKind, ObservationKind
 from musatpy.model.tables import POSITION_UNIT
 from musatpy.reports.analyses import CHECK_POINTS, analysis_section
@@ -50,7 +50,12 @@ RESIDUALS = Report(
         "point kind fixed",
         CONTROL.column("difference", shown=lambda t: np.where(t["used"], t["difference"], np.nan)),
         "given_sigma test",
-        Field("fails", heading="Fails", edit="A5", shown=lambda t: np.where(_fails(t["test"]), "*", "")),
+        Field(
+            "fails",
+            heading="Fails",
+            edit="A5",
+            shown=lambda t: _stars(t["test"]),
+        ),
     ),
     which=lambda t: np.flatnonzero(t["kind"] != "check"),
     worst=lambda t: np.nan_to_num(np.abs(t["test"]), nan=-1.0).max(axis=1),
@@ -159,6 +164,5 @@ def sections(statistics: Statistics) -> list[Section]:
     return sections + filled(CONSTRAINTS, statistics)
 
 
-def _fails(tests: FloatArray) -> BoolArray:
-    with np.errstate(invalid="ignore"):
-        return np.asarray((np.abs(tests) > TEST_LIMIT).any(axis=1))
+def _stars(tests: FloatArray) -> TextArray:
+    return np.where((np.abs(np.nan_to_num(tests)) > TEST_LIMIT).any(axis=1), "*", "")

@@ -191,12 +191,8 @@ def prints_as_zero(descriptor: str, value: float) -> bool:
 
 @lru_cache(maxsize=4096)
 def _number(value: float, edit: Edit) -> str:
-    return _without_zero(write_number(value, edit))
-
-
-def _without_zero(text: str) -> str:
-    """Return a number without the zero before its point, as wide as it was: `  0.281` becomes `   .281`."""
-    return _LEADING_ZERO.sub("", text).rjust(len(text))
+    text = write_number(value, edit)
+    return _LEADING_ZERO.sub("", text).rjust(len(text))  # `  0.281` becomes `   .281`
 
 
 def _angles(angles: NDArray[Any], width: int, decimals: int) -> list[str]:

@@ -44,13 +44,9 @@ ITERATIONS = Each[Statistics, tuple[Iteration, str, str]](
 )  # fmt: skip
 
 
-def _passes(statistics: Statistics) -> list[tuple[WaterPass, str]]:
-    """Return the passes with the points of their largest movements."""
-    return [(p, str(statistics.block.points.ids[p.point])) for p in statistics.solution.passes]
-
-
 PASSES = Each[Statistics, tuple[WaterPass, str]](
-    "water_passes", "one row per pass of the water point correction", of=_passes, fields=(
+    "water_passes", "one row per pass of the water point correction",
+    of=lambda s: [(p, str(s.block.points.ids[p.point])) for p in s.solution.passes], fields=(
         Field("number", "integer", "pass", lambda p: p[0].number, "Pass", "I4", is_id=True),
         Field("movement", "number?", "largest movement of a submerged point since the pass before",
               lambda p: p[0].movement, "Largest movement\nm", "F14.5"),

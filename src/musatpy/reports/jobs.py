@@ -16,7 +16,7 @@ from musatpy.jobs.naming import Kind, Names
 from musatpy.jobs.summary import NO_CONTROL, Summary, rays_histogram
 from musatpy.model import Block, ControlKind, Plates
 from musatpy.reports.fields import Field, Rows, identity
-from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, paginate, print_pages, text_of, wrapped
+from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, page_texts, paginate, text_of, wrapped
 from musatpy.reports.table import Report, Table, sheet
 from musatpy.reports.values import Json, Values, plain, rows
 from musatpy.units import ARC_SECOND, MICROMETRE
@@ -34,7 +34,7 @@ def list_text(job: Summary, deck: str) -> str:
     def head(page: int) -> str:
         return header.ljust(PAGE_WIDTH - 10) + f"PAGE{page:6d}"
 
-    return print_pages(pages, head, carriage_control=False)
+    return "".join(page_texts(pages, head, carriage_control=False))
 
 
 def sections(job: Summary) -> list[Section]:

@@ -139,29 +139,18 @@ def sections_of(
 def printed(
     statistics: Statistics, sections: Sequence[Section], *, carriage_control: bool, date: datetime.date | None
 ) -> Iterator[str]:
-    """Return the listing with these sections, page by page."""
-    header = _header(statistics, date)
-    return page_texts(_pages(statistics, sections), header, carriage_control=carriage_control)
-
-
-def _header(statistics: Statistics, date: datetime.date | None) -> Callable[[int], str]:
-    """Return the header of a page by its number; that of a run that is not accepted says so on every page."""
-    block = statistics.block
-    title = block.titles[0] if block.titles else ""
+    """Return the listing with these sections, page by page; of a run that is not accepted every page says so."""
+    options, titles = statistics.block.options, statistics.block.titles
     mark = answer.MARKS.get(statistics.verdict.grade, "")
     room = _TITLE_WIDTH - len(mark) - 2 * bool(mark)
-    left = f"MUSATPY  MUSAT-{block.options.program}  {title[:room]:<{room}}{'  ' * bool(mark)}{mark}"
-    return headed(left, date)
-
-
-def _pages(statistics: Statistics, sections: Sequence[Section]) -> list[list[str]]:
-    """Return the pages: the answer, the index, the sections. The first have as many lines wherever these begin."""
+    title = titles[0][:room] if titles else ""
+    left = f"MUSATPY  MUSAT-{options.program}  {title:<{room}}{'  ' * bool(mark)}{mark}"
     body, starts = laid_out(sections)
     names = [section.title.split("\n")[0] for section in sections]
-    count = _FRONT_PAGES
+    count = _FRONT_PAGES  # the first pages have as many lines wherever the others begin
     while len(front := _front(statistics, names, [count + start for start in starts])) != count:
         count = len(front)
-    return [*front, *body]
+    return page_texts([*front, *body], headed(left, date), carriage_control=carriage_control)
 
 
 def _front(statistics: Statistics, names: Sequence[str], starts: Sequence[int]) -> list[list[str]]:

@@ -73,21 +73,14 @@ def laid_out(sections: Sequence[Section]) -> tuple[list[list[str]], list[int]]:
     return pages, starts
 
 
-def print_pages(
+def page_texts(
     pages: Sequence[Sequence[str]], header: Callable[[int], str], *, carriage_control: bool, caution: str = ""
-) -> str:
-    """Return the listing: every page below `header(page number)`, and below what is to be said on every page.
+) -> Iterator[str]:
+    """Yield the listing page by page, each below `header(page number)`, and below what is to be said on every page.
 
     With `carriage_control`, ASA characters stand in column 1 (`1` new page, `0` after a blank line, `-` after two,
     blank next line) and the text from column 2 on; otherwise a form feed starts every page but the first.
     """
-    return "".join(page_texts(pages, header, carriage_control=carriage_control, caution=caution))
-
-
-def page_texts(
-    pages: Sequence[Sequence[str]], header: Callable[[int], str], *, carriage_control: bool, caution: str = ""
-) -> Iterator[str]:
-    """Yield the text of `print_pages` page by page."""
     for number, body in enumerate(pages, start=1):
         page = [header(number), f"*** {caution.upper()} ***" if caution else "", *body]
         if not "".join(page).isprintable():  # names of soundings and photos come from anybody's files
@@ -114,7 +107,8 @@ def print_titled(
     date: datetime.date | None = None,
 ) -> str:
     """Return sections as a listing whose pages are `headed`, with a caution on each."""
-    return print_pages(paginate(sections), headed(title, date), carriage_control=carriage_control, caution=caution)
+    pages = paginate(sections)
+    return "".join(page_texts(pages, headed(title, date), carriage_control=carriage_control, caution=caution))
 
 
 def _fits(section: Section, page: Sequence[str]) -> bool:
