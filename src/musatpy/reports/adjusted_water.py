@@ -222,11 +222,7 @@ def _waves(waves: AdjustedWaves) -> list[Section]:
         "from the origin of the waves at time 0. A parameter is determined where its sigma is at most half of that "
         "given, and not where it keeps 0.95 of it."
     )
-    return [
-        WAVES.section(waves),
-        PARAMETERS_OF_WAVES.section(waves, note),
-        CORRELATIONS.section(waves, worst=()),
-    ]
+    return [WAVES.section(waves), PARAMETERS_OF_WAVES.section(waves, note), CORRELATIONS.section(waves, worst=())]
 
 
 def _lines(water: AdjustedWater) -> dict[str, str]:

@@ -66,18 +66,16 @@ def _is_refracted(t: Values) -> bool:
     return t.source is None or not _unrefracted(t.source)
 
 
-def _has_given(t: Values) -> bool:
-    """Tell whether soundings are control besides."""
-    return t.source is None or (_is_refracted(t) and _are_given(t.source))
-
-
 DEPTHS = Report(
     "Depths Of Bathymetric Points",
     BATHYMETRIC,
     (
         "point photos incidence water_level depth_no_refraction depth_predicted",
         *(BATHYMETRIC.column(name, when=_is_refracted) for name in ("depth", "depth_sigma", "height")),
-        *(BATHYMETRIC.column(name, when=_has_given) for name in ("control", "residual")),
+        *(
+            BATHYMETRIC.column(name, when=lambda t: t.source is None or (_is_refracted(t) and _are_given(t.source)))
+            for name in ("control", "residual")
+        ),
     ),
     worst=lambda t: t["depth_sigma"],
 )

@@ -120,7 +120,4 @@ def sections(statistics: Statistics) -> list[Section]:
     ]
     if left:
         note += f" Left out, as their errors are in the sigmas: {' and '.join(left)}."
-    return [
-        TESTS.section(statistics, note, new_page=True),
-        *([HIDDEN.section(statistics)] if tested else []),
-    ]
+    return [TESTS.section(statistics, note, new_page=True), *([HIDDEN.section(statistics)] if tested else [])]

@@ -248,10 +248,7 @@ RUN_POINT_TABLE = Report("Points Of The Run In The Model", RUN_POINTS)
 EXPECTED_TABLE = Report("Standard Errors To Expect", EXPECTED)
 WARNINGS = Texts("Warnings Of Run And Readings", lambda r: sentences_at(r, "warnings"), "warnings")
 SET_UP_TABLES = (GEOMETRY_TABLE, AXES_TABLE, RUN_POINT_TABLE, EXPECTED_TABLE)
-STATED = (
-    *(WARNINGS, MODEL_TABLE, SHORE_TABLE, RECOVERED_TABLE, compilation_comparisons.RUN_TABLE),
-    *SET_UP_TABLES,
-)
+STATED = (*(WARNINGS, MODEL_TABLE, SHORE_TABLE, RECOVERED_TABLE, compilation_comparisons.RUN_TABLE), *SET_UP_TABLES)
 
 
 def sections_of(done: Compilation) -> list[Section]:
@@ -300,11 +297,7 @@ def _of_waves(compiled: Compiled) -> str:
 
 
 def listing_of(
-    done: Compilation,
-    sections: list[Section],
-    *,
-    carriage_control: bool = False,
-    date: datetime.date | None = None,
+    done: Compilation, sections: list[Section], *, carriage_control: bool = False, date: datetime.date | None = None
 ) -> str:
     """Return the listing of a compilation, or of models set up, from its sections, on pages of 132 columns."""
     titles = done.compiled.deck.titles

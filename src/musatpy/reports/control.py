@@ -50,12 +50,7 @@ RESIDUALS = Report(
         "point kind fixed",
         CONTROL.column("difference", shown=lambda t: np.where(t["used"], t["difference"], np.nan)),
         "given_sigma test",
-        Field(
-            "fails",
-            heading="Fails",
-            edit="A5",
-            shown=lambda t: _stars(t["test"]),
-        ),
+        Field("fails", heading="Fails", edit="A5", shown=lambda t: _stars(t["test"])),
     ),
     which=lambda t: np.flatnonzero(t["kind"] != "check"),
     worst=lambda t: np.nan_to_num(np.abs(t["test"]), nan=-1.0).max(axis=1),

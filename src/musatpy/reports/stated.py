@@ -42,11 +42,7 @@ _IN_WORDS = {
     AngleUnit.RADIANS: "radians",
 }
 # Names of the angles of an attitude, where it is no matrix.
-_NAMES = {
-    "OPK": ("Omega", "Phi", "Kappa"),
-    "POK": ("Phi", "Omega", "Kappa"),
-    "ATS": ("Azimuth", "Tilt", "Swing"),
-}
+_NAMES = {"OPK": ("Omega", "Phi", "Kappa"), "POK": ("Phi", "Omega", "Kappa"), "ATS": ("Azimuth", "Tilt", "Swing")}
 _UNIT = 14  # characters of a unit in a heading: `US survey foot`
 
 WORDS: tuple[Field[Words], ...] = (

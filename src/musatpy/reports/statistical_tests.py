@@ -153,9 +153,6 @@ def _tests(t: Values) -> FloatArray:
     return np.asarray(t["test"] if t.source is None else t.source.test[t.rows])
 
 
-_STAR: Field[Statistics] = Field(
-    "beyond", heading="", edit="A1", shown=lambda t: np.where(np.abs(_tests(t)) > TEST_LIMIT, "*", "")
-)
 COMPONENTS = Report("Statistics: Sigma0 And Variance Components", _COMPONENTS, path="tests.variance_components")
 OBSERVATIONS = Report(
     "Statistics: Observations, The Worst First",
@@ -165,7 +162,7 @@ OBSERVATIONS = Report(
         residuals.UNIT,
         "residual sigma redundancy standardised",
         residuals.OBSERVATIONS.column("test", shown=_tests),
-        _STAR,
+        Field("beyond", edit="A1", shown=lambda t: np.where(np.abs(_tests(t)) > TEST_LIMIT, "*", "")),
         "detectable effect",
     ),
     which=_listed,

@@ -125,10 +125,12 @@ STATED = (Labels("Options", _limits), SIZE)
 def sections(statistics: Statistics) -> list[Section]:
     """Return titles, options and counts."""
     block = statistics.block
+    (lead,) = labelled({"Set for this run": ""})
+    settings = wrapped([", ".join(block.settings)], lead=lead) if block.settings else []
     program = [f"musatpy version {musatpy.__version__}: MUSAT-{block.options.program} aerotriangulation", ""]
     return [
         Section(title="AEROTRIANGULATION", lines=[*program, *block.titles]),
-        Section(title="Options", lines=[*labelled(_options(block)), *_settings(block)]),
+        Section(title="Options", lines=[*labelled(_options(block)), *settings]),
         *stated.systems(statistics),
         Section(title="Size Of The Job", lines=labelled(_sizes(block))),
     ]
@@ -163,12 +165,6 @@ def _options(block: Block) -> dict[str, str]:
 
 def _sigma(edit: str, sigma: float | None) -> str:
     return "" if sigma is None else f", sigma {number_text(edit, sigma)}"
-
-
-def _settings(block: Block) -> list[str]:
-    """Return what was set for the run: of its cards, which the lines above have already, and its options."""
-    (lead,) = labelled({"Set for this run": ""})
-    return wrapped([", ".join(block.settings)], lead=lead) if block.settings else []
 
 
 def _line(options: Options, name: str) -> tuple[str, str]:
