@@ -26,6 +26,7 @@ from musatpy.jobs.plan_positions import Area
 from musatpy.jobs.punch import Content, Punch, punched
 from musatpy.jobs.summary import rays_histogram, summary
 from musatpy.model import Block, CoordinateSystem, SystemSpec
+from musatpy.model.tables import taken
 from musatpy.reports.jobs import list_record, list_text
 from raw_plates import crosses, distances, raw_block, refined_block, reseau
 
@@ -81,24 +82,12 @@ def test_ties_and_parts(seed: int) -> None:
 
 
 def once_each(block: Block) -> Block:
-    """The block with the first measurement of each point on each photo, as a deck has to have it."""
+    """The block with one measurement of each point on each photo, as a deck has to have it."""
     plates = block.plates
-    best: dict[tuple[int, int], int] = {}
-    for row, key in enumerate(zip(plates.photo.tolist(), plates.point.tolist(), strict=True)):
-        if key not in best or (plates.triangulated[row] and not plates.triangulated[best[key]]):
-            best[key] = row
-    rows = np.array(sorted(best.values()))
-    return replace(
-        block,
-        plates=replace(
-            plates,
-            photo=plates.photo[rows],
-            point=plates.point[rows],
-            xy=plates.xy[rows],
-            sigma=plates.sigma[rows],
-            triangulated=plates.triangulated[rows],
-        ),
-    )
+    keys = zip(plates.photo.tolist(), plates.point.tolist(), plates.triangulated.tolist(), strict=True)
+    best = dict(sorted(((key, row) for row, key in enumerate(keys)), key=lambda one: (one[0][2], -one[1])))
+    rows = sorted({key[:2]: row for key, row in best.items()}.values())
+    return replace(block, plates=taken(plates, np.array(rows)))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -188,15 +177,8 @@ def test_other_systems_and_readings_are_told() -> None:
 
 def test_a_job_of_many_photos_lists_neighbours_in_place_of_a_matrix() -> None:
     block = cayman()
-    copies = [
-        Part(
-            name=name,
-            block=renamed(
-                block, {kind: prefixed(block, kind, name, {}) for kind in (Kind.PHOTO, Kind.POINT)}, name
-            ),
-        )
-        for name in "ABC"
-    ]
+    names = ({kind: prefixed(block, kind, name, {}) for kind in BOTH} for name in "ABC")
+    copies = [Part(name=name, block=renamed(block, new, name)) for name, new in zip("ABC", names, strict=True)]
     found = summary(merged(copies).block)
     text = list_text(found, "many.crd")
     assert "A838\n    A837 (18)  A839 (19)  A840 (4)\n" in text
@@ -232,16 +214,8 @@ def test_photos_come_out_with_their_readings_and_calibrations():
     gone = {line for line in text if line.startswith(("CAM RC10", "FMS 21", "RSM 21"))}
     kept = cards(part)
     assert gone and not kept.keys() & gone
-    for kind, count in (
-        ("RSC", 49),
-        ("RSM", 98),
-        ("FDS", 4),
-        ("LNS", 1),
-        ("DST", 5),
-        ("FMS", 32),
-        ("CMP", 1),
-        ("RED", 1),
-    ):
+    counts = {"RSC": 49, "RSM": 98, "FDS": 4, "LNS": 1, "DST": 5, "FMS": 32, "CMP": 1, "RED": 1}
+    for kind, count in counts.items():
         own = {line for line in kept if line[:3] == kind}
         assert own <= set(text) and len(own) == count, kind
     again = reread(part)

@@ -57,17 +57,14 @@ def test_a_heading_is_never_left_alone_at_the_foot_of_a_page(filled):
             assert len(page) - page.index("B") >= 2 + 4
 
 
-def test_a_section_that_stays_together_moves_to_the_next_page():
-    sections = [Section(title="A", lines=numbered(40)), Section(title="B", lines=numbered(20), together=True)]
-    assert [page[0] for page in paginate(sections)] == ["A", "B"]
-
-
-def test_a_section_that_starts_a_page_does_so_once():
-    sections = [
-        Section(title="A", lines=numbered(1), new_page=True),
-        Section(title="B", lines=numbered(1), new_page=True),
-    ]
-    assert [page[0] for page in paginate(sections)] == ["A", "B"]
+@pytest.mark.parametrize(
+    "second",
+    [Section(title="B", lines=numbered(20), together=True), Section(title="B", lines=["row"], new_page=True)],
+    ids=["stays together", "starts a page"],
+)
+def test_a_section_that_stays_together_or_starts_a_page_moves_to_the_next_one(second):
+    first = Section(title="A", lines=numbered(40), new_page=True)  # there is no page to be left
+    assert [page[0] for page in paginate([first, second])] == ["A", "B"]
 
 
 def test_pages_are_parted_by_form_feeds():
@@ -158,17 +155,15 @@ def test_columns_are_edited_as_their_values_are(values, edit):
     assert edited(edit, column) == alone * MANY
 
 
-@given(st.lists(st.integers(-(10**7), 10**7), min_size=1, max_size=30), st.integers(1, 9))
-def test_columns_of_whole_numbers_are_edited_as_their_values_are(values, width):
-    alone = [edited(f"I{width}", [value])[0] for value in values]
-    assert edited(f"I{width}", np.array(values * MANY)) == alone * MANY
-
-
-@pytest.mark.slow
-@given(st.lists(st.text(st.characters(exclude_characters="\0"), max_size=12), min_size=1, max_size=30))
-def test_columns_of_texts_are_edited_as_their_values_are(values):
-    alone = [edited("A8", [value])[0] for value in values]
-    assert edited("A8", np.array(values * MANY)) == edited("A8", values * MANY) == alone * MANY
+@given(
+    st.lists(st.integers(-(10**7), 10**7), min_size=1, max_size=30),
+    st.lists(st.text(st.characters(exclude_characters="\0"), max_size=12), min_size=1, max_size=30),
+    st.integers(1, 9),
+)
+def test_columns_of_whole_numbers_and_of_texts_are_edited_as_their_values_are(numbers, texts, width):
+    for values, edit in ((numbers, f"I{width}"), (texts, f"A{width}")):
+        alone = [edited(edit, [value])[0] for value in values] * MANY
+        assert edited(edit, np.array(values * MANY)) == edited(edit, values * MANY) == alone
 
 
 def test_a_table_of_many_rows_is_that_of_its_rows(monkeypatch):
@@ -267,8 +262,3 @@ def test_ids_that_a_spreadsheet_would_compute_stay_texts(name):
     _, first, second, third = csv.reader(text.splitlines())
     assert first[0][0] == " " and first[0].strip() == name.strip() and first[1] == "-1.25"
     assert second == ["-5", "3.0"] and third == ["P-1", ""]  # a number is one in any sheet
-
-
-def test_without_the_option_there_are_none(tmp_path):
-    run_deck(FIXTURES / "cayman" / "cayman_modified.crd", tmp_path)
-    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".json", ".lst"]
