@@ -140,16 +140,6 @@ def test_a_changed_reason_on_page_1_is_found():
         assert {one.section for one in difference.findings} == {"Verdict"}
 
 
-def test_where_pages_break_is_no_difference():
-    """A longer table moves the pages behind it: neither the index nor references tell."""
-    statistics = run(Grade.DOUBTFUL)
-    whole = listing_of(statistics)
-    page = re.search(r"\(page \d+\)", whole)
-    assert page is not None
-    moved = whole.replace(page[0], "(page 99)")
-    assert moved != whole and compare_texts(whole, moved).same
-
-
 def crowded(reasons, notes, blunders, warnings, stated_in=None):
     """A sample with so many of each, each longer than a line."""
     words = "photo 1 point 2 " * 12

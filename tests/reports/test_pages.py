@@ -262,3 +262,8 @@ def test_ids_that_a_spreadsheet_would_compute_stay_texts(name):
     _, first, second, third = csv.reader(text.splitlines())
     assert first[0][0] == " " and first[0].strip() == name.strip() and first[1] == "-1.25"
     assert second == ["-5", "3.0"] and third == ["P-1", ""]  # a number is one in any sheet
+
+
+def test_without_the_option_there_are_none(tmp_path):
+    run_deck(FIXTURES / "cayman" / "cayman_modified.crd", tmp_path)
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".json", ".lst"]
