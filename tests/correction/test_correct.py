@@ -13,12 +13,16 @@ from cli.commands import musat
 from musatpy import model
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import BoolArray, FloatArray
+from musatpy.compilation.correcting import Correction as ModelCorrection
 from musatpy.compilation.point_errors import PointErrors
+from musatpy.compilation.run_records import of_record
+from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import of_solution
 from musatpy.correction.photographs import of_table
 from musatpy.depth.cameras import read_cameras
 from musatpy.depth.correction import Correction
 from musatpy.geometry.collinearity import attitude_matrix, image, image_by_vector
+from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.projected import crs_of
 from musatpy.interchange import geotiff
 from musatpy.interchange.layers import LOCAL, Grid
@@ -249,6 +253,34 @@ def test_nothing_corrected_is_no_success(tmp_path: Path) -> None:
     )
     assert result.exit_code == 4
     assert "2 not: not below the water" in result.stdout and "no point is corrected" in result.stderr
+
+
+def test_points_below_waves_are_those_of_their_model(tmp_path: Path) -> None:
+    """By two photographs as by the loop of their model, which looks for images of true points; by all too."""
+    deck = Path(__file__).parents[2] / "fixtures/waves/strip.crd"
+    assert musat("run", "-q", str(deck), "-o", str(tmp_path)).exit_code == 0
+    draws = np.random.default_rng(2)
+    X = draws.uniform([-81.308, 19.295, -9.0], [-81.304, 19.298, -2.0], (12, 3))
+    run, target = str(tmp_path / "strip.json"), tmp_path / "true.csv"
+    (tmp_path / "points.csv").write_text("x,y,z\n" + "".join(f"{x:.9f},{y:.9f},{z:.4f}\n" for x, y, z in X))
+    given = ("correct", str(tmp_path / "points.csv"), "-o", str(target), "--run", run, "-j", "1")
+    assert musat(*given, "--photos", "837,838").exit_code == 0
+    rows = rows_of(target)
+    triangulation = of_record(Path(run))
+    assert triangulation.sea is not None and triangulation.ellipsoid is not None
+    pointing = triangulation.block.options.plate_sigma * triangulation.unit_sigma
+    system = LongitudeLatitude(triangulation.ellipsoid)
+    model_of = ModelCorrection(stereo=set_up(triangulation, "837", "838"), system=system, pointing=pointing)
+    expected = model_of(np.array([[float(row[axis]) for axis in "xyz"] for row in rows]))
+    true = np.array([[float(row[f"true_{axis}"]) for axis in "xyz"] for row in rows])
+    np.testing.assert_allclose(true[:, :2], expected.xyz[:, :2], rtol=0.0, atol=2e-9)  # a degree is 111 km
+    np.testing.assert_allclose(true[:, 2], expected.xyz[:, 2], rtol=0.0, atol=1e-4)
+    depth_sigma = [float(row["sigma_depth"]) for row in rows]
+    np.testing.assert_allclose(depth_sigma, expected.depth_sigma, rtol=0.0, atol=6e-5)
+    assert musat(*given).exit_code == 0
+    by_all = rows_of(target)
+    assert {row["reason"] for row in by_all} == {""} and max(len(row["cameras"].split()) for row in by_all) > 2
+    assert all(float(row["sigma_depth"]) < sigma + 1e-4 for row, sigma in zip(by_all, depth_sigma, strict=True))
 
 
 def test_a_run_has_the_sigmas_of_its_stations(tmp_path: Path) -> None:

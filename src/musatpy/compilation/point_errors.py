@@ -11,8 +11,10 @@ import numpy as np
 
 from musatpy.adjustment.network import group_points
 from musatpy.adjustment.propagation import covariances_with_depths, pieces
+from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.errors_of_pairs import joint_covariances
+from musatpy.compilation.parts import in_parts
 from musatpy.compilation.triangulation import Triangulation, of_block
 from musatpy.compilation.true_points import network_of_plates
 from musatpy.geometry.collinearity import attitude_from_matrix
@@ -68,6 +70,31 @@ class PointErrors:
                 sigma[group.point[rows]] = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
                 depth[group.point[rows]] = np.sqrt(variance)
         return sigma, depth
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ThroughWaves:
+    """How the waves of a run refract rays to k of its photos (rows)."""
+
+    run: Triangulation
+    photos: IntArray  # (k,)
+
+    def __call__(self, station: IntArray, camera: FloatArray, ground: FloatArray) -> FloatArray:
+        """Return the vectors (p, 3) from cameras to where rays to ground points (p, 3) enter the water.
+
+        Of `station` (p,) of the k, geocentric or in a local job; NaN where a ray cannot be followed.
+        """
+        run, photo, out = self.run, self.photos[station], np.full(camera.shape, np.nan)
+        assert run.sea is not None and run.block.water is not None
+        sea, origin, index = WorkingSea.of(run.sea, run.frame).known, run.frame.origin, run.block.water.index
+        tide = run.block.photos.tide[photo]
+
+        def vectors(some: IntArray) -> FloatArray:
+            return sea.incidence(photo[some], camera[some] - origin, ground[some] - origin, tide[some], index).v
+
+        for rows, v in in_parts(vectors, np.flatnonzero(np.isfinite(ground).all(axis=1))):
+            out[rows] = np.nan if v is None else v
+        return out
 
 
 def of_stations(

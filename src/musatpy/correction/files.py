@@ -66,7 +66,7 @@ def correct_file(
     if any((suffix in kind) != (target.suffix.lower() in kind) for kind in kinds):
         raise DepthError([Problem(message=f"{source.name} and {target.name} are not of one kind")])
     cameras = photographs.cameras
-    work = partial(Correction, cameras=cameras, index=index, errors=photographs.errors)
+    work = partial(Correction, cameras=cameras, index=index, errors=photographs.errors, through=photographs.through)
     if suffix in RASTERS:
         unstated = LOCAL if cameras.system.ellipsoid is None else crs
         with geotiff.opened(source, crs_of(unstated) if unstated else None) as raster:

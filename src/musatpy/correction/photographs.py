@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from musatpy.compilation.point_errors import PointErrors, of_stations
+from musatpy.compilation.point_errors import PointErrors, ThroughWaves, of_stations
 from musatpy.compilation.run_records import of_record
 from musatpy.depth.cameras import Cameras
 from musatpy.depth.run_cameras import read_run
@@ -18,11 +18,12 @@ from musatpy.model import Water
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Photographs:
-    """The cameras, and what makes sigmas of what they see, or why there are none."""
+    """The cameras, what makes sigmas of what they see, or why there are none, and the waves on their water."""
 
     cameras: Cameras
     errors: PointErrors | None
     without: str = ""
+    through: ThroughWaves | None = None
 
 
 def of_run(
@@ -38,15 +39,18 @@ def of_run(
     `pointing` (mm): sigma of an image coordinate, by default that of the plates of the run; `camera` and `limit` as
     of `read_run`. Raises `DepthError` where the run cannot correct points, and `OSError`.
     """
-    cameras = read_run(path, camera=camera, limit=limit)
+    cameras = read_run(path, camera=camera, limit=limit, waves=True)
     rows = _rows(path, cameras, photos)
     try:
         run = of_record(path)
     except CompilationError as error:
+        read_run(path)  # without waves, which are not known then
         return Photographs(cameras=cameras.only(rows), errors=None, without=error.problems[0].message)
     sigma = run.block.options.plate_sigma * run.unit_sigma if pointing is None else pointing
     return Photographs(
-        cameras=cameras.only(rows), errors=PointErrors(run=run, photos=np.array(rows), pointing=sigma)
+        cameras=cameras.only(rows),
+        errors=PointErrors(run=run, photos=np.array(rows), pointing=sigma),
+        through=None if run.sea is None else ThroughWaves(run=run, photos=np.array(rows)),
     )
 
 

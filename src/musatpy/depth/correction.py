@@ -18,7 +18,7 @@ from musatpy.depth.cameras import Cameras
 from musatpy.depth.point_positions import Ground
 from musatpy.errors import DepthError, Problem, SystemsError
 from musatpy.geometry.systems import System
-from musatpy.refraction.apparent import REASONS, Fault, TruePoints, true_points
+from musatpy.refraction.apparent import REASONS, Fault, Through, TruePoints, true_points
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -45,13 +45,15 @@ class PointErrors(Protocol):
 class Correction:
     """How apparent points are corrected: the cameras, the index of the water, and the system of the points.
 
-    `errors`: what makes their sigmas, None where nothing is known of it.
+    `errors`: what makes their sigmas, None where nothing is known of it; `through`: what refracts their rays where
+    there are waves.
     """
 
     cameras: Cameras
     index: float
     system: System | None = None  # None: that of the cameras
     errors: PointErrors | None = None
+    through: Through | None = None
 
     @property
     def ground(self) -> Ground:
@@ -68,7 +70,9 @@ class Correction:
         placed = ground.placed(apparent if known.all() else np.where(known[:, None], apparent, self.middle))
         placed.upright[~known] = np.nan
         seen = self.cameras.sees(placed.position) & known[:, None]
-        points = true_points(placed.upright, self.cameras.stations, self.index, seen, placed.verticals)
+        points = true_points(
+            placed.upright, self.cameras.stations, self.index, seen, placed.verticals, self.through
+        )
         good = np.flatnonzero(points.fault == Fault.NONE)
         if placed.verticals is not None:
             points.position[good] = ground.restated(points.position[good], placed.verticals[good])

@@ -45,18 +45,19 @@ def read_run(
     camera: tuple[float, float, float] | None = None,
     limit: float | None = None,
     water: bool = True,
+    waves: bool = False,
 ) -> Cameras:
     """Return the adjusted stations of a run, with tides, attitudes, cameras, index and tilt of water.
 
     `camera` (focal length, width, height) where a camera has no format. Without `water` nothing of it is asked for,
-    and levels are minus infinity. Raises `DepthError` for a file that is no
-    record, and for a run whose water is not known or has waves, or whose system cannot be had again (a geoid model
-    that is not there); `OSError`.
+    and levels are minus infinity; with `waves` the caller knows what to do with them. Raises `DepthError` for what
+    is no record, and for a run whose water is not known or has waves, or whose system cannot be had again (a
+    geoid model that is not there); `OSError`.
     """
     record = read_record(path, _NEEDS | (_WATER if water else {}))
     try:
         problems = [] if record["solution"]["converged"] else ["the run has not converged"]
-        problems += _water_faults(record) if water else []
+        problems += _water_faults(record, waves) if water else []
         if not problems:
             return replace(_cameras(record, camera, water), limit=limit)
     except (KeyError, TypeError, IndexError) as error:  # tables or numbers that every record has are not there
@@ -114,7 +115,7 @@ def _three(values: list[float] | None) -> tuple[float, float, float] | None:
     return None if values is None else (values[0], values[1], values[2])
 
 
-def _water_faults(record: Any) -> list[str]:
+def _water_faults(record: Any, waves: bool) -> list[str]:
     """Return why the water of a record cannot be used."""
     faults, water = [], record["adjusted_water"]
     if water is None:
@@ -123,7 +124,7 @@ def _water_faults(record: Any) -> list[str]:
         faults.append(f"{fault} on the card of its deck")
     if any(water["tilt"]) and record["options"]["initial"] != Initial.GIVEN:
         faults.append("the water of the run is tilted, about a place that is known where stations are given")
-    if record["waves"]["wave"]:
+    if record["waves"]["wave"] and not waves:
         faults.append("the water of the run has waves, here it is still: give its stations as a CSV file")
     photos = record["stations"]["photo"]
     dry = [photo for photo, tide in zip(photos, water["tide"], strict=True) if tide is None]

@@ -14,8 +14,9 @@ unit, the same for all; symbols are those of the paper. For a small angle of inc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -107,18 +108,61 @@ class TruePoints:
     depth_sigma: FloatArray  # (n,) m
 
 
+class Through(Protocol):
+    """What refracts rays where the water is not level."""
+
+    def __call__(self, station: IntArray, camera: FloatArray, ground: FloatArray) -> FloatArray:
+        """Return the vectors (p, 3) from cameras (p, 3) to where the rays to ground points (p, 3) enter the water.
+
+        Of `station` (p,), in the axes of the stations; NaN where a ray cannot be followed.
+        """
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Bends:
+    """What refracts the rays of m points, and the verticals in which these stand."""
+
+    through: Through
+    stations: Stations
+    verticals: Verticals | None
+
+    def only(self, kept: BoolArray) -> _Bends:
+        """Return the same of the points `kept` (m,)."""
+        if self.verticals is None:
+            return self
+        return replace(self, verticals=self.verticals[np.flatnonzero(kept)])
+
+    def slopes(self, G: FloatArray, rays: _Rays) -> tuple[tuple[FloatArray, FloatArray], FloatArray]:
+        """Return what `_slopes` does."""
+        ground, turn = G[rays.point], None
+        if self.verticals is not None:
+            turn = self.verticals.axes[rays.point]
+            ground = self.verticals.origin[rays.point] + np.einsum("pij,pi->pj", turn, ground)
+        v = self.through(rays.station, self.stations.position[rays.station], ground)
+        x, y, z = (v if turn is None else np.einsum("pij,pj->pi", turn, v)).T
+        return (x / -z, y / -z), np.hypot(x, y) / -z
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Rays:
     """The p rays between m points and the stations that see them, those of a point together."""
 
     point: IntArray  # (p,)
     first: IntArray  # (m,) the first ray of each point
+    station: IntArray  # (p,)
     camera: FloatArray  # (3, p)
     level: FloatArray  # (p,)
     axis: FloatArray | None  # (3, p)
+    bends: _Bends | None = None  # where the water is not level
 
     @classmethod
-    def of(cls, seen: BoolArray, stations: Stations, verticals: Verticals | None = None) -> _Rays:
+    def of(
+        cls,
+        seen: BoolArray,
+        stations: Stations,
+        verticals: Verticals | None = None,
+        through: Through | None = None,
+    ) -> _Rays:
         """Return the rays where `seen` (m, k), in the verticals of their points; every point has one at least."""
         point, station = np.nonzero(seen)
         camera = stations.position.T[:, station]
@@ -127,7 +171,16 @@ class _Rays:
             axes = np.ascontiguousarray(np.moveaxis(verticals.axes, 0, -1))[:, :, point]
             camera = _turned(axes, camera - verticals.origin.T[:, point])
             axis = None if axis is None else _turned(axes, axis)
-        return cls(point=point, first=_starts(point), camera=camera, level=stations.level[station], axis=axis)
+        bends = None if through is None else _Bends(through=through, stations=stations, verticals=verticals)
+        return cls(
+            point=point,
+            first=_starts(point),
+            station=station,
+            camera=camera,
+            level=stations.level[station],
+            axis=axis,
+            bends=bends,
+        )
 
     def only(self, kept: BoolArray) -> _Rays:
         """Return the rays of the points `kept` (m,), which are counted anew."""
@@ -136,9 +189,11 @@ class _Rays:
         return _Rays(
             point=point,
             first=_starts(point),
+            station=self.station[rays],
             camera=self.camera[:, rays],
             level=self.level[rays],
             axis=None if self.axis is None else self.axis[:, rays],
+            bends=None if self.bends is None else self.bends.only(kept),
         )
 
     def of_points(self, values: FloatArray) -> FloatArray:
@@ -199,11 +254,13 @@ def true_points(
     index: float,
     seen: BoolArray | None = None,
     verticals: Verticals | None = None,
+    through: Through | None = None,
 ) -> TruePoints:
     """Return the true points of apparent points (n, 3), with what each is worth or why there is none.
 
     `seen` (n, k): which stations see which point; all where not given. With `verticals` each point stands in its
-    own, before and after. Memory goes with n k bits of `seen` and n.
+    own, before and after; `through` refracts the rays where there are waves on the levels. Memory goes with n k
+    bits of `seen` and n.
     """
     n = len(apparent)
     seen = np.ones((n, len(stations.level)), dtype=bool) if seen is None else seen
@@ -212,7 +269,7 @@ def true_points(
         rows = start + np.flatnonzero(points.fault[start : start + _CHUNK] == Fault.NONE)
         if rows.size:
             own = None if verticals is None else verticals[rows]
-            _find(apparent[rows], index, _Rays.of(seen[rows], stations, own), points, rows)
+            _find(apparent[rows], index, _Rays.of(seen[rows], stations, own, through), points, rows)
     return points
 
 
@@ -284,7 +341,7 @@ def _solve(
         tangents[open_rays] = tangent
         fault[open_rows[done]] = Fault.NONE
         fault[open_rows[parallel]] = Fault.PARALLEL_RAYS
-        # a step that leaves the water, or goes far below it, does not come back
+        # a step that leaves the water, goes far below it, or where no ray follows, does not come back
         lost = ~((level - G[:, 2])[open_rows] > 0.0)
         going = ~(done | parallel | lost)
         if not going.any():
@@ -297,6 +354,8 @@ def _solve(
 
 def _slopes(G: FloatArray, index: float, rays: _Rays) -> tuple[tuple[FloatArray, FloatArray], FloatArray]:
     """Return the horizontal way (p,) along x and y of each ray in air for a metre of fall, and its length tan I."""
+    if rays.bends is not None:
+        return rays.bends.slopes(G, rays)
     x, y, z = rays.of_points(G) - rays.camera
     D = np.sqrt(x * x + y * y)
     H = rays.camera[2] - rays.level
@@ -331,7 +390,8 @@ def _meeting(A: FloatArray, slope: tuple[FloatArray, FloatArray], rays: _Rays) -
     Nzz = total(a * qx + b * qy) - px * Nxz - py * Nyz
     with np.errstate(invalid="ignore", divide="ignore"):
         dz = (total(lx * qx + ly * qy) - px * Lx - py * Ly) / Nzz
-        parallel = ~(Nzz > _PARALLEL * (Nxx + Nyy))
+        # not finite: a ray could not be followed
+        parallel = ~(Nzz > _PARALLEL * (Nxx + Nyy)) & np.isfinite(Nxx + Nyy)
         dx = (Nyy * Lx - Nxy * Ly) / det - px * dz
         dy = (Nxx * Ly - Nxy * Lx) / det - py * dz
     return np.column_stack([dx, dy, dz]), parallel
