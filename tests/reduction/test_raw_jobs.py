@@ -154,44 +154,26 @@ def options(**changes):
     return {"reduction": replace(RAW, **changes)}
 
 
-VARIANTS = [
-    ("defaults", {**options()}, ["comparator", "fiducials", "lens"]),
-    (
-        "similarity",
-        {**options(transformation=model.Transformation.SIMILARITY)},
-        ["comparator", "fiducials", "lens"],
+FIRST = ["comparator", "fiducials", "lens"]
+GROUND = options(atmosphere=model.Atmosphere.ARDC, curvature=model.Curvature.YES, ground_height=3.0)
+CROSSES = {"reseau": reseau(), "cross_measurements": crosses(PHOTOS)}
+VARIANTS = {
+    "defaults": (options(), FIRST),
+    "similarity": (options(transformation=model.Transformation.SIMILARITY), FIRST),
+    "projective": (options(transformation=model.Transformation.PROJECTIVE), FIRST),
+    "distances": (options(transformation=model.Transformation.DISTANCES) | {"mark_distances": distances()}, FIRST),
+    "reseau": (
+        options(side=model.DistortionSide.IDEAL) | CROSSES, ["comparator", "fiducials", "reseau", "lens"]
     ),
-    (
-        "projective",
-        {**options(transformation=model.Transformation.PROJECTIVE)},
-        ["comparator", "fiducials", "lens"],
-    ),
-    (
-        "distances",
-        {**options(transformation=model.Transformation.DISTANCES), "mark_distances": distances()},
-        ["comparator", "fiducials", "lens"],
-    ),
-    (
-        "reseau",
-        {**options(side=model.DistortionSide.IDEAL), "reseau": reseau(), "cross_measurements": crosses(PHOTOS)},
-        ["comparator", "fiducials", "reseau", "lens"],
-    ),
-    (
-        "grid",
-        {
-            **options(atmosphere=model.Atmosphere.ARDC, curvature=model.Curvature.YES, ground_height=3.0),
-            "lenses": empty(model.Lenses),
-        },
-        ["comparator", "fiducials", "lens", "refraction", "curvature"],
-    ),
-]
+    "grid": (GROUND | {"lenses": empty(model.Lenses)}, [*FIRST, "refraction", "curvature"]),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("system", "changes", "steps"),
-    [(LOCAL, *one[1:]) for one in VARIANTS]
-    + [(system, *VARIANTS[0][1:]) for system in model.CoordinateSystem if system is not LOCAL],
-    ids=[*(one[0] for one in VARIANTS), "geographic", "geocentric"],
+    [(LOCAL, *one) for one in VARIANTS.values()]
+    + [(system, *VARIANTS["defaults"]) for system in model.CoordinateSystem if system is not LOCAL],
+    ids=[*VARIANTS, "geographic", "geocentric"],
 )
 def test_readings_on_cards_come_back_refined(system, changes, steps):
     want = in_system(system)

@@ -78,26 +78,26 @@ def test_the_tilt_on_the_water_card_has_a_line_of_its_own():
     assert f"{line}-206.265 towards north, sigma 10.313\n" in text
 
 
+OPTIONS = (
+    model.Program,
+    model.Initial,
+    model.Refraction,
+    model.Weights,
+    model.WaterLevel,
+    model.Datum,
+    model.Editing,
+)
+
+
 @pytest.mark.parametrize(
     "option",
-    [
-        *model.Program,
-        *model.Initial,
-        *model.Refraction,
-        *model.Weights,
-        *model.WaterLevel,
-        *model.Datum,
-        *model.Editing,
-    ],
+    [*itertools.chain(*OPTIONS)],
     ids=lambda one: f"{type(one).__name__} {one.name}",
 )
 def test_the_lines_of_all_options_fit_the_paper(option):
     solution = sample_solution(model.CoordinateSystem.GEOGRAPHIC)
-    names = {
-        field.name
-        for field in dataclasses.fields(solution.block.options)
-        if type(getattr(solution.block.options, field.name)) is type(option)
-    }
+    given = solution.block.options
+    names = {one.name for one in dataclasses.fields(given) if type(getattr(given, one.name)) is type(option)}
     options = dataclasses.replace(solution.block.options, **dict.fromkeys(names, option))
     text = listing(dataclasses.replace(solution, block=dataclasses.replace(solution.block, options=options)))
     assert names
