@@ -10,7 +10,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
@@ -50,8 +49,8 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
             notes.append(section.title or "lines before the first title")
             continue
         printed = _Printed(section, known[0], content)
-        both = printed.sections()
-        found.append(compare_rows(uses, *(both if listing == 0 else both[::-1])))
+        sides = [(section, printed.listed), (printed.section_of_record(), printed.recorded)]
+        found.append(compare_rows(uses, *(sides if listing == 0 else sides[::-1])))
         if printed.unknown:
             kinds = [f"{what} ({count} rows)" if count > 1 else what for what, count in printed.unknown.items()]
             notes.append(f"{section.title}: {', '.join(kinds)}")
@@ -94,21 +93,17 @@ class _Printed:
         self.listed: list[Row] = []  # rows of the listing that are compared
         self.recorded: list[Row] = []  # those of the record
 
-    def sections(self) -> tuple[Section, Section]:
-        """Return the section of the listing without what the record has not, and that of the record."""
-        recorded = replace(self.section)
+    def section_of_record(self) -> Section:
+        """Return the section as the record prints it, after its rows and those of the listing have been paired."""
         if isinstance(self.stated, Labels):
             self.labels()
         elif isinstance(self.stated, Texts) or self.stated.layout == "texts":
             self.texts()
         elif self.stated.layout == "rows":
-            recorded = self.table()
+            return self.table()
         else:
             self.grid()
-        listed = replace(self.section)
-        listed.rows, recorded.rows = self.listed, self.recorded
-        listed.id_columns, listed.blank = self.section.id_columns, self.section.blank
-        return listed, recorded
+        return self.section
 
     @cached_property
     def values(self) -> Values:
@@ -225,8 +220,8 @@ class _Printed:
                 sentences[-1] = sentences[-1]._replace(text=f"{sentences[-1].text} {text}")
             else:
                 sentences.append(row.line._replace(text=text.removeprefix("- ").removeprefix("Note: ")))
-        listed = {"".join(line.text.split()): line for line in sentences if not _MORE.match(line.text)}
-        self.listed = [Row(line, (line.text,), 0) for line in sentences if not _MORE.match(line.text)]
+        self.listed += [Row(line, (line.text,), 0) for line in sentences if not _MORE.match(line.text)]
+        listed = {"".join(row.line.text.split()): row.line for row in self.listed}
         for text in self.recorded_texts():
             line = listed.get("".join(text.split()))
             if line or len(self.listed) == len(sentences):  # else the listing is cut

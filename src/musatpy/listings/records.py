@@ -197,7 +197,7 @@ class _Tables(Comparison):
     def stated_unit(self, path: str) -> str:
         """Return what the reports state of the unit of a field."""
         title = self.result.title
-        return _stated_units().get(_INDEX.sub("", path if title == TOP else f"{title}.{path}"), "")
+        return _stated_unit(_INDEX.sub("", path if title == TOP else f"{title}.{path}"))
 
     def unit_of(self, path: str, row: Mapping[str, Any]) -> str:
         """Return the unit of a field, nothing where the reports state none for it alone."""
@@ -248,19 +248,13 @@ def _placed(value: Any) -> Placed:
 
 
 @cache
-def _stated_units() -> dict[str, str]:
-    """Return the units of the fields of our records that have one, by their paths without indices."""
+def _stated_unit(path: str) -> str:
+    """Return the unit of a field of our records by its path without indices; empty where it has none."""
     from musatpy.reports.record import document  # most comparisons need none
 
     whole = document().schema()
-
-    def units(node: Mapping[str, Any], path: str) -> Iterator[tuple[str, str]]:
+    node: Mapping[str, Any] = whole
+    for name in path.split("."):
+        node = node.get("items", node).get("properties", {}).get(name, {})
         node = whole["$defs"][node["$ref"].rpartition("/")[2]] if "$ref" in node else node
-        if "unit" in node:
-            yield path, node["unit"]
-        for name, inner in node.get("properties", {}).items():
-            yield from units(inner, f"{path}.{name}" if path else name)
-        if isinstance(node.get("items"), dict):
-            yield from units(node["items"], path)
-
-    return dict(units(whole, ""))
+    return str(node.get("unit", ""))

@@ -132,10 +132,11 @@ class Comparison:
     def weigh_cell(self, pair: Pair, cell: Cell) -> None:
         """Weigh the tokens of one cell; in no column, every token is a field of its own.
 
-        Of a cell with more tokens in one file, what is left without those equal at both ends is a finding.
+        Of a cell with more tokens in one file, or several words that differ, what is left without those equal at
+        both ends is a finding.
         """
         a, b, is_open = cell.a, cell.b, bool(still_open(pair.among))
-        if len(a) == len(b):
+        if len(a) == len(b) and (len(a) == 1 or not _only_words_differ(a, b)):
             for n, (of_a, of_b) in enumerate(zip(a, b, strict=True), start=1):
                 if is_open or of_a.token.text != of_b.token.text:
                     self.weigh(pair, _spanning(cell.field, [of_a, of_b], n), cell, of_a.token, of_b.token)
@@ -268,14 +269,23 @@ def _spanning(field: Field, placed: Sequence[Placed], number: int) -> Field:
     return Field(field.column, field.number or number, field.heading, start, end)
 
 
+def _only_words_differ(a: Sequence[Placed], b: Sequence[Placed]) -> bool:
+    """Tell whether several tokens differ, and all of them are words."""
+    kinds = [
+        {of_a.token.kind, of_b.token.kind} for of_a, of_b in zip(a, b, strict=True) if of_a.token != of_b.token
+    ]
+    return len(kinds) > 1 and all(kind == {"word"} for kind in kinds)
+
+
 def compare_listings(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Difference:
     """Return what differs between the texts of two listings."""
     uses = [RuleUse(rule) for rule in rules.rules]
     first, second = (sections_of(paper_of(text, rules.layout), rules.layout) for text in (a, b))
-    found = [
-        compare_sections(uses, None if n is None else first[n], None if m is None else second[m], moved=moved)
-        for n, m, moved in aligned(first, second, strict=True)
-    ]
+    found = []
+    for n, m, moved in aligned(first, second, strict=True):
+        comparison = _Sections(uses, None if n is None else first[n], None if m is None else second[m])
+        comparison.compare(moved=moved)
+        found.append(comparison.result)
     return Difference(*names, tuple(found), tuple(uses), tuple(overflows(found)))
 
 
@@ -288,33 +298,26 @@ def overflows(sections: Sequence[SectionSummary]) -> list[str]:
     ]
 
 
-def compare_sections(rules: RuleSet, a: Section | None, b: Section | None, *, moved: bool) -> SectionSummary:
-    """Return what differs between two sections, or what is to be said of a section of one file only."""
-    comparison = _Sections(rules, a or Section(""), b or Section(""), [one.title for one in (a, b) if one])
-    if a is None or b is None:
-        comparison.only_section(int(a is None))
-    else:
-        comparison.around_rows(moved=moved)
-        comparison.compare_rows(strict=a.grouped and b.grouped)
-    return comparison.result
-
-
-def compare_rows(rules: RuleSet, a: Section, b: Section) -> SectionSummary:
-    """Return what differs between the rows of two sections of one title, in any order and in columns of both."""
-    comparison = _Sections(rules, a, b, [a.title])
-    comparison.counts_order = False
-    comparison.compare_rows(strict=a.grouped and b.grouped)
+def compare_rows(
+    rules: RuleSet, a: tuple[Section, Sequence[Row]], b: tuple[Section, Sequence[Row]]
+) -> SectionSummary:
+    """Return what differs between rows of two sections of one title, in any order and in columns of both."""
+    comparison = _Sections(rules, a[0], b[0])
+    comparison.rows, comparison.counts_order = (a[1], b[1]), False
+    comparison.compare_rows(strict=a[0].grouped and b[0].grouped)
     return comparison.result
 
 
 class _Sections(Comparison):
     """One section of both listings, or of one only."""
 
-    def __init__(self, rules: RuleSet, a: Section, b: Section, titles: Sequence[str]) -> None:
+    def __init__(self, rules: RuleSet, a: Section | None, b: Section | None) -> None:
+        titles = [section.title for section in (a, b) if section]
         super().__init__(rules, titles[0] or "(before the first title)", titles)
-        self.sections = self.a, self.b = a, b
-        self.rows = a.rows, b.rows
-        self.in_columns = bool(a.columns and b.columns)
+        self.lacking = [section is None for section in (a, b)]
+        self.sections = self.a, self.b = a or Section(""), b or Section("")
+        self.rows = self.a.rows, self.b.rows
+        self.in_columns = bool(self.a.columns and self.b.columns)
         self.names = [numbered([column.name for column in section.columns]) for section in self.sections]
 
     def spot_of(self, row: Row, side: int, other: Row | None = None) -> Spot:
@@ -323,11 +326,15 @@ class _Sections(Comparison):
         about = [partial(_about, section, row, pattern) for pattern in (PHOTO, POINT)]
         return Spot((row.line.page,), texts, _with_parts(row.ids), about[0], about[1], section.by_row)
 
-    def only_section(self, side: int) -> None:
-        """Take a section that the other listing has not: one finding, unless rules allow it."""
-        lines = _first_lines(self.sections[side])
+    def compare(self, *, moved: bool) -> None:
+        """Compare the sections; one that the other listing has not is one finding, unless rules allow it."""
+        if not any(self.lacking):
+            self.around_rows(moved=moved)
+            self.compare_rows(strict=self.a.grouped and self.b.grouped)
+            return
+        side = int(self.lacking[0])
+        lines, count = _first_lines(self.sections[side]), len(self.sections[side].lines)
         if not self.allowed(Spot(pages=tuple(line.page for line in lines)), "AB"[side]):
-            count = len(self.sections[side].lines)
             self.lonely("section", side, "1 row" if count == 1 else f"{count} rows", place=_place_of(lines))
 
     def around_rows(self, *, moved: bool) -> None:
@@ -382,14 +389,11 @@ class _Sections(Comparison):
 def _overflows_in_both(section: Section, a: Row, b: Row) -> int:
     """Return how many numbers of a row did not fit their fields in both listings, so that nobody can compare them.
 
-    Asterisks at the beginning of a line draw attention to it, and those of a row of marks across the columns of a
-    table (the frame with the largest residuals) mark these.
+    Asterisks at the beginning of a line draw attention to it, and those of a row without numbers mark columns.
     """
-    marks = bool(section.columns) and not section.grouped and not any(map(str.isdigit, a.line.text))
-    if marks or a.block < 0 or a.line.text.lstrip().startswith("*"):
-        return 0
+    is_mark = section.columns and not section.grouped and not any(map(str.isdigit, a.line.text))
     fields = [Counter(_OVERFLOW.findall(row.line.text)) for row in (a, b)]
-    return (fields[0] & fields[1]).total()
+    return 0 if is_mark or a.block < 0 or a.text.startswith("*") else (fields[0] & fields[1]).total()
 
 
 def _place_of(lines: Sequence[Line]) -> Place:

@@ -5,13 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from listings.audit.report_tables import FIXTURES, statistics_of, table
+from listings.audit.report_tables import FIXTURES
 from musatpy.campaign.baseline_index import load_baseline
 from musatpy.listings.audit import audit, listing_of, read_listing
-from musatpy.listings.audit.cells import RepairKind
-from musatpy.model import CoordinateSystem, Refraction
-from musatpy.reports.listing import listing as listing_text
-from sample_solutions import sample_solution
 
 GOLDEN = load_baseline(FIXTURES)
 CAYMAN = (FIXTURES / "cayman" / "cayman_modified.lst").read_text()
@@ -32,12 +28,6 @@ def test_a_golden_listing_is_consistent(deck):
     assert audit(listing) == []
 
 
-@pytest.mark.parametrize("refraction", [Refraction.NONE, Refraction.WATPT])
-@pytest.mark.parametrize("system", CoordinateSystem)
-def test_listings_of_all_systems_are_consistent(system, refraction):
-    assert audited(listing_text(sample_solution(system, refraction=refraction))) == []
-
-
 def test_depths_of_some_decimetres_are_coordinates():
     """As FORTRAN prints them, without a digit before the point."""
     text = (FIXTURES / "waves" / "unknown.lst").read_text()
@@ -49,12 +39,6 @@ def test_depths_of_some_decimetres_are_coordinates():
     assert after.unreadable == () and after.repairs == ()
     depths = [table.cells[point, "Z, refraction"].value for table in after.submerged for point in table.items]
     assert depths == [-0.6] * count
-
-
-def test_carriage_control_changes_nothing():
-    plain, controlled = (listing_text(sample_solution(), carriage_control=control) for control in (False, True))
-    assert audited(controlled) == []
-    assert statistics_of(listing_of(plain, "x")) == statistics_of(listing_of(controlled, "x"))
 
 
 def replaced(label, old, new, text=CAYMAN, after=""):
@@ -105,26 +89,6 @@ def test_a_point_that_is_nowhere_near_is_found():
     adjusted = row.split()[-1]
     (finding,) = audited(CAYMAN.replace(row, row.replace(adjusted, f"{float(adjusted) + 100:.1f}")))
     assert finding.item == "point 1044" and finding.suspects[0].item == "Y, refraction"
-
-
-K = RepairKind
-
-
-def tabbed(text):
-    """Return the text with tabs for the blanks before columns of eight, as an editor may leave it."""
-    lines = []
-    for line in text.split("\n"):
-        stops = "\x00".join(line[n : n + 8] for n in range(0, len(line), 8))
-        lines.append(re.sub(r" +(?=\x00)", "\t", stops).replace("\x00", ""))
-    return "\n".join(lines)
-
-
-@pytest.mark.parametrize("text", [table(4).read_text(), table(8).read_text()], ids=["6-4", "6-8"])
-def test_tabs_for_blanks_change_nothing(text):
-    assert tabbed(text).count("\t") > 20 and tabbed(text).expandtabs() == text
-    listing = listing_of(tabbed(text), "x")
-    assert listing.repairs == listing.unreadable == () and audit(listing) == []
-    assert statistics_of(listing) == statistics_of(listing_of(text, "x"))
 
 
 LABELS = {
