@@ -90,9 +90,13 @@ def test_cofactors_of_photos_in_any_order_are_those_of_the_dense_matrix() -> Non
     whole = dense(pattern, blocks)
     for clique in cliques:
         rows = pattern.rows(clique)
-        np.testing.assert_allclose(
-            cofactors.of_photos(clique), whole[rows[:, :, None], rows[:, None, :]], rtol=1e-12
-        )
+        of_rows = whole[rows[:, :, None], rows[:, None, :]]
+        np.testing.assert_allclose(cofactors.of_photos(clique), of_rows, rtol=1e-12)
+        partials, index = rng.normal(size=(len(clique), 2, rows.shape[1])), np.zeros((len(clique), 0), dtype=int)
+        expected = partials @ of_rows @ np.swapaxes(partials, 1, 2)
+        for some in (slice(None), slice(0)):  # all points, and none
+            functions = cofactors.cofactors_of(clique[some], index[some], partials[some])
+            np.testing.assert_allclose(functions, expected[some], atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("placed", [False, True])

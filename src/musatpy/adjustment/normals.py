@@ -266,7 +266,7 @@ class Cofactors(Bordered):
             if turned.any():
                 blocks[turned] = np.swapaxes(blocks[turned], 1, 2)
             blocks[:, j] *= 0.5  # the sum is added to its transpose
-            of_photo = by_stations[..., : (j + 1) * q] @ blocks.reshape(k, -1, q)
+            of_photo = by_stations[..., : (j + 1) * q] @ blocks.reshape(k, (j + 1) * q, q)
             out += of_photo @ np.swapaxes(by_stations[..., j * q : (j + 1) * q], 1, 2)
         if index.shape[1]:
             rows, g = self.pattern.rows(photo), len(self.corner)  # taken by one number, in half of the time
