@@ -49,37 +49,30 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
 
     Without `stations` there are no partials by these, nor by the water: (..., 2, 0) and None.
     """
-    photo = network.photo[rays]
+    photo, wet = network.photo[rays], np.nonzero(network.refracted[rays])
     camera, M, f, pp = _of_photos(network, state, photo)
-    v, v_by_camera, v_by_ground = ground - camera, None, None
-    wet = network.refracted[rays]
-    waves = network.border.count(ObservationKind.WAVE)
-    unknown = network.water.unknown or waves > 0
-    v_by_water = np.zeros((*v.shape, 4 + waves)) if unknown and stations else None
-    if wet.any():
-        # all of them need not be picked out, which takes as long as the rays; waves take a list
-        some = ... if network.sea is None and wet.all() else wet
-        over, bent = _incidence(network, state, photo[some], camera[some], ground[some])
-        if some is wet:
-            v_by_camera = np.broadcast_to(-np.eye(3), (*v.shape, 3)).copy()
-            v_by_ground = -v_by_camera
-            v[wet], v_by_camera[wet], v_by_ground[wet] = bent.v, bent.by_camera, bent.by_ground
-        else:
-            v, v_by_camera, v_by_ground = bent.v, bent.by_camera, bent.by_ground
-        if v_by_water is not None:
-            v_by_water[some] = _by_water(network, over, bent, camera[some], ground[some])
+    v, bent = ground - camera, None
+    if len(wet[0]):
+        over, bent = _incidence(network, state, photo[wet], camera[wet], ground[wet])
+        v[wet] = bent.v
     if not stations:
         xy, by_v = collinearity.image_by_vector(v, M, f, pp)
         by_station, by_water = np.zeros((*v.shape[:-1], 2, 0)), None
     else:
         xy, by_v, by_attitude = collinearity.image_partials(v, M, state.dM.take(photo, axis=0), f, pp)
-        by_camera = -by_v if v_by_camera is None else by_v @ v_by_camera
+        waves = network.border.count(ObservationKind.WAVE)
+        unknown = network.water.unknown or waves > 0
+        by_camera, by_water = -by_v, np.zeros((*v.shape[:-1], 2, 4 + waves)) if unknown else None
+        if bent is not None:
+            by_camera[wet] = by_v[wet] @ bent.by_camera
+        if bent is not None and by_water is not None:
+            by_water[wet] = by_v[wet] @ _by_water(network, over, bent, camera[wet], ground[wet])
         axes = np.swapaxes(network.axes.take(photo, axis=0), -1, -2)
-        by_water = None if v_by_water is None else by_v @ v_by_water
         own_level = () if by_water is None or not network.water.per_photo else (by_water[..., :1],)
         by_station = np.concatenate([by_camera @ axes, by_attitude, *own_level], axis=-1)
-    by_ground = by_v if v_by_ground is None else by_v @ v_by_ground
-    return Images(xy=xy, by_station=by_station, by_ground=by_ground, by_water=by_water)
+    if bent is not None:
+        by_v[wet] = by_v[wet] @ bent.by_ground
+    return Images(xy=xy, by_station=by_station, by_ground=by_v, by_water=by_water)
 
 
 def image_coordinates(network: Network, state: State, rays: IntArray, ground: FloatArray) -> FloatArray:
