@@ -196,7 +196,7 @@ def test_stations_without_attitude_are_left_out_where_one_row_says_both(tmp_path
 @pytest.mark.parametrize("count", [4, 8])
 def test_the_first_readings_of_a_photo_are_its_fiducial_marks(tmp_path, count):
     block = with_marks(in_system(CoordinateSystem.LOCAL), count)
-    family = families.RecordSet.of("jfk")
+    family = families.agencies()["jfk"]
     if count == 8:
         folder = tmp_path / "jfk8"
         folder.mkdir()
@@ -215,7 +215,7 @@ def test_the_first_readings_of_a_photo_are_its_fiducial_marks(tmp_path, count):
 def test_a_photo_is_named_by_strip_and_number(tmp_path):
     lines = [f"  12{photo:>3}{point:>5}{100 * point:>8}{-point:>8}" for photo in (7, 8) for point in range(1, 7)]
     (tmp_path / "job.jfk").write_text("\n".join(lines) + "\n")
-    found, problems = families.RecordSet.of("jfk").read(tmp_path / "job.jfk", {})
+    found, problems = families.agencies()["jfk"].read(tmp_path / "job.jfk", {})
     assert found["plates"]["plates.photo"].tolist() == ["12-7"] * 2 + ["12-8"] * 2
     assert found["fiducial_measurements"]["fiducial_measurements.xy"][1].tolist() == [0.2, -0.002]
     assert [problem.severity for problem in problems] == ["warning"] and "not refined" in problems[0].message
@@ -246,7 +246,7 @@ def test_spoilt_files_are_read_or_refused_with_their_place(tmp_path_factory, nam
         path.write_bytes(bytes(data))
     given = deck_of(block, tmp_path_factory.mktemp("deck"))
     try:
-        families.RecordSet.of(name).read(folder, parts.deck_parts(given))
+        families.agencies()[name].read(folder, parts.deck_parts(given))
     except DeckError as error:
         assert all(problem.file and str(folder) in problem.file for problem in error.problems)
 

@@ -69,7 +69,7 @@ def own(tmp_path):
 
 @pytest.mark.parametrize("name", agencies())
 def test_samples_of_every_agency_are_lines_of_their_records(name):
-    for file in RecordSet.of(name).files:
+    for file in agencies()[name].files:
         assert file.source.count(".") >= 2 and file.doc
         for record in file.records:
             assert record_line(record, record_values(record, record.sample), file.free) == record.sample
@@ -198,7 +198,7 @@ def test_every_bad_record_is_reported_with_its_place(own):
 
 
 def test_records_stand_where_they_may():
-    image = RecordSet.of("patb").files[0]
+    image = agencies()["patb"].files[0]
     assert problems(b"-99\n", image)[1:] == [
         "f:1 cols 1-3: '-99' is no record that may stand here; expected header"
     ]
@@ -210,7 +210,7 @@ def test_records_stand_where_they_may():
 
 
 def test_fixed_columns_are_kept():
-    control = RecordSet.of("giant").files[1]
+    control = agencies()["giant"].files[1]
     line = control.records[0].sample
     assert problems(f"{line}\n".encode(), control) == []
     assert problems(f"{line[:75]}x{line[76:]}\n".encode(), control) == [
@@ -222,7 +222,7 @@ def test_fixed_columns_are_kept():
 
 
 def test_a_repeated_name_must_agree():
-    frame = RecordSet.of("giant").files[2]
+    frame = agencies()["giant"].files[2]
     one, two = (record.sample for record in frame.records)
     assert problems(f"{one}\n842{two[3:]}\n".encode(), frame) == [
         "f:2 cols 1-8 deviations.frame_again: '842' is not '841', the frame of the record before"
@@ -230,7 +230,7 @@ def test_a_repeated_name_must_agree():
 
 
 def test_records_of_no_format_are_left_out_with_a_warning():
-    control = RecordSet.of("bingo").files[1]
+    control = agencies()["bingo"].files[1]
     data = b"C a comment\n* another\nCONT 1 10. 20. 30.\nCAPA 1 0 152.0\nCAPA 2 0 153.0\nCHCK 2 1 2 3\n"
     assert problems(data, control) == ["f: warning: 2 records 'CAPA' left out: no format says what it holds"]
 
@@ -238,11 +238,11 @@ def test_records_of_no_format_are_left_out_with_a_warning():
 def read(family, tmp_path, **texts):
     for name, text in texts.items():
         (tmp_path / name.replace("_", ".")).write_text(text)
-    return RecordSet.of(family).read(tmp_path, {})
+    return agencies()[family].read(tmp_path, {})
 
 
 def test_what_is_given_twice_and_what_is_no_rotation_is_found(tmp_path):
-    station, first, second = (record.sample for record in RecordSet.of("patb").files[2].records)
+    station, first, second = (record.sample for record in agencies()["patb"].files[2].records)
     good = f"{station}\n{first}\n{second}\n"
     with pytest.raises(DeckError) as caught:
         read("patb", tmp_path, job_ori=f"{good}{good}")
@@ -255,10 +255,10 @@ def test_what_is_given_twice_and_what_is_no_rotation_is_found(tmp_path):
 
 
 def test_files_of_several_sets_are_not_mixed(tmp_path):
-    orientation = "\n".join(record.sample for record in RecordSet.of("patb").files[2].records) + "\n"
+    orientation = "\n".join(record.sample for record in agencies()["patb"].files[2].records) + "\n"
     with pytest.raises(DeckError, match=r"files of several sets \(a, b\)"):
         read("patb", tmp_path, a_ori=orientation, b_ori=orientation)
-    found, _ = RecordSet.of("patb").read(tmp_path / "a.ori", {})
+    found, _ = agencies()["patb"].read(tmp_path / "a.ori", {})
     assert found["stations"]["photos.ids"].tolist() == ["841"]
 
 

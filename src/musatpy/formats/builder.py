@@ -332,7 +332,13 @@ def _column(role: str, path: str, value: Any) -> NDArray[Any]:
     codes = mapping.CODES.get(path)
     like = blank(role, path, 0)
     if codes is not None and not isinstance(value, bool | np.ndarray):
-        return np.array([_decoded(one, codes) for one in ([value] if isinstance(value, str | int) else value)])
+        values: list[Any] = [
+            codes.get(str(one), one) for one in ([value] if isinstance(value, str | int) else value)
+        ]
+        for one in values:
+            if one not in codes.values():
+                raise ValueError(f"{one!r} is not one of {', '.join(filter(None, codes))}")
+        return np.array(values)
     array = np.asarray(value, dtype=np.str_ if like.dtype.kind == "U" else like.dtype)
     components = like.shape[1:]
     if path == "equal_elevations.point":
@@ -344,12 +350,3 @@ def _column(role: str, path: str, value: Any) -> NDArray[Any]:
         expected = " and ".join(str(shape) for shape in (components, ("k", *components)) if shape)
         raise ValueError(f"has the shape {np.shape(value)}; expected {expected.replace(chr(39), '')}")
     return array
-
-
-def _decoded(value: Any, codes: Any) -> Any:
-    """Return what a letter of a deck stands for; values stand for themselves."""
-    if value in codes:
-        return codes[value]
-    if value in codes.values():
-        return value
-    raise ValueError(f"{value!r} is not one of {', '.join(filter(None, codes))}")

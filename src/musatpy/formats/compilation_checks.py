@@ -51,14 +51,12 @@ def cross_checks(draft: Draft, run: Block | None, model_faults: ModelFaults | No
         given = draft.rows[role][path]
         wrong = (draft.rows[role][of] == kind) & (given == given) & (given != "")
         yield from draft.problems(role, wrong, message, path=path)
-    for of_deck in (_profiles, _ends_of_profiles, _times, _grids, _contours, _readings):
+    for of_deck in (_profiles, _times, _grids, _contours, _readings):
         yield from of_deck(draft)
     yield from _models(draft, model_faults)
     yield from _datum(draft, run)
     if run is not None:
         yield from _of_run(draft, run)
-        if run.options.system is CoordinateSystem.GEOCENTRIC:
-            yield from _geocentric(draft)
 
 
 def _models(draft: Draft, model_faults: ModelFaults | None) -> Iterator[Problem]:
@@ -89,7 +87,7 @@ def _pairs(draft: Draft, role: str, table: str = "profiles") -> list[tuple[str, 
 
 
 def _profiles(draft: Draft) -> Iterator[Problem]:
-    """Yield profiles without both ends, or of fewer than two readings."""
+    """Yield profiles without both ends, or of fewer than two readings, and ends of none, or in one place."""
     rows, given = draft.rows["PRF"], set(_pairs(draft, "PRE"))
     model, point, kind = _of_readings(draft)
     for row, (of, name) in enumerate(_pairs(draft, "PRF")):
@@ -106,9 +104,6 @@ def _profiles(draft: Draft) -> Iterator[Problem]:
             readings = "1 reading" if count == 1 else f"{count} readings"
             message = f"profile {name} has {readings} of class P in model {of}, and needs two"
             yield draft.problem("PRF", row, message, path="profiles.ids")
-
-
-def _ends_of_profiles(draft: Draft) -> Iterator[Problem]:
     known, places = set(_pairs(draft, "PRF")), draft.rows["PRE"]["profiles.places"]
     nowhere = np.array([name not in known for name in _pairs(draft, "PRE")], dtype=bool)
     yield from draft.problems("PRE", nowhere, "there is no PRF card of this profile", path="profiles.ids")
@@ -173,7 +168,7 @@ def _readings(draft: Draft) -> Iterator[Problem]:
 
 
 def _of_run(draft: Draft, run: Block) -> Iterator[Problem]:
-    """Yield what the deck says of water and ellipsoid, and the run otherwise."""
+    """Yield what the deck says of water, ellipsoid and places, and the run otherwise."""
     water = draft.rows["WTR"]
     for path in (f"water.{name}" for name in _OF_RUN):
         message = "the deck of the run says it: here the index is checked alone"
@@ -185,6 +180,12 @@ def _of_run(draft: Draft, run: Block) -> Iterator[Problem]:
     for row in range(len(draft.rows["ELL"])):
         if message := _other_ellipsoid(draft, row, run):
             yield draft.problem("ELL", row, message, path="ellipsoid.name")
+    if run.options.system is CoordinateSystem.GEOCENTRIC:
+        what = "X and Y of a geocentric job are no place"
+        grids, of_job = draft.rows["GRD"], draft.rows["PRE"]["profiles.system"] == "J"
+        given = np.isfinite(np.concatenate([grids["grids.first"], grids["grids.second"]], axis=1)).any(axis=1)
+        yield from draft.problems("GRD", given, f"{what}: leave corners blank", path="grids.first", component=0)
+        yield from draft.problems("PRE", of_job, f"{what}: give the model's", path="profiles.system")
 
 
 def _other_ellipsoid(draft: Draft, row: int, run: Block) -> str:
@@ -214,13 +215,3 @@ def _datum(draft: Draft, run: Block | None) -> Iterator[Problem]:
                 message = error.problems[0].message
         if message:
             yield draft.problem("VDT", row, message, path="datum.geoid")
-
-
-def _geocentric(draft: Draft) -> Iterator[Problem]:
-    """Yield places by two coordinates of a geocentric job, which has three."""
-    what = "X and Y of a geocentric job are no place"
-    grids, ends = draft.rows["GRD"], draft.rows["PRE"]
-    given = np.isfinite(np.concatenate([grids["grids.first"], grids["grids.second"]], axis=1)).any(axis=1)
-    yield from draft.problems("GRD", given, f"{what}: leave corners blank", path="grids.first", component=0)
-    of_job = ends["profiles.system"] == "J"
-    yield from draft.problems("PRE", of_job, f"{what}: give the model's", path="profiles.system")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -23,14 +23,17 @@ from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import Rows as CardRows
 from musatpy.formats.job_tables import card_family
 from musatpy.formats.musat import has_errors
+from musatpy.formats.system_rows import columns_of_rows
 from musatpy.model import Block, Options
 from musatpy.model.compilation import (
     IN_PROFILE,
     CardLines,
     Compilation,
+    ContourLevels,
     ContourSpec,
     GridSpecs,
     ProfileSpecs,
+    ProfileTimes,
     SoundingDatum,
     StageReadings,
     StereomodelSpecs,
@@ -70,11 +73,6 @@ def compilation_draft(deck: CardDeck) -> Draft:
     )  # fmt: skip
 
 
-def reading_lines(draft: Draft) -> IntArray:
-    """Return the lines (k,) of the readings, in the order of the deck."""
-    return np.sort(np.concatenate([draft.rows[name].lines for name in READINGS]))
-
-
 def read_compilation(
     source: Path | str | bytes, run: Block | None = None, model_faults: ModelFaults | None = None
 ) -> tuple[Compilation, tuple[Problem, ...]]:
@@ -95,7 +93,8 @@ def _contents(draft: Draft) -> Compilation:
     """Return what the cards say."""
     models = StereomodelSpecs(**_values(draft, "MDL"))
     rows = {name: row for row, name in enumerate(models.ids.tolist())}
-    order = np.argsort(np.concatenate([draft.rows[name].lines for name in READINGS]))
+    lines = np.concatenate([draft.rows[name].lines for name in READINGS])
+    order = np.argsort(lines)
     stages = taken(stacked([_made(StageReadings, _values(draft, name), rows) for name in READINGS]), order)
     datum = {name: column[0].item() for name, column in _values(draft, "VDT").items() if len(column)}
     return Compilation(
@@ -109,7 +108,7 @@ def _contents(draft: Draft) -> Compilation:
         heights=_contours(draft, "H"),
         lines=CardLines(
             models=draft.rows["MDL"].lines,
-            stages=reading_lines(draft),
+            stages=lines[order],
             profiles=draft.rows["PRF"].lines,
             grids=draft.rows["GRD"].lines,
         ),
@@ -221,7 +220,7 @@ def _of_times(deck: Compilation) -> Iterator[tuple[str, Values]]:
             if np.isfinite(piece).any():
                 rows.append((str(models[model]), name, first + 1.0, piece))
     if rows:
-        yield "PTM", _columns("profile_times", ("model", "ids", "first", "time"), rows)
+        yield "PTM", columns_of_rows(ProfileTimes, "profile_times", rows)
 
 
 def _of_surface(deck: Compilation) -> Iterator[tuple[str, Values]]:
@@ -242,13 +241,7 @@ def _of_surface(deck: Compilation) -> Iterator[tuple[str, Values]]:
         for _, levels in _pieces(np.array(listed), _ON_A_CARD["CIL"])
     ]
     if levels_of:
-        yield "CIL", _columns("contour_levels", ("of", "thick", "levels"), levels_of)
-
-
-def _columns(table: str, names: Sequence[str], rows: Sequence[tuple[Any, ...]]) -> Values:
-    """Return rows as columns, by model attribute."""
-    named = zip(names, zip(*rows, strict=True), strict=True)
-    return {f"{table}.{name}": np.array(column) for name, column in named}
+        yield "CIL", columns_of_rows(ContourLevels, "contour_levels", levels_of)
 
 
 def _pieces(values: FloatArray, size: int) -> Iterator[tuple[int, FloatArray]]:

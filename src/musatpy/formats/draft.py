@@ -105,11 +105,14 @@ class Draft:
 
     def flagged(self, path: str) -> BoolArray:
         """Return (points,) True where any card has a flag of the point."""
-        flags = np.zeros(len(self.point_ids), dtype=bool)
-        for role in ("plates", "control"):
-            links = self.point[role]
-            flags[links[self.rows[role][path] & (links >= 0)]] = True
-        return flags
+        plates, control = (self.points_of(role, self.rows[role][path]) for role in ("plates", "control"))
+        return plates | control
+
+    def points_of(self, role: str, rows: BoolArray) -> BoolArray:
+        """Return (points,) True for the points that one of some rows (k,) of a role names."""
+        points, links = np.zeros(len(self.point_ids), dtype=bool), self.point[role]
+        points[links[rows.astype(bool) & (links >= 0)]] = True
+        return points
 
     def by_photo(self, role: str, path: str) -> NDArray[Any]:
         """Return (photos,) or (photos, components) what the first card of each photo says, blanks without."""

@@ -92,11 +92,6 @@ class RecordSet:
 
     folder: Path
 
-    @classmethod
-    def of(cls, name: str) -> RecordSet:
-        """Return the family of a name among those of the program."""
-        return cls(card_formats_folder() / name)
-
     @property
     def name(self) -> str:
         """The name of the family."""

@@ -126,9 +126,11 @@ def slots(spec: Layout) -> tuple[Slot, ...]:
         targets = field.target.split() or [""]
         for target in targets:
             match = _TARGET.fullmatch(target)
-            if match is None or not _is_attribute(match["path"]):
+            table = target.partition(".")[0]
+            paths = [f"{table}.{name}" for name in names_of(table)] if table in TABLES else []
+            if match is None or match["path"] not in (*paths, "titles"):
                 wrong = f"{spec.mnemonic}.{field.name}: target: '{target}' is not in the model"
-                raise CardFormatError(wrong + _expected(target))
+                raise CardFormatError(f"{wrong}; expected one of {', '.join(paths or TABLES)}")
             component = None if match["component"] is None else int(match["component"][:3])
             if component is not None and component > _LAST:
                 raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{target}' has no such component")
@@ -139,13 +141,6 @@ def slots(spec: Layout) -> tuple[Slot, ...]:
                 raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{target}' is another field's")
             parts[match["part"] or ""] = field
     return tuple(_slot(spec, path, component, parts) for (path, component), parts in fields_of.items())
-
-
-def _expected(target: str) -> str:
-    """Return what a target of the same table may be, for messages."""
-    table = target.partition(".")[0]
-    known = [f"{table}.{name}" for name in names_of(table)] if table in TABLES else TABLES
-    return f"; expected one of {', '.join(known)}"
 
 
 def _slot(spec: Layout, path: str, component: int | None, parts: dict[str, FieldSpec]) -> Slot:
@@ -162,11 +157,6 @@ def _slot(spec: Layout, path: str, component: int | None, parts: dict[str, Field
     if set(parts) != set(_PARTS):
         raise CardFormatError(f"{spec.mnemonic}: target {path}: degrees, minutes and seconds go together")
     return Slot(path=path, component=component, fields=tuple(parts[part] for part in _PARTS))
-
-
-def _is_attribute(path: str) -> bool:
-    table, _, attribute = path.partition(".")
-    return attribute in names_of(table) if attribute and table in TABLES else path == "titles"
 
 
 @cache
@@ -254,7 +244,12 @@ def gather(spec: Layout, columns: Mapping[str, Array], angle: float = units.DEGR
     components: dict[str, list[Array]] = {}
     for slot in slots(spec):
         if slot.component is None:
-            values[slot.path] = _decode(slot.path, _inside(slot, columns, angle))
+            column = values[slot.path] = _inside(slot, columns, angle)
+            if slot.path in CODES:
+                decoded = np.full(len(column), CODES[slot.path][""])
+                for text, value in CODES[slot.path].items():
+                    decoded[column == text] = value
+                values[slot.path] = decoded
         else:
             components.setdefault(slot.path, []).append(_inside(slot, columns, angle))
     return values | {path: np.stack(several, axis=-1) for path, several in components.items()}
@@ -266,17 +261,6 @@ def _inside(slot: Slot, columns: Mapping[str, Array], angle: float) -> Array:
         return units.radians_from_dms(*values)
     unit = factor(slot, angle)
     return values[0] if unit == 1.0 else values[0] * unit
-
-
-def _decode(path: str, values: Array) -> Array:
-    if path not in CODES:
-        return values
-    codes = CODES[path]
-    decoded = np.full(len(values), codes[""])
-    for text, value in codes.items():
-        if text:
-            decoded[values == text] = value
-    return decoded
 
 
 def factor(slot: Slot, angle: float) -> float:
@@ -292,20 +276,16 @@ def scatter(spec: Layout, values: Values, angle: float = units.DEGREE) -> dict[s
         value = np.asarray(values[slot.path])
         if slot.component is not None and (value.ndim < 2 or slot.component >= value.shape[1]):
             raise CardFormatError(f"{spec.mnemonic}: target: '{slot.path}' has no component {slot.component}")
-        value = _encode(slot.path, value) if slot.component is None else value[:, slot.component]
+        if slot.path in CODES:
+            letters = np.full(len(value), "", dtype="U1")
+            for text, code in CODES[slot.path].items():
+                letters[value == code] = text
+            value = letters
+        value = value if slot.component is None else value[:, slot.component]
         for name, column in _outside(slot, value, angle).items():
             shared = columns.get(name)  # a field of letters that has another target too
             columns[name] = column if shared is None else np.where(column == "", shared, column)
     return columns
-
-
-def _encode(path: str, values: Array) -> Array:
-    if path not in CODES:
-        return values
-    encoded = np.full(len(values), "", dtype="U1")
-    for text, value in CODES[path].items():
-        encoded[values == value] = text
-    return encoded
 
 
 def _outside(slot: Slot, value: Array, angle: float) -> dict[str, Array]:

@@ -13,7 +13,7 @@ from musatpy import model
 from musatpy.errors import DeckError, Problem, in_order
 from musatpy.files import write_files
 from musatpy.formats import assembly
-from musatpy.formats.cards.deck import CardDeck, read_cards, write_cards
+from musatpy.formats.cards.deck import read_cards, write_cards
 from musatpy.formats.cards.settings import Setting, deck_with
 from musatpy.formats.cards.spec import Family
 from musatpy.formats.checks import check_entered, cross_check
@@ -22,6 +22,7 @@ from musatpy.formats.job_tables import Flags, card_family
 from musatpy.formats.statements import answer_problems, entered_draft
 
 PATTERNS = ("*.crd",)
+_GEOCENTRIC = model.CoordinateSystem.GEOCENTRIC
 
 
 def geoid_files(block: model.Block) -> tuple[str, ...]:
@@ -66,7 +67,12 @@ class CheckedDeck:
             return (draft.problem("reduction", 0, message, path="reduction.ground_height", severity=severity),)
         problems = []
         for photo, why in refusals.items():
-            role, row, path, component = _plate_card(draft, photo, by_its_height=photo in by_heights)
+            roles = ("stations",) * (photo in by_heights) + ("fiducial_measurements", "plates")
+            cards = ((role, np.flatnonzero((draft.photo_ids == photo)[draft.photo[role]])) for role in roles)
+            role, row = next((role, int(rows[0])) for role, rows in cards if len(rows))
+            path, component = f"{role}.photo", None
+            if role == "stations":  # its height, which all three make in a geocentric job
+                path, component = "photos.position", None if draft.system is _GEOCENTRIC else 2
             message = f"photo {photo}: {why}"
             problems.append(draft.problem(role, row, message, path=path, component=component, severity=severity))
         return tuple(problems)
@@ -100,7 +106,10 @@ def checked_deck(
     """
     family = family or card_family()
     try:
-        deck = _read(source, family, settings)
+        name = None if isinstance(source, bytes) else str(source)
+        if settings:
+            source = deck_with(source if isinstance(source, bytes) else Path(source).read_bytes(), settings)
+        deck = read_cards(source, family, name)
     except OSError as error:
         problem = Problem(file=str(source), message=error.strerror or str(error))
         return CheckedDeck(block=None, problems=(problem,))
@@ -122,13 +131,6 @@ def checked_deck(
     return CheckedDeck(block=None if has_errors(problems) else block, problems=in_order(problems), draft=draft)
 
 
-def _read(source: Path | str | bytes, family: Family, settings: Sequence[Setting]) -> CardDeck:
-    if not settings:
-        return read_cards(source, family)
-    data = source if isinstance(source, bytes) else Path(source).read_bytes()
-    return read_cards(deck_with(data, settings), family, None if isinstance(source, bytes) else str(source))
-
-
 def has_errors(problems: Iterable[Problem]) -> bool:
     """Return whether problems keep what they are of from being used."""
     return any(problem.severity == "error" for problem in problems)
@@ -140,18 +142,6 @@ def read_deck(source: Path | str | bytes, family: Family | None = None) -> model
     if block is None:
         raise DeckError(problems)
     return block
-
-
-def _plate_card(draft: Draft, photo: str, *, by_its_height: bool) -> tuple[str, int, str, int | None]:
-    """Return role, row, path and component of what shows a photo that is refused, by the height of its station."""
-    of_photo = draft.photo_ids == photo
-    roles = ("stations",) * by_its_height + ("fiducial_measurements", "plates")
-    rows = ((role, np.flatnonzero(of_photo[draft.photo[role]])) for role in roles)
-    role, row = next((role, int(places[0])) for role, places in rows if len(places))
-    if role == "stations":
-        geocentric = draft.system is model.CoordinateSystem.GEOCENTRIC  # all three make the height
-        return role, row, "photos.position", None if geocentric else 2
-    return role, row, f"{role}.photo", None
 
 
 def deck_bytes(block: model.Block, family: Family | None = None) -> bytes:

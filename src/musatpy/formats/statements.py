@@ -14,7 +14,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SystemsError
 from musatpy.formats import mapping, system_rows
-from musatpy.formats.job_tables import Table, Tables
+from musatpy.formats.job_tables import Tables
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, SystemSpec
 from musatpy.units import ARC_SECOND
 
@@ -45,22 +45,16 @@ def in_words(block: Block) -> tuple[Block, Tables]:
     job = _with_sigmas(job, block.given_in, lambda sigma, unit: sigma / unit)
     if job.options.system is CoordinateSystem.GEOCENTRIC:  # the adjustment's is written: it is the same one
         job = replace(job, options=replace(job.options, system=CoordinateSystem.GEOGRAPHIC))
-    if out.matrices is not None:
-        cards["matrices"] = _matrix_values(job, out.matrices)
+    if out.matrices is not None:  # three cards for each photo that has one, in the order of a reader
+        known = np.flatnonzero(np.isfinite(out.matrices).all(axis=(1, 2)))
+        known = known[np.argsort(np.isnan(job.photos.position[known]).any(axis=1), kind="stable")]
+        cards["matrices"] = {
+            "matrices.photo": np.repeat(job.photos.ids[known], 3),
+            "matrices.row": np.tile([1.0, 2.0, 3.0], len(known)),
+            "matrices.elements": out.matrices[known].reshape(-1, 3),
+            "matrices.sigma": job.photos.attitude_sigma[known].ravel(),
+        }
     return job, cards
-
-
-def _matrix_values(block: Block, matrices: FloatArray) -> Table:
-    """Return what the cards of matrices say, three for each photo that has one."""
-    photos = block.photos
-    known = np.flatnonzero(np.isfinite(matrices).all(axis=(1, 2)))
-    known = known[np.argsort(np.isnan(photos.position[known]).any(axis=1), kind="stable")]  # as a reader meets them
-    return {
-        "matrices.photo": np.repeat(photos.ids[known], 3),
-        "matrices.row": np.tile([1.0, 2.0, 3.0], len(known)),
-        "matrices.elements": matrices[known].reshape(-1, 3),
-        "matrices.sigma": photos.attitude_sigma[known].ravel(),
-    }
 
 
 def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Problem, ...]]:
@@ -74,7 +68,11 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Probl
 
     assert draft.given_in is not None
     block = _with_sigmas(block, draft.given_in, lambda sigma, unit: sigma * unit)
-    given = Stated(block=block, matrices=_matrices(draft) if len(draft.rows["matrices"]) else None)
+    matrices, rows = None, draft.rows["matrices"]
+    if len(rows):  # NaN where none is given
+        matrices = np.full((len(draft.photo_ids), 3, 3), np.nan)
+        matrices[draft.photo["matrices"], rows["matrices.row"].astype(int) - 1] = rows["matrices.elements"]
+    given = Stated(block=block, matrices=matrices)
     statement = statement_of(draft.given_in, block)
     try:
         job, warnings = entered(given, statement)
@@ -95,17 +93,9 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Probl
     new["control"] = {"control.position": control.position, "control.sigma": control.sigma}
     if job.wave_origin is not None:
         new["wave_origin"] = {"wave_origin.position": np.array([job.wave_origin.position])}
-    rows = draft.rows | {role: draft.rows[role].with_values(table) for role, table in new.items()}
+    entered_rows = draft.rows | {role: draft.rows[role].with_values(table) for role, table in new.items()}
     job = replace(job, given_in=draft.given_in, stated_in=draft.stated_in)
-    return replace(draft, rows=rows, options=job.options), job, problems
-
-
-def _matrices(draft: Draft) -> FloatArray:
-    """Return the matrices of the photos (n, 3, 3), NaN where none is given."""
-    rows, links = draft.rows["matrices"], draft.photo["matrices"]
-    out = np.full((len(draft.photo_ids), 3, 3), np.nan)
-    out[links, rows["matrices.row"].astype(int) - 1] = rows["matrices.elements"]
-    return out
+    return replace(draft, rows=entered_rows, options=job.options), job, problems
 
 
 def answer_problems(draft: Draft, block: Block) -> tuple[Problem, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -147,12 +147,13 @@ def values_of(specs: Mapping[str, SystemSpec | None]) -> dict[str, dict[str, NDA
         "system_origins": [(role, spec.origin) for role, spec in given.items() if spec.origin],
         "system_shifts": [(role, spec.false) for role, spec in given.items() if spec.false],
     }
-    return {name: _columns(name, rows) for name, rows in tables.items()}
+    return {name: columns_of_rows(_STATING[name], name, rows) for name, rows in tables.items()}
 
 
-def _columns(table: str, rows: list[Any]) -> dict[str, NDArray[Any]]:
+def columns_of_rows(kind: type[Any], table: str, rows: Sequence[tuple[Any, ...]]) -> dict[str, NDArray[Any]]:
+    """Return rows of a table as columns, by model attribute; none without rows."""
     values = zip(*rows, strict=True) if rows else ()
-    pairs = zip(columns(TABLES[table]), values, strict=bool(rows))
+    pairs = zip(columns(kind), values, strict=bool(rows))
     return {f"{table}.{name}": np.array(column) for name, column in pairs}
 
 

@@ -94,19 +94,12 @@ def _decode_texts(field: FieldSpec, letters: ByteArray, column: Column) -> BoolA
     return plain | ~full if field.blank == "missing" else plain
 
 
-def gaps(spec: CardSpec) -> list[tuple[int, int]]:
-    """Return the runs of columns (first, last) from 4 to 72 in which the card has no field."""
-    runs = []
-    first, end = DATA_COLUMNS
-    for field in sorted(spec.fields, key=lambda field: field.first):
-        runs.append((first, field.first - 1))
-        first = field.last + 1
-    return [(first, last) for first, last in [*runs, (first, end)] if first <= last]
-
-
 def strays(spec: CardSpec, cards: ByteArray) -> Iterator[tuple[int, int, str]]:
     """Yield row, first column and text of what stands on `cards` (k, 80) in columns of no field, 4 to 72."""
-    for first, last in gaps(spec):
+    fields = sorted(spec.fields, key=lambda field: field.first)
+    starts = [DATA_COLUMNS[0], *(field.last + 1 for field in fields)]
+    ends = [*(field.first - 1 for field in fields), DATA_COLUMNS[1]]
+    for first, last in ((first, last) for first, last in zip(starts, ends, strict=True) if first <= last):
         letters = cards[:, first - 1 : last]
         for row in np.flatnonzero((letters != _BLANK).any(axis=1)).tolist():
             text = letters[row].tobytes().decode("ascii")

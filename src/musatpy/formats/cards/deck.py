@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.arrays import ByteArray, IntArray
 from musatpy.errors import DeckError, Problem, in_order
@@ -108,16 +107,13 @@ def read_cards(source: Path | str | bytes, family: Family, name: str | None = No
     is raised for a file that cannot be read.
     """
     file = name or ("deck" if isinstance(source, bytes) else str(source))
-    reader = _Reader(file, family, _images(source))
+    data = (source if isinstance(source, bytes) else Path(source).read_bytes()).removesuffix(_END_OF_FILE)
+    images = card_images(b"" if data.isspace() else data)
+    del data  # which is not kept beside them
+    reader = _Reader(file, family, images)
     tables = {spec.mnemonic: reader.columns(spec) for spec in family.cards.values()}
     lines = {mnemonic: rows + 1 for mnemonic, rows in reader.rows.items()}
     return CardDeck(file=file, tables=tables, lines=lines, problems=in_order(reader.problems), images=reader.images)
-
-
-def _images(source: Path | str | bytes) -> CardImages:
-    """Return the card images of a file, which is not kept beside them."""
-    data = (source if isinstance(source, bytes) else Path(source).read_bytes()).removesuffix(_END_OF_FILE)
-    return card_images(b"" if data.isspace() else data)
 
 
 class _Reader:
@@ -127,7 +123,10 @@ class _Reader:
         self.file = file
         self.images = images
         self.specs = tuple(family.cards.values())
-        self.kinds = _kinds(images, self.specs)
+        mnemonics = np.ascontiguousarray(images.cards[:, :3]).view("S3")[:, 0]
+        self.kinds = np.full(images.count, _UNKNOWN, dtype=np.int8)  # of each line, by its mnemonic
+        for kind, spec in enumerate(self.specs):
+            self.kinds[mnemonics == spec.mnemonic.encode("ascii")] = kind
         self.rows = {spec.mnemonic: np.flatnonzero(self.kinds == kind) for kind, spec in enumerate(self.specs)}
         self.problems: list[Problem] = []
         self.unreadable: set[int] = set()  # lines whose characters are wrong; their fields are not complained of
@@ -196,27 +195,16 @@ class _Reader:
                 message = f"no {spec.mnemonic} card ({spec.title.lower()})"
                 self.problems.append(Problem(file=self.file, card=spec.mnemonic, message=message))
             if spec.mnemonic == END_MNEMONIC and rows.size:
-                self._check_end(int(rows[0]))
+                end = int(rows[0]) + 1
+                after = [row + 1 for row in range(end, self.images.count) if self.images.text(row + 1)]
+                count = "a card" if len(after) == 1 else f"{len(after)} cards"
+                for line in after[:1]:
+                    message = f"{count} after the {END_MNEMONIC} card of line {end}"
+                    self._add(line, columns=(1, 3), message=message)
             elif spec.repeat == "one":
                 for row in rows[1:]:
                     message = f"a second {spec.mnemonic} card; the first is on line {rows[0] + 1}"
                     self._add(int(row) + 1, columns=(1, 3), message=message, card=spec.mnemonic)
-
-    def _check_end(self, end: int) -> None:
-        after = [row + 1 for row in range(end + 1, self.images.count) if self.images.text(row + 1)]
-        if after:
-            count = "a card" if len(after) == 1 else f"{len(after)} cards"
-            message = f"{count} after the {END_MNEMONIC} card of line {end + 1}"
-            self._add(after[0], columns=(1, 3), message=message)
-
-
-def _kinds(images: CardImages, specs: tuple[CardSpec, ...]) -> NDArray[np.int8]:
-    """Return (lines,) which of `specs` each line is, by its mnemonic; -1 for none."""
-    mnemonics = np.ascontiguousarray(images.cards[:, :3]).view("S3")[:, 0]
-    kinds = np.full(images.count, _UNKNOWN, dtype=np.int8)
-    for kind, spec in enumerate(specs):
-        kinds[mnemonics == spec.mnemonic.encode("ascii")] = kind
-    return kinds
 
 
 def write_cards(tables: Iterable[tuple[CardSpec, Columns]]) -> bytes:

@@ -262,15 +262,10 @@ def format_of(kind: type[Any], path: Path) -> Any:
     reader = Reader(str(path))
     spec = reader.table(kind, raw, "")
     if reader.problems:
-        raise CardFormatError("\n".join(f"{path}: {_place(one.field)}{one.message}" for one in reader.problems))
+        places = [re.sub(r"\[(\d+)\]", r" \1", one.field or "").replace(".", ": ") for one in reader.problems]
+        faults = [f"{place}: {one.message}" for place, one in zip(places, reader.problems, strict=True)]
+        raise CardFormatError("\n".join(f"{path}: {fault.removeprefix('spec: ')}" for fault in faults))
     return spec
-
-
-def _place(where: str | None) -> str:
-    """Return where a problem is, as messages have it: `field 2: columns: `."""
-    if not where or where == "spec":
-        return ""
-    return re.sub(r"\[(\d+)\]", r" \1", where).replace(".", ": ") + ": "
 
 
 def _load_card(path: Path) -> CardSpec:
@@ -280,7 +275,10 @@ def _load_card(path: Path) -> CardSpec:
             with named(f"field {number} ({field.name})"):
                 field.check()
         check_fields(spec.fields)
-        _check_sample(spec)
+        with named("sample"):
+            values = {one.name: one.decode(spec.sample[one.first - 1 : one.last]) for one in spec.fields}
+            card = spec.encode(values, 1)
+            require(card == spec.sample, f"does not encode to itself:\n    {spec.sample}\n    {card}")
     except ValueError as error:
         raise CardFormatError(f"{path}: {error}") from error
     return spec
@@ -302,10 +300,3 @@ def check_fields(fields: Sequence[FieldSpec]) -> None:
         require(names.count(name) == 1, f"field {name}: a second field has the same name")
     for field, after in pairwise(sorted(fields, key=lambda field: field.first)):
         require(field.last < after.first, f"field {after.name}: columns: overlap those of {field.name}")
-
-
-def _check_sample(spec: CardSpec) -> None:
-    with named("sample"):
-        values = {field.name: field.decode(spec.sample[field.first - 1 : field.last]) for field in spec.fields}
-        card = spec.encode(values, 1)
-        require(card == spec.sample, f"does not encode to itself:\n    {spec.sample}\n    {card}")

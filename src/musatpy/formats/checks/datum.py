@@ -53,7 +53,14 @@ def photo_rays(draft: Draft) -> Iterator[Problem]:
     measured = np.bincount(photo[photo >= 0], minlength=photos)
     usable = np.bincount(photo[rays.usable], minlength=photos)
     observed = _observed(draft).sum(axis=1)
-    for role, path, row, link in _first_cards(draft):
+    stations = draft.photo["stations"]
+    cards = [("stations", "photos.ids", row, link) for row, link in enumerate(stations.tolist())]
+    if draft.may_lack_station:  # what shows a photo without a station card
+        photos_measured, first = np.unique(photo, return_index=True)
+        alone = ~np.isin(photos_measured, stations)
+        pairs = zip(first[alone].tolist(), photos_measured[alone].tolist(), strict=True)
+        cards += [("plates", "plates.photo", row, link) for row, link in pairs]
+    for role, path, row, link in cards:
         if link < 0 or not measured[link] or 2 * usable[link] + observed[link] >= _UNKNOWNS:
             continue
         have = f"{_count(usable[link], 'usable ray')} ({measured[link]} measured)"
@@ -61,18 +68,6 @@ def photo_rays(draft: Draft) -> Iterator[Problem]:
         need = "three rays are needed, to points with another ray or with control"
         message = f"photo {draft.photo_ids[link]} has {have} and {held}: {need}"
         yield draft.problem(role, row, message, path=path)
-
-
-def _first_cards(draft: Draft) -> Iterator[tuple[str, str, int, int]]:
-    """Yield (role, path of the photo, row, photo) of each station card, and of what shows a photo without one."""
-    stations = draft.photo["stations"]
-    for row, link in enumerate(stations.tolist()):
-        yield "stations", "photos.ids", row, link
-    if draft.may_lack_station:
-        photos, first = np.unique(draft.photo["plates"], return_index=True)
-        alone = ~np.isin(photos, stations)
-        for row, link in zip(first[alone].tolist(), photos[alone].tolist(), strict=True):
-            yield "plates", "plates.photo", row, link
 
 
 def _observed(draft: Draft) -> BoolArray:
@@ -107,7 +102,9 @@ def parts(draft: Draft) -> Iterator[Problem]:
         measured[draft.point["plates"][rays.usable & np.append(inside, False)[draft.photo["plates"]]]] = True
         known, is_level = _known(draft, rays, inside, measured)
         photos = draft.photo_ids[inside].tolist()
-        name = "the block" if len(numbers) == 1 else f"the part of the block with {_list_photos(photos)}"
+        shown = ", ".join(photos if len(photos) <= 4 else [*photos[:3], "...", photos[-1]])
+        part_of = f"the part of the block with photo{'s' if len(photos) > 1 else ''} {shown}"
+        name = "the block" if len(numbers) == 1 else part_of
         have = f"has {known}"
         if _motions_held(draft, rays, inside, measured, observed) < _MOTIONS:
             need = f"its datum needs {_HORIZONTAL} horizontal and {_VERTICAL} vertical ones, or observed stations"
@@ -152,23 +149,17 @@ def _parts(draft: Draft, rays: Rays) -> IntArray:
     """
     photo, photos = draft.photo["plates"], len(draft.photo_ids)
     by_points = np.stack([photo[rows] for rows in common_rays(draft, rays.usable)], axis=1)
-    links = np.concatenate([by_points, draft.photo["air_bases"], _level_links(draft, rays)])
+    photo_of_point = np.full(len(draft.point_ids) + 1, -1)
+    photo_of_point[draft.point["plates"][rays.usable]] = photo[rays.usable]
+    group, point = _equal_elevations(draft)
+    seen = photo_of_point[point] >= 0
+    order = np.argsort(group[seen], kind="stable")
+    group, member = group[seen][order], photo_of_point[point][seen][order]
+    by_levels = np.stack([member[:-1], member[1:]], axis=1)[group[1:] == group[:-1]]
+    links = np.concatenate([by_points, draft.photo["air_bases"], by_levels])
     keys = np.unique(links[(links >= 0).all(axis=1)] @ [photos, 1])  # each pair of photos once
     part = _join(photos, np.stack(np.divmod(keys, max(photos, 1)), axis=1))
-    seen = np.zeros(len(part), dtype=bool)
-    seen[photo[rays.usable]] = True
-    return np.where(seen, part, -1)
-
-
-def _level_links(draft: Draft, rays: Rays) -> IntArray:
-    """Return (k, 2) pairs of photos that measure points of one equal elevation group."""
-    photo_of_point = np.full(len(draft.point_ids) + 1, -1)
-    photo_of_point[draft.point["plates"][rays.usable]] = draft.photo["plates"][rays.usable]
-    member_group, point = _equal_elevations(draft)
-    member_group, member = (column[photo_of_point[point] >= 0] for column in (member_group, photo_of_point[point]))
-    order = np.argsort(member_group, kind="stable")
-    same = member_group[order][1:] == member_group[order][:-1]
-    return np.stack([member[order][:-1][same], member[order][1:][same]], axis=1)
+    return np.where(np.bincount(photo[rays.usable], minlength=photos) > 0, part, -1)
 
 
 def _join(count: int, links: IntArray) -> IntArray:
@@ -190,24 +181,19 @@ def _count(number: int, noun: str) -> str:
     return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
 
 
-def _list_photos(ids: list[str]) -> str:
-    if len(ids) == 1:
-        return f"photo {ids[0]}"
-    shown = ids if len(ids) <= 4 else [*ids[:3], "...", ids[-1]]
-    return f"photos {', '.join(shown)}"
-
-
 def _motions_held(draft: Draft, rays: Rays, photos: BoolArray, points: BoolArray, observed: BoolArray) -> int:
     """Return how many motions of a part are held: of its photos (n,) and the points (p,) measured there.
 
     observed (n, 6): the east, north, up, X-tilt, Y-tilt and heading that have a sigma.
     """
     station, ground = _places(draft, rays, photos, points)
+    lengths = np.zeros((_bases(draft, photos, points), _MOTIONS))
+    lengths[:, 6] = 1.0  # each holds the scale
     rows = [
         _moves(station)[observed[:, :3] & photos[:, None]],
         _moves(ground)[np.stack([rays.horizontal, rays.horizontal, rays.vertical], axis=1) & points[:, None]],
         _turns(draft)[observed[:, 3:] & photos[:, None]],
-        _lengths(draft, photos, points),
+        lengths,
         *_levels(draft, ground, points),
     ]
     return int(np.linalg.matrix_rank(np.concatenate(rows), tol=_FREE))
@@ -276,13 +262,6 @@ def _turns(draft: Draft) -> FloatArray:
     )
     rows = np.zeros((len(omega), 3, _MOTIONS))
     rows[:, :, 3:6] = np.linalg.pinv(np.transpose(axes, (2, 1, 0)))
-    return rows
-
-
-def _lengths(draft: Draft, photos: BoolArray, points: BoolArray) -> FloatArray:
-    """Return a row of the scale for each air base and, in IIIA, each distance."""
-    rows = np.zeros((_bases(draft, photos, points), _MOTIONS))
-    rows[:, 6] = 1.0
     return rows
 
 

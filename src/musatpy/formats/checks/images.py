@@ -46,11 +46,13 @@ def rays_of(draft: Draft) -> Rays:
     rows, points = draft.rows["plates"], len(draft.point_ids)
     point = draft.point["plates"]
     sound = (draft.photo["plates"] >= 0) & (point >= 0) & ~np.isnan(rows["plates.xy"]).any(axis=1)
-    if draft.raw:
-        sound &= _first_readings(draft)
+    if draft.raw:  # all readings of a point on a photo make one ray
+        pairs = np.stack([draft.photo["plates"], point])
+        sound &= np.isin(np.arange(len(point)), np.unique(pairs, axis=1, return_index=True)[1])
     triangulated = sound & rows["plates.triangulated"]
     counts = np.bincount(point[triangulated], minlength=points)
-    horizontal, vertical = _known(draft, HORIZONTAL), _known(draft, VERTICAL)
+    kinds = draft.rows["control"]["control.kind"]
+    horizontal, vertical = (draft.points_of("control", np.isin(kinds, of)) for of in (HORIZONTAL, VERTICAL))
     helpful = np.append((counts > 1) | horizontal | vertical, False)  # the last: no point
     return Rays(
         sound=sound,
@@ -62,13 +64,6 @@ def rays_of(draft: Draft) -> Rays:
     )
 
 
-def _known(draft: Draft, kinds: tuple[ControlKind, ...]) -> BoolArray:
-    links = draft.point["control"]
-    known = np.zeros(len(draft.point_ids), dtype=bool)
-    known[links[np.isin(draft.rows["control"]["control.kind"], kinds) & (links >= 0)]] = True
-    return known
-
-
 def by_camera(draft: Draft, path: str, change: Callable[[FloatArray], FloatArray] = np.asarray) -> FloatArray:
     """Return (cameras + 1, ...) what the card of each camera says, NaN without; the last: no camera."""
     values, links = change(draft.rows["cameras"][path]), draft.camera["cameras"]
@@ -76,14 +71,6 @@ def by_camera(draft: Draft, path: str, change: Callable[[FloatArray], FloatArray
     out[links] = values
     out[-1] = np.nan
     return out
-
-
-def _first_readings(draft: Draft) -> BoolArray:
-    """Return (m,) True for the first reading of each point of a photo: all of them make one ray."""
-    first = np.zeros(len(draft.rows["plates"]), dtype=bool)
-    rays = np.stack([draft.photo["plates"], draft.point["plates"]])
-    first[np.unique(rays, axis=1, return_index=True)[1]] = True
-    return first
 
 
 def common_rays(draft: Draft, wanted: BoolArray) -> tuple[IntArray, IntArray]:
@@ -136,18 +123,13 @@ def plan(draft: Draft, position: FloatArray) -> ComplexArray:
     """Return (k,) east + i north (m) of positions (k, 3) of the job, good from one to another near by."""
     if draft.system is CoordinateSystem.LOCAL:
         return position[:, 0] + 1j * position[:, 1]
-    if draft.system is CoordinateSystem.GEOCENTRIC:
-        position = _spherical(position)
+    if draft.system is CoordinateSystem.GEOCENTRIC:  # latitude and longitude on the sphere
+        x, y, z = position.T
+        position = np.stack([np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x)], axis=1)
     good = position[np.isfinite(position).all(axis=1), :2]
     latitude, longitude = good[0] if len(good) else np.zeros(2)
     east = np.angle(np.exp(1j * (position[:, 1] - longitude)))  # across the date line as well
     return _EARTH * (east * np.cos(latitude) + 1j * position[:, 0])
-
-
-def _spherical(xyz: FloatArray) -> FloatArray:
-    """Return latitude and longitude (rad) on the sphere of geocentric positions, (k, 2)."""
-    x, y, z = xyz.T
-    return np.stack([np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x)], axis=1)
 
 
 @check(of_job=True, of_run=True, raw=False)
@@ -242,8 +224,14 @@ def scales(draft: Draft) -> Iterator[Problem]:
 
 
 def _ratios(draft: Draft) -> FloatArray:
-    """Return, of each photo with enough control, the width of the control over that on the photo by its station."""
-    position = _control(draft)
+    """Return, of each photo with enough control, the width of the control over that on the photo by its station.
+
+    Of control on land: through the water photos show it nearer, and another camera would explain that as well.
+    """
+    rows, links = draft.rows["control"], draft.point["control"]
+    full = (rows["control.kind"] == ControlKind.FULL) & (links >= 0) & np.append(~draft.bathymetric, False)[links]
+    position = np.full((len(draft.point_ids) + 1, 3), np.nan)  # the last: no point
+    position[links[full]] = rows["control.position"][full]
     ground, photo, point = plan(draft, position), draft.photo["plates"], draft.point["plates"]
     seen = rays_of(draft).sound & np.isfinite(ground[point]) & np.isfinite(position[point, 2])
     photo, point = photo[seen], point[seen]
@@ -262,16 +250,3 @@ def _ratios(draft: Draft) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = scale * focal[draft.camera_of_photo] / above
     return ratios[np.isfinite(ratios) & (ratios > 0.0)]
-
-
-def _control(draft: Draft) -> FloatArray:
-    """Return (points + 1, 3) positions of full control, NaN for all others and for the last: no point.
-
-    Of control on land: through the water photos show it nearer, and another camera would explain that as well.
-    """
-    rows, links = draft.rows["control"], draft.point["control"]
-    position = np.full((len(draft.point_ids) + 1, 3), np.nan)
-    dry = np.append(~draft.bathymetric, False)
-    full = (rows["control.kind"] == ControlKind.FULL) & (links >= 0) & dry[links]
-    position[links[full]] = rows["control.position"][full]
-    return position

@@ -226,7 +226,10 @@ def calibrations(draft: Draft) -> Iterator[Problem]:
         return
     cameras = len(draft.camera_ids)
     if options.transformation is Transformation.DISTANCES:
-        role, lacking = "mark_distances", ~_with_axes(draft)
+        role, lacking = "mark_distances", np.ones(cameras, dtype=bool)
+        axis, camera = draft.rows[role][f"{role}.axis"], draft.camera[role]
+        for pair in _DIRECTIONS:
+            lacking &= ~np.all([_counts(camera[axis == name], cameras) > 0 for name in pair], axis=0)
         message = "no distances along both axes (X and Y) or both diagonals (D1 and D2)"
     else:
         role, needed = "fiducials", _MARKS[options.transformation]
@@ -340,13 +343,3 @@ def _measured(draft: Draft, what: str) -> BoolArray:
 
 def _counts(links: IntArray, size: int) -> IntArray:
     return np.bincount(links[links >= 0], minlength=size)
-
-
-def _with_axes(draft: Draft) -> BoolArray:
-    """Return (cameras,) True where distances lie along both axes, or both diagonals."""
-    axis = draft.rows["mark_distances"]["mark_distances.axis"]
-    camera, cameras = draft.camera["mark_distances"], len(draft.camera_ids)
-    complete = np.zeros(cameras, dtype=bool)
-    for pair in _DIRECTIONS:
-        complete |= np.all([_counts(camera[axis == name], cameras) > 0 for name in pair], axis=0)
-    return complete

@@ -75,29 +75,22 @@ class RecordField(FieldSpec):
     def decode(self, text: str) -> float | str:
         """Return the value of a text; raises `FieldError`. Words of a free layout may have any width."""
         if not self.edit.is_number:
-            return self._decode_text(text)
-        value = self._decode_number(text)
-        if value == self.none:
-            return math.nan
-        return self._unpacked(value, text) if self.unit == PACKED else value
-
-    def _decode_number(self, text: str) -> float:
+            value = text.strip(" ") if self.free else str(super().decode(text))
+            letters = dict(self.codes)
+            if (letters and value not in letters) if value else self.blank == "error":
+                raise FieldError(value or text, self.expected)
+            return letters.get(value, value)
         if not self.free or not text.strip():
-            return float(super().decode(text))
-        letter: Literal["I", "F"] = "I" if self.edit.letter == "I" else "F"
-        try:
-            return read_number(text, Edit(letter=letter, width=len(text)))
-        except FieldError as error:
-            raise FieldError(text, "an integer" if letter == "I" else "a number") from error
-
-    def _decode_text(self, text: str) -> str:
-        value = text.strip(" ") if self.free else str(super().decode(text))
-        if not value and self.blank == "error":
-            raise FieldError(text, self.expected)
-        letters = dict(self.codes)
-        if value and letters and value not in letters:
-            raise FieldError(value, self.expected)
-        return letters.get(value, value)
+            number = float(super().decode(text))
+        else:
+            letter: Literal["I", "F"] = "I" if self.edit.letter == "I" else "F"
+            try:
+                number = read_number(text, Edit(letter=letter, width=len(text)))
+            except FieldError as error:
+                raise FieldError(text, "an integer" if letter == "I" else "a number") from error
+        if number == self.none:
+            return math.nan
+        return self._unpacked(number, text) if self.unit == PACKED else number
 
     def _unpacked(self, value: float, text: str) -> float:
         """Return radians of the packed angle DDDMMSS.sss; the sign of zero degrees is that of the number."""
@@ -112,31 +105,22 @@ class RecordField(FieldSpec):
     def encode(self, value: float | str) -> str:
         """Return the text of a value, as wide as the field; raises `FieldError`."""
         if isinstance(value, str):
-            return self._encode_code(value)
+            texts = {letter: text for text, letter in reversed(self.codes)}
+            if texts and value not in texts:
+                raise FieldError(value, f"one of {', '.join(letter or 'blank' for _, letter in self.codes)}")
+            if self.free and not texts and " " in value:
+                raise FieldError(value, "a text without blanks")
+            text = texts[value].ljust(self.edit.width) if texts else super().encode(value)
+            return text.strip(" ").rjust(self.edit.width) if self.justify == "right" else text
         if math.isnan(value) and self.none is not None:
             return fit_number(self.none, self.edit)
         if self.unit == PACKED and not math.isnan(value):
             return self._packed(value)
         if self.edit.letter == "I":
             value = float(round(value)) if math.isfinite(value) else value
-        if self._is_zero(value):
-            value = 0.0
-        return super().encode(value)
-
-    def _is_zero(self, value: float) -> bool:
-        """Return whether a number is written as zero: one below its last decimal, but no standard deviation."""
-        return not self.is_sigma and self.edit.letter == "F" and abs(value) * 10.0**self.edit.decimals < 0.5
-
-    def _encode_code(self, value: str) -> str:
-        for text, letter in self.codes:
-            if letter == value:
-                return text.rjust(self.edit.width) if self.justify == "right" else text.ljust(self.edit.width)
-        if self.codes:
-            raise FieldError(value, f"one of {', '.join(letter or 'blank' for _, letter in self.codes)}")
-        if self.free and " " in value:
-            raise FieldError(value, "a text without blanks")
-        text = super().encode(value)
-        return text.strip(" ").rjust(self.edit.width) if self.justify == "right" else text
+        # a number below its last decimal is zero, but no standard deviation
+        small = self.edit.letter == "F" and abs(value) * 10.0**self.edit.decimals < 0.5
+        return super().encode(0.0 if small and not self.is_sigma else value)
 
     def _packed(self, value: float) -> str:
         """Return DDDMMSS.sss with the decimals that the field has room for."""

@@ -175,7 +175,13 @@ def record_values(record: RecordSpec, line: str) -> dict[str, Value]:
         bad = [Problem(columns=at, found=word, message=f"'{word}' is a word too many") for word, at in words[most:]]
     else:
         pieces = {field.first: (line[field.first - 1 : field.last], field.columns) for field in record.fields}
-        bad = _words_of_no_field(record, line)
+        rest = list(line)
+        for field in record.fields:
+            end = min(field.last, len(line))
+            rest[field.first - 1 : end] = " " * max(end - field.first + 1, 0)
+        outside = ((one.group(), (one.start() + 1, one.end())) for one in _WORD.finditer("".join(rest)))
+        message = "stands in columns of no field"
+        bad = [Problem(columns=at, found=word, message=f"'{word}' {message}") for word, at in outside]
     nothing = ("", (len(line) + 1, len(line) + 1))
     values: dict[str, Value] = {}
     for field in record.fields:
@@ -187,17 +193,6 @@ def record_values(record: RecordSpec, line: str) -> dict[str, Value]:
     if bad:
         raise DeckError(in_order(bad))
     return values
-
-
-def _words_of_no_field(record: RecordSpec, line: str) -> list[Problem]:
-    """Return what stands in columns of no field."""
-    rest = list(line)
-    for field in record.fields:
-        end = min(field.last, len(line))
-        rest[field.first - 1 : end] = " " * max(end - field.first + 1, 0)
-    words = [(word.group(), (word.start() + 1, word.end())) for word in _WORD.finditer("".join(rest))]
-    message = "'{}' stands in columns of no field"
-    return [Problem(columns=columns, found=word, message=message.format(word)) for word, columns in words]
 
 
 def record_line(record: RecordSpec, values: Mapping[str, Value], free: bool) -> str:
@@ -246,33 +241,28 @@ def load_files(folder: Path | str) -> tuple[FileSpec, ...]:
 
 def _load_file(path: Path, family: str) -> FileSpec:
     spec: FileSpec = replace(format_of(FileSpec, path), family=family, stated_in=str(path))
+    names = [record.name for record in spec.records]
     try:
+        require(len(set(names)) == len(names), "record: two have the same name")
         records = []
         for number, record in enumerate(spec.records, 1):
             with named(f"record {number} ({record.name})"):
                 records.append(record.laid_out(spec.free))
         spec = replace(spec, records=tuple(records))
-        _check_order(spec)
+        require(any(record.last for record in spec.records), "last: the file may end after no record")
+        for number, record in enumerate(spec.records):
+            with named(f"record {record.name}"):
+                unknown = set(record.follows) - {START, *names}
+                require(not unknown, f"follows: no record {', '.join(sorted(unknown))}")
+                require(not record.joins or record.joins in names[:number], "joins: no record before it")
+                with named("sample"):
+                    _check_sample(spec, record)
+        for leaf in spec.leaves():
+            fields = spec.row_fields(leaf)
+            require(len({one.name for one in fields}) == len(fields), f"{leaf.name}: fields of one name")
     except ValueError as error:
         raise CardFormatError(f"{path}: {error}") from error
     return spec
-
-
-def _check_order(spec: FileSpec) -> None:
-    """Raise `ValueError` for records that do not fit together, or with bad samples."""
-    names = [record.name for record in spec.records]
-    require(len(set(names)) == len(names), "record: two have the same name")
-    require(any(record.last for record in spec.records), "last: the file may end after no record")
-    for number, record in enumerate(spec.records):
-        with named(f"record {record.name}"):
-            unknown = set(record.follows) - {START, *names}
-            require(not unknown, f"follows: no record {', '.join(sorted(unknown))}")
-            require(not record.joins or record.joins in names[:number], "joins: no record before it")
-            with named("sample"):
-                _check_sample(spec, record)
-    for leaf in spec.leaves():
-        fields = spec.row_fields(leaf)
-        require(len({one.name for one in fields}) == len(fields), f"{leaf.name}: fields of one name")
 
 
 def _check_sample(spec: FileSpec, record: RecordSpec) -> None:

@@ -353,18 +353,10 @@ def can_hold_control(spec: FileSpec, leaf: RecordSpec, control: Table, frame: Jo
         fits = np.isin(kind, [kinds[letter] for letter in codes or kinds]) if _KIND in paths else kind == kinds["F"]
     if not frame.has_vertical(spec):
         fits &= (kind != kinds["H"]) & (kind != kinds["V"])
-    return fits & _given(spec, leaf, control, frame)
-
-
-def _given(spec: FileSpec, leaf: RecordSpec, control: Table, frame: JobFrame) -> Array:
-    """Return (k,) True where the components that must not be blank on a row are there."""
     position = frame.file_position(spec, control["control.position"])
-    needed = [
-        slot.component or 0
-        for slot in mapping.slots(row_of(spec, leaf))
-        if slot.path == "control.position" and slot.fields[0].blank == "error"
-    ]
-    return np.asarray(~np.isnan(position[:, needed]).any(axis=1))
+    slots = [slot for slot in mapping.slots(row_of(spec, leaf)) if slot.path == "control.position"]
+    needed = [slot.component or 0 for slot in slots if slot.fields[0].blank == "error"]
+    return np.asarray(fits & ~np.isnan(position[:, needed]).any(axis=1))
 
 
 def _from_model(spec: FileSpec, row: RecordSpec, table: Table, frame: JobFrame) -> None:
