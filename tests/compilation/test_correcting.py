@@ -262,7 +262,7 @@ def test_a_raster_keeps_its_posts_and_gets_sigmas(run_record: Path, tmp_path: Pa
             'It shows them as UTM, zone 20 north (--crs "+proj=utm +z',
         ),
         ("a.csv", "x,y,z\n-64.936,18.33,-3.0\n", ("--crs", "EPSG:26720"), "as longitude and latitude in degrees"),
-        ("a.csv", "lon,lat,depth\n-64.94,18.33,3.0\n", (), "no column z among lon, lat, depth"),
+        ("a.csv", "lon,lat,depth\n-64.94,18.33,3.0\n", (), "no column z [m] among lon, lat, depth"),
         ("a.csv", "x,y,z\n-64.94,18.33\n", (), "2 values"),
         ("a.doc", "x,y,z\n", (), "no suffix of a known format"),
         ("a.csv", "", (), "the file is empty"),
