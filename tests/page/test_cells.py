@@ -5,11 +5,14 @@ import os
 import shutil
 from urllib.parse import unquote
 
+import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from campaign.batches import ST_THOMAS, musat
 from musatpy.page import compilation_page, run_page
 from musatpy.page.cells import cell_text
+from musatpy.page.flight import hull_area
 from musatpy.page.index_page import JobRow, index_html
 from musatpy.page.page_tables import PageReport
 from musatpy.reports import (
@@ -25,6 +28,14 @@ from musatpy.reports import (
 from musatpy.reports.table import Report
 from musatpy.units import DEGREE
 from page.pages import ROOT, Reader
+
+
+def test_the_area_of_points_is_that_of_their_hull():
+    places = np.random.default_rng(4).normal(size=(200, 2)) * [300.0, 70.0] + [5e5, 2e6]
+    places = np.concatenate([places, places[:50], [[5e5, 2e6]] * 3])
+    assert hull_area(places) == pytest.approx(ConvexHull(places - places.mean(axis=0)).volume, rel=1e-9)
+    assert hull_area(np.array([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])) == pytest.approx(0.0, abs=1e-12)
+    assert hull_area(np.array([[1.0, 1.0]])) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -37,7 +38,7 @@ def flight_facts(tables: Tables) -> Iterator[Fact]:
         detail=f"stations {flown[:, 2].min():.0f} to {flown[:, 2].max():.0f} m, points typically at {level:.1f} m",
     )
     yield from _scale(tables, height - level)
-    area = _hull_area(ground[:, :2])
+    area = hull_area(ground[:, :2])
     if area:
         size = f"{size_text(area / _KILOMETRE2)} km²" if area > 0.1 * _KILOMETRE2 else f"{area:.0f} m²"
         yield Fact("Area", size, detail="hull of the ground points")
@@ -56,14 +57,23 @@ def _scale(tables: Tables, height: float) -> Iterator[Fact]:
     yield Fact("Scale of the photos", f"1 : {rounded:,.0f}", detail=detail)
 
 
-def _hull_area(places: FloatArray) -> float:
-    """Return the area (m2) of the convex hull of places (n, 2); 0 of a line."""
-    from scipy.spatial import ConvexHull, QhullError
+def hull_area(places: FloatArray) -> float:
+    """Return the area (m2) of the convex hull of places (n, 2), by Andrew's two chains; 0 of a line.
 
-    try:
-        return float(ConvexHull(places - places.mean(axis=0)).volume)
-    except QhullError:
-        return 0.0
+    `scipy.spatial` would take a tenth of the time of a small page to load.
+    """
+    area, ordered = 0.0, sorted((places - places.mean(axis=0)).tolist())
+    for points in (ordered, ordered[::-1]):
+        chain: list[list[float]] = []
+        for x, y in points:
+            while len(chain) > 1:
+                (x0, y0), (x1, y1) = chain[-2:]
+                if (x1 - x0) * (y - y0) > (y1 - y0) * (x - x0):
+                    break
+                chain.pop()
+            chain.append([x, y])
+        area += sum(0.5 * (x0 * y1 - x1 * y0) for (x0, y0), (x1, y1) in pairwise(chain))
+    return area
 
 
 def times_fact(tables: Tables) -> Iterator[Fact]:
