@@ -273,6 +273,13 @@ def test_columns_of_a_local_job(tmp_path):
     assert "Sigma X m" in page.tables["Adjusted Ground Points"][0]
 
 
+def test_what_edit_left_out_stands_with_its_tests(tmp_path):
+    text = record_text(ROOT / "fixtures" / "verdict" / "edit_point_206_420m.crd")
+    found, rows = json.loads(text)["findings"], read(written(tmp_path, text)).rows("Blunders Found")
+    assert [row["Test"] for row in rows] == sorted((row["Test"] for row in rows), key=lambda t: -abs(float(t)))
+    assert len(rows) == len(found) > 0
+
+
 @pytest.mark.parametrize("missing", ["jinja2", "matplotlib"])
 def test_a_missing_package_is_named_with_its_pip_line(monkeypatch, tmp_path, missing):
     monkeypatch.setattr(rendering.importlib.util, "find_spec", lambda name: None if name == missing else name)

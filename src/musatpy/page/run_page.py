@@ -76,7 +76,7 @@ _OPTION_WORDS: Mapping[str, Mapping[Any, str]] = {
     "editing": titles.EDITING,
 }
 _FINDINGS = Report(
-    answer.BLUNDERS.title, blunders.FINDINGS, (*answer.BLUNDERS.columns, "note"), worst=lambda t: np.abs(t["test"])
+    answer.BLUNDERS.title, blunders.FINDINGS, (answer.BLUNDERS.columns, "note"), worst=lambda t: np.abs(t["test"])
 )
 _open = partial(PageReport, folded=False)
 _of_photos = partial(PageReport, listed=_PHOTOS)
