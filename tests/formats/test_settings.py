@@ -11,7 +11,7 @@ from musatpy.errors import nearest, nearest_or_all
 from musatpy.formats import musat
 from musatpy.formats.cards.manual import card_of, card_text, list_of_cards
 from musatpy.formats.cards.settings import SettingError, deck_with, setting_of, settings_of
-from musatpy.formats.cards.spec import load_family
+from musatpy.formats.cards.spec import CardSpec, load_family
 from musatpy.formats.job_tables import card_family
 from musatpy.model import Program, ReductionOptions, WaterLevel
 
@@ -130,12 +130,10 @@ def test_a_card_is_made_of_names_and_values():
     ("name", "texts", "message"),
     [
         ("OPT", ["plate_sigma=-3"], "OPT.plate_sigma: a standard deviation must be greater than zero"),
-        ("OPT", ["translation_limit=2"], "a limit of 2 m would call any run converged: 1 m at most"),
         ("WTR", ["index=3"], "WTR.index: a refractive index of 3 is not within 1.3 to 1.4"),
         ("WTR", ["index=3", "liquid=DIAMOND"], "WTR.index: a refractive index of 3 is not within 1 to 2"),
         ("ATT", ["photo=1", "x_tilt=95 0 0", "y_tilt=0 0 0", "heading=0 0 0"], "a tilt of 95.0000 degrees"),
         ("TID", ["height=1"], "TID.photo: blank, expected A8"),
-        ("BAS", ["photo_1=1", "photo_2=1", "length=5", "sigma=1"], "an air base needs two different photos"),
         ("WTC", ["temperature=20", "salinity=35", "chlorinity=20"], "salinity and chlorinity are one thing"),
         ("ELL", ["name=clark66"], "'clark66' is no ellipsoid that PROJ knows"),
     ],
@@ -153,6 +151,29 @@ def test_a_sample_made_of_its_values_is_the_sample(name):
     card, problems = card_of(spec, [setting_of(spec, *entry) for entry in values.items()], FAMILY)
     assert card == spec.sample[:72].rstrip()
     assert not [problem for problem in problems if problem.severity == "error"]
+
+
+LIMITED = [
+    (spec, field)
+    for spec in (*FAMILY.cards.values(), *COMPILATION.cards.values())
+    for field in spec.fields
+    if field.bound or field.most
+]
+
+
+@pytest.mark.parametrize(
+    ("spec", "field"), LIMITED, ids=lambda one: one.mnemonic if isinstance(one, CardSpec) else one.name
+)
+def test_a_number_beyond_what_its_field_allows_is_told_there(spec, field):
+    """None of the limits from below allows 0; those from above are passed by 5 of their units."""
+    values = {one.name: spec.sample[one.first - 1 : one.last].strip() for one in spec.fields}
+    beyond = [(field.bound, 0.0)] if field.bound else []
+    beyond += [(field.most, sign * (field.most[0] + 5.0)) for sign in (1.0, -1.0) if field.most]
+    for (*_, message), number in beyond:
+        said = values | {field.name: f"{number:g}"}
+        _, problems = card_of(spec, [setting_of(spec, *entry) for entry in said.items()], FAMILY)
+        told = [one for one in problems if one.columns and one.columns[0] <= field.first <= one.columns[1]]
+        assert any(message.partition("{")[0] in one.message for one in told), (number, problems)
 
 
 @pytest.mark.parametrize("spec", [*FAMILY.cards.values(), *COMPILATION.cards.values()], ids=lambda c: c.mnemonic)
