@@ -66,7 +66,8 @@ def deck_parts(path: Any) -> Tables:
     if errors := errors or list(statements(draft)):
         raise DeckError(errors)
     if draft.given_in is not None and any(len(draft.rows[role]) for role in _STATED):
-        draft, _, problems = entered_draft(draft, _linked(draft, "a deck with SYS IN must be whole"))
+        needed = "a deck with SYS IN must be whole where it has stations, attitudes, tides or control"
+        draft, _, problems = entered_draft(draft, _linked(draft, needed))
         if any(problem.severity == "error" for problem in problems):
             raise DeckError(problems)
     stated = {role: rows for role, rows in draft.rows.items() if role not in system_rows.TABLES}
