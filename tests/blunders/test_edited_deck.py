@@ -126,12 +126,3 @@ def test_without_editing_there_is_nothing_to_punch(tmp_path: Path) -> None:
     assert "no edited deck: the options do not have blunders looked for" in result.stderr
     assert not (tmp_path / "job.edited.crd").exists()
     assert "found" not in result.stdout
-
-
-def test_a_deck_whose_edits_would_overwrite_another_is_refused(tmp_path: Path) -> None:
-    for name in ("job.crd", "job.edited.crd"):
-        (tmp_path / name).write_bytes(DECK.read_bytes())
-    decks = [str(tmp_path / name) for name in ("job.crd", "job.edited.crd")]
-    result = CliRunner().invoke(main, ["run", *decks, "--punch-edits"])
-    assert result.exit_code == 2
-    assert "overwrite" in result.stderr

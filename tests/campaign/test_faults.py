@@ -301,20 +301,3 @@ def test_files_that_may_not_grow(tmp_path):
     said = ran.stderr.splitlines()
     assert len(said) == 2 and all(line.endswith(": File too large") for line in said)
     assert (assert_whole(tmp_path), leftovers(tmp_path)) == (set(), [])
-
-
-@pytest.mark.slow
-def test_decks_that_cannot_be_read(tmp_path):
-    decks_in(tmp_path, small=1)
-    (tmp_path / "folder.crd").mkdir()
-    (tmp_path / "dangling.crd").symlink_to("nothing")
-    (tmp_path / "noise.crd").write_bytes(bytes(range(256)) * 40)
-    (tmp_path / "empty.crd").write_bytes(b"")
-    ran = musat("batch", ".", "gone.crd", cwd=tmp_path)
-    assert ran.returncode == 1
-    assert "folder.crd: Is a directory" in ran.stderr
-    assert "dangling.crd: No such file or directory" in ran.stderr
-    assert "gone.crd: No such file or directory" in ran.stderr
-    counts = summary_of(tmp_path)["counts"]
-    assert (counts["accepted"], counts["unusable"]) == (1, 5)
-    assert assert_whole(tmp_path) == {"small0"}

@@ -216,18 +216,6 @@ def test_reasons_and_notes_of_a_run_are_no_more_than_a_hundred_of_a_kind(deck, m
     assert "job.crd: ... and 30 more of this kind" in told
 
 
-def test_check_of_a_good_deck_says_what_is_in_it():
-    result = musat("check", DECK)
-    assert result.exit_code == 0
-    assert result.stdout == f"{DECK}: 0 errors, 0 warnings; 3 photos, 22 points, 48 plate measurements\n"
-
-
-def test_decks_are_read_by_card_formats_of_ones_own(tmp_path):
-    cards = shutil.copytree(ROOT / "card_formats" / "musat", tmp_path / "cards")
-    assert musat("check", DECK, "--formats", cards).exit_code == 0
-    assert musat("run", DECK, "--formats", cards, "-o", tmp_path).exit_code == 0
-
-
 def test_card_formats_that_are_wrong_end_in_one_line(tmp_path):
     (tmp_path / "broken.toml").write_text("this is not TOML")
     for command in ("check", "run"):
@@ -257,12 +245,6 @@ def test_simulate_lists_what_is_wrong_with_a_spec(tmp_path):
     assert musat("simulate", tmp_path / "missing.toml").exit_code == 1
 
 
-def test_simulate_never_overwrites_its_spec(tmp_path):
-    spec = Path(shutil.copy(SPEC, tmp_path / "job.crd"))
-    assert musat("simulate", spec).exit_code == 2
-    assert spec.read_bytes() == SPEC.read_bytes()
-
-
 def test_an_unexpected_error_is_one_line_that_asks_for_a_report(deck, monkeypatch):
     def fail(*arguments, **options):
         raise TypeError("no such\noperand")
@@ -274,16 +256,6 @@ def test_an_unexpected_error_is_one_line_that_asks_for_a_report(deck, monkeypatc
     assert len(result.stderr.splitlines()) == 1
     assert "TypeError: no such operand; please report it" in result.stderr
     assert isinstance(musat("--debug", "run", deck).exception, TypeError)
-
-
-def test_a_full_disk_is_one_line(deck, monkeypatch):
-    def fail(files, outdated):
-        raise OSError(28, "No space left on device", str(deck.with_suffix(".lst")))
-
-    monkeypatch.setattr("musatpy.runs.write_files", fail)
-    result = musat("run", deck)
-    assert result.exit_code == 1
-    assert result.stderr == f"{'musat: '}{deck.with_suffix('.lst')}: No space left on device\n"
 
 
 def test_version_and_help():

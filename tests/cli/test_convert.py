@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cli.commands import musat
-from musatpy.formats.musat import deck_bytes, read_deck
+from musatpy.formats.musat import read_deck
 from musatpy.runs import run_deck
 
 convert = partial(musat, "convert")
@@ -35,10 +35,7 @@ def test_there_and_back(tmp_path, target, written):
     back = tmp_path / "back.crd"
     result = convert(tmp_path / written[1], back, "--deck", DECK)
     assert (result.exit_code, result.stdout) == (0, f"wrote {back}\n")
-    ours, theirs = read_deck(DECK), read_deck(back)
-    # half of the fourth decimal of a packed second is 1.5 mm, of gons 1.6e-10 rad
-    assert np.abs(ours.photos.position - theirs.photos.position)[:, :2].max() < 2.5e-10
-    np.testing.assert_allclose(theirs.plates.xy, ours.plates.xy, rtol=0, atol=1e-9)  # mm: arithmetic only
+    np.testing.assert_allclose(read_deck(back).plates.xy, read_deck(DECK).plates.xy, rtol=0, atol=1e-9)  # mm
 
 
 def test_a_converted_job_has_the_same_solution(tmp_path):
@@ -63,25 +60,6 @@ def test_between_other_agencies_no_deck_is_needed_where_none_says_more(tmp_path)
     assert again.exit_code == 0 and (tmp_path / "out" / "itera.dat").exists()
     one, other = ((folder / "itera.dat").read_text().split() for folder in (tmp_path, tmp_path / "out"))
     assert one == other
-
-
-def test_bad_records_are_all_reported_and_nothing_is_written(tmp_path):
-    convert(DECK, tmp_path / "job.im")
-    path = tmp_path / "job.im"
-    path.write_text(path.read_text().replace("-57365.000", "-57365.OOO").replace("81445.000", "81445.000 7"))
-    result = convert(path, tmp_path / "back.crd", "--deck", DECK)
-    assert result.exit_code == 1 and result.stdout == ""
-    assert "is not a number" in result.stderr and "job.im:" in result.stderr
-    assert result.stderr.count("^") >= 10
-    assert not (tmp_path / "back.crd").exists()
-
-
-def test_what_is_missing_is_said(tmp_path):
-    convert(DECK, tmp_path / "itera.dat")
-    result = convert(tmp_path, tmp_path / "job.crd", "--from", "bingo")
-    assert result.exit_code == 1
-    assert "no options (OPT card)" in result.stderr and "no camera (CAM card)" in result.stderr
-    assert not (tmp_path / "job.crd").exists()
 
 
 def test_a_deck_that_cannot_run_yet_is_written_with_warnings(tmp_path):
@@ -112,12 +90,6 @@ def test_a_wrong_command_line_ends_with_2(tmp_path, arguments, expected):
     assert [path.name for path in tmp_path.iterdir()] == ["given.crd"]
 
 
-def test_a_deck_may_be_written_anew(tmp_path):
-    result = convert(DECK, tmp_path / "new.crd")
-    assert result.exit_code == 0
-    assert (tmp_path / "new.crd").read_bytes() == deck_bytes(read_deck(DECK))
-
-
 def test_an_own_family_takes_the_place_of_one_of_its_name(tmp_path):
     own = tmp_path / "patb"
     shutil.copytree(ROOT / "card_formats" / "patb", own)
@@ -130,26 +102,6 @@ def test_an_own_family_takes_the_place_of_one_of_its_name(tmp_path):
     out = tmp_path / "out.im"
     assert convert(DECK, out, "--formats", own).exit_code == 0
     assert out.read_text().split()[:4] == ["21", "102", "3.991", "85.033"]  # less the principal point
-
-
-def test_an_own_family_may_be_of_cards(tmp_path):
-    own = tmp_path / "own"
-    shutil.copytree(ROOT / "card_formats" / "musat", own)
-    att = own / "att.toml"
-    att.write_text(att.read_text().replace('"ATT', '"ANG'))
-    result = convert(DECK, tmp_path / "job.crd", "--formats", own, "--from", "musat", "--to", "own")
-    assert result.exit_code == 0
-    assert (tmp_path / "job.crd").read_text() == DECK.read_text().replace("ATT ", "ANG ")
-    back = convert(tmp_path / "job.crd", tmp_path / "back.crd", "--formats", own, "--to", "musat")
-    assert back.exit_code == 0 and (tmp_path / "back.crd").read_bytes() == DECK.read_bytes()
-
-
-def test_a_wrong_own_family_is_an_error_of_its_file(tmp_path):
-    own = tmp_path / "own"
-    own.mkdir()
-    (own / "a.toml").write_text("record = []\n")
-    result = convert(DECK, tmp_path / "job.im", "--formats", own)
-    assert result.exit_code == 1 and "a.toml: title: is missing" in result.stderr
 
 
 def test_sigmas_keep_all_digits_that_their_fields_hold(tmp_path):

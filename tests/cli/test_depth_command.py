@@ -188,15 +188,6 @@ def test_a_command_line_that_says_too_little_or_too_much(arguments: tuple[object
     assert message in " ".join(result.stderr.split())
 
 
-def test_files_that_cannot_be_used(tmp_path: Path) -> None:
-    result = depth("correct", tmp_path / "no.csv", "-o", tmp_path / "out.csv", *CAMERAS, *FORMAT)
-    assert result.exit_code == 1 and "No such file" in result.stderr
-    bad = tmp_path / "bad.csv"
-    bad.write_text("x,y,z\n1,2,deep\n")
-    result = depth("correct", bad, "-o", tmp_path / "out.csv", *CAMERAS, *FORMAT)
-    assert result.exit_code == 1 and f"{bad}:2 cols 5-8 z: 'deep' is not a number" in result.stderr
-
-
 @pytest.mark.parametrize(
     ("package", "arguments"),
     [

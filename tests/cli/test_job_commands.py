@@ -275,12 +275,6 @@ def test_a_result_without_sigmas_is_exact_control_and_approximate_stations(tmp_p
     ).all() and block.control.fixed.sum() > 5
 
 
-def test_a_punched_deck_overwrites_no_deck(tmp_path: Path) -> None:
-    deck = Path(shutil.copy(ST_THOMAS, tmp_path / "job.pun"))
-    assert musat("run", deck, "--punch", "restart").exit_code == 2
-    assert deck.read_bytes() == ST_THOMAS.read_bytes()
-
-
 def test_names_that_do_not_fit_are_told_once_each(decks: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "all.crd"
     result = musat("merge", *decks, "--prefix", "east=LONGER", "-o", out)

@@ -170,13 +170,6 @@ def test_rules_are_escaped(hostile, tmp_path):
     assert ESCAPED in clean(coloured_musat("diff", GOLDEN, hostile, "--rules", rules))
 
 
-def test_problems_are_escaped_and_carets_stand_below_their_columns(tmp_path):
-    cameras = tmp_path / "cameras.csv"
-    cameras.write_text(f"name,x,y,z,tide\nA,0,{HOSTILE},300,0\n")
-    ran = coloured_musat("depth", "table", "--cameras", cameras)
-    assert ran.exit_code == 1 and ESCAPED in clean(ran)
-
-
 DECK = ROOT / "fixtures/st_thomas/st_thomas.crd"
 DATA = DECK.read_bytes()
 
@@ -266,6 +259,9 @@ def test_a_shell_completes_commands_cards_and_fields(words, offered):
 
 
 COMMANDS = [
+    ["run", "circle.crd"],
+    ["batch", "circle.crd"],
+    ["baseline", "save", "b", "circle.crd"],
     ["simulate", "circle.toml"],
     ["waves", "circle.toml"],
     ["convert", "circle.crd", "out.giant", "--to", "giant"],
@@ -287,6 +283,25 @@ def test_links_that_lead_in_a_circle_are_told(tmp_path, monkeypatch, arguments):
     ran = musat(*arguments)
     assert ran.exit_code in (1, 2) and "unexpected" not in ran.stderr
     assert re.search("Too many levels of symbolic links|'circle.crd' does not exist", ran.stderr)
+
+
+@pytest.mark.parametrize(
+    ("command", "read", "source"),
+    [
+        (["simulate", "job.crd"], "job.crd", "st_thomas.toml"),
+        (["run", "job.pun", "--punch", "restart"], "job.pun", "st_thomas.crd"),
+        (["run", "job.crd", "job.edited.crd", "--punch-edits"], "job.edited.crd", "st_thomas.crd"),
+        (["run", "job.crd", "--submerged", "job.json"], "job.json", "st_thomas.crd"),
+    ],
+)
+def test_no_result_overwrites_what_is_read(tmp_path, monkeypatch, command, read, source):
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "fixtures/st_thomas" / source).read_text()
+    for name in {"job.crd", read}:
+        (tmp_path / name).write_text(text)
+    ran = musat(*command)
+    assert ran.exit_code == 2 and "overwrite" in ran.stderr
+    assert (tmp_path / read).read_text() == text
 
 
 def test_a_result_behind_a_link_is_refused(tmp_path):

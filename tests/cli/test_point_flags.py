@@ -44,6 +44,12 @@ def square(around, half=0.0005):
     return [[east + x * half, north + y * half] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
 
 
+def polygon(path, corners):
+    """Write corners to a file, a line each; return it."""
+    path.write_text("".join(f"{first} {second}\n" for first, second in corners))
+    return path
+
+
 @pytest.fixture
 def place(tmp_path_factory):
     """Return where points of the job are: longitude and latitude in degrees."""
@@ -135,8 +141,7 @@ def test_a_hole_of_a_polygon_is_outside(deck, tmp_path, place):
 @pytest.mark.slow
 def test_dry_points_are_in_no_doubt(deck, tmp_path, place):
     """218 lies below the water: with --dry it stands behind a dike."""
-    path = tmp_path / "polder.csv"
-    path.write_text("".join(f"{east} {north}\n" for east, north in square(place["218"])))
+    path = polygon(tmp_path / "polder.csv", square(place["218"]))
     doubted = musat("run", deck)
     assert re.search(r"doubtful: .*\b218\b.* not flagged as submerged", doubted.stderr)
     result = musat("run", deck, "--dry", path)
@@ -149,8 +154,7 @@ def test_dry_points_are_in_no_doubt(deck, tmp_path, place):
 
 
 def test_a_point_is_not_both(deck, tmp_path, place):
-    path = tmp_path / "polder.csv"
-    path.write_text("".join(f"{east} {north}\n" for east, north in square(place["218"])))
+    path = polygon(tmp_path / "polder.csv", square(place["218"]))
     message = "point 218 would be flagged as submerged and as dry for certain"
     assert message in musat("run", deck, "--dry", path, "--submerged", path).stderr
     deck.write_bytes(DECK.read_bytes())
@@ -159,8 +163,7 @@ def test_a_point_is_not_both(deck, tmp_path, place):
 
 
 def test_a_polygon_of_latitudes_and_longitudes_holds_no_point(deck, tmp_path, place):
-    path = tmp_path / "turned.csv"
-    path.write_text("".join(f"{north} {east}\n" for east, north in square(place["218"])))
+    path = polygon(tmp_path / "turned.csv", [corner[::-1] for corner in square(place["218"])])
     result = musat("run", deck, "--dry", path)
     assert result.exit_code == 1
     assert "turned.csv: no point of the deck is in the polygon: its corners are longitude and" in result.stderr
@@ -192,13 +195,6 @@ def test_what_is_no_polygon_is_refused(deck, tmp_path, text):
     path.write_text(text)
     result = musat("run", deck, "--dry", path)
     assert result.exit_code == 1 and "unexpected" not in result.stderr and "area.json" in result.stderr
-
-
-def test_results_do_not_overwrite_the_polygon(deck, tmp_path):
-    path = tmp_path / "job.json"
-    path.write_text("{}")
-    result = musat("run", deck, "--submerged", path)
-    assert result.exit_code == 2 and path.read_text() == "{}"
 
 
 @pytest.mark.slow

@@ -12,7 +12,16 @@ from formats.deck_edits import replace as edit
 from formats.raw_deck_cases import GO, GRID, bad
 from json_schema import load_schema, violations
 from musatpy.formats.musat import deck_bytes, read_deck
-from musatpy.model import CoordinateSystem, Distortion, Refused, Transformation
+from musatpy.model import (
+    Atmosphere,
+    CoordinateSystem,
+    Curvature,
+    Distortion,
+    Plates,
+    ReductionOptions,
+    Refused,
+    Transformation,
+)
 from raw_plates import COMPARATOR, DECK, crosses, distances, raw_block, refined_block, reseau
 from record_rows import read_rows, with_columns
 
@@ -86,16 +95,13 @@ def test_the_listing_says_what_was_largest_and_on_which_side(run):
 
 @pytest.mark.slow
 def test_the_listing_of_a_grid_job_has_the_earth_curvature(run):
-    from formats.deck_edits import in_system
-    from musatpy.model import Atmosphere, CoordinateSystem, Curvature, Plates, ReductionOptions
-
     options = ReductionOptions(
         plates=Plates.RAW, atmosphere=Atmosphere.ARDC, curvature=Curvature.YES, ground_height=0.0
     )
-    result, listing, record = run(deck_bytes(raw_block(in_system(CoordinateSystem.LOCAL), reduction=options)))
+    block = in_system(CoordinateSystem.LOCAL)
+    result, listing, record = run(deck_bytes(raw_block(block, reduction=options)))
     assert result.exit_code == 0
     # dr = H' r^3 / (2 R f^2) of the outermost image, to the first order: of 0.3 um, and the photos are tilted
-    block = in_system(CoordinateSystem.LOCAL)
     r = np.linalg.norm(block.plates.xy, axis=1).max()
     largest = max(step["largest"] for plate in record["reduction"]["plates"] for step in plate["steps"][-1:])
     assert largest == pytest.approx(1500.0 * r**3 / (2.0 * 6371e3 * 152.0**2), rel=0.1)
@@ -255,12 +261,6 @@ def test_a_plate_that_its_height_refuses_is_told_at_its_station(run):
     assert "not run, 1 error" in result.stderr
 
 
-def test_a_job_that_goes_on_warns_of_such_a_plate_at_its_station(run):
-    result, _, record = run(bad(LOW, GO))
-    assert "raw.crd:23 cols 48-57 STA.height: warning: photo 22: left out: refraction by US1976" in result.stderr
-    assert [plate["reason"] for plate in record["reduction"]["plates"]] == [None, "HEIGHTS", None]
-
-
 def test_plates_that_the_ground_refuses_are_told_once_at_its_height(run):
     result, _, _ = run(bad(edit(3, "    20.00", "  2450.00")))
     head, _, image, carets = result.stderr.splitlines()[:4]
@@ -329,9 +329,6 @@ def test_a_job_that_needs_the_plate_says_that_it_is_left_out(run):
     assert result.exit_code == 1 and listing is None
     assert "photo 21 was left out: 2 marks measured, 3 needed" in result.stderr
     assert "Traceback" not in result.stderr
-
-
-# --- cards that cannot be read ---
 
 
 # --- conversion ---

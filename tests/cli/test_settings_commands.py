@@ -108,20 +108,10 @@ def test_a_manifest_sets_fields_of_all_jobs_or_of_one(deck, tmp_path):
     assert ran.exit_code == 2 and "a manifest says itself" in ran.stderr
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        ('["OPT.progam=IIIA"]', "two.toml:1: OPT has no field 'progam'; did you mean program?"),
-        ('"OPT.program=IIIA"', "two.toml:1 set: is a list"),
-        ("[1]", "two.toml:1 set 1: is a text"),
-    ],
-)
-def test_a_manifest_with_wrong_settings_is_refused(value, message, deck, tmp_path):
-    manifest = tmp_path / "two.toml"
-    manifest.write_text(f'set = {value}\n[[job]]\ndeck = "job.crd"\n')
-    ran = musat("batch", manifest)
-    assert ran.exit_code == 1
-    assert message in ran.stderr
+def test_a_manifest_with_wrong_settings_is_refused(deck, tmp_path):
+    (tmp_path / "two.toml").write_text('set = ["OPT.progam=IIIA"]\n[[job]]\ndeck = "job.crd"\n')
+    ran = musat("batch", tmp_path / "two.toml")
+    assert ran.exit_code == 1 and "two.toml:1: OPT has no field 'progam'; did you mean program?" in ran.stderr
 
 
 @pytest.mark.slow

@@ -14,11 +14,17 @@ from musatpy.model import Control, SystemSpec
 from musatpy.model.tables import taken
 from record_rows import read_rows
 
-DECK = Path(__file__).parents[2] / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd"
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+DECK = FIXTURES / "st_thomas_utm" / "st_thomas_utm.crd"
 UTM = "+proj=utm +zone=20 +ellps=clrk66"
 FILES = {"patb": "job.im", "bingo": "itera.dat", "giant": "job.img"}
 METRES = 6e-4  # 0.3 mm are half of the last digit of a second on the cards; the files have four decimals and more
 RADIANS = 3e-9  # seven decimals of a gon, and four of a second on the cards: 0.8e-9 and 0.24e-9, of three turns
+
+
+@pytest.fixture
+def deck(tmp_path):
+    return Path(shutil.copy(DECK, tmp_path / "job.crd"))
 
 
 def well(*arguments) -> str:
@@ -70,9 +76,7 @@ def test_a_station_of_a_file_is_that_of_proj(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_result_is_punched_in_the_system_of_the_answer(tmp_path):
-    deck = tmp_path / "job.crd"
-    deck.write_bytes(DECK.read_bytes())
+def test_a_result_is_punched_in_the_system_of_the_answer(deck, tmp_path):
     well("run", deck, "--punch", "result", "--punch-family", "patb")
     east = float((tmp_path / "job.ori").read_text().split()[1])
     lines = (tmp_path / "job.lst").read_text()
@@ -147,15 +151,6 @@ def test_a_place_that_the_system_does_not_reach_is_told_with_its_file(tmp_path):
     assert result.exit_code == 1
     assert "job.im: +proj=utm +zone=20" in result.stderr
     assert "does not reach" in result.stderr
-
-
-FIXTURES = Path(__file__).parents[2] / "fixtures"
-UTM_DECK = FIXTURES / "st_thomas_utm" / "st_thomas_utm.crd"
-
-
-@pytest.fixture
-def deck(tmp_path):
-    return Path(shutil.copy(UTM_DECK, tmp_path / "job.crd"))
 
 
 def changed(deck: Path, old: str, new: str, *cards: str) -> Path:

@@ -54,14 +54,6 @@ def test_pictures_are_written_on_request(spec: Path) -> None:
         assert (spec.parent / f"swell.{name}.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_pictures_without_matplotlib_are_an_error_and_nothing_is_written(spec: Path, monkeypatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "matplotlib.figure", None)
-    result = musat("waves", spec, "--plots")
-    assert result.exit_code == 1
-    assert "pip install 'musatpy[plots]'" in result.output
-    assert [path.name for path in spec.parent.iterdir()] == ["swell.toml"]
-
-
 def test_a_bad_spec_is_an_error(spec: Path) -> None:
     spec.write_text(SPEC.replace("depth", "deep"))
     result = musat("waves", spec)
