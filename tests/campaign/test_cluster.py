@@ -8,6 +8,7 @@ import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import Self
 
 import pytest
 
@@ -34,11 +35,16 @@ def told(folder: Path) -> list[dict]:
 
 
 def test_jobs_that_are_carried_leave_and_say_what_those_of_this_machine_do(tmp_path):
-    """Among them a deck that cannot be used, one that is not there, and card formats and a punched family."""
+    """Among them a deck that cannot be used, one that is not there, card formats, lists and polygons of points."""
     decks_in(tmp_path, small=1)
     shutil.copy(ROOT / "fixtures" / "bad_decks" / "many_errors.crd", tmp_path)
     formats = Path(shutil.copytree(ROOT / "card_formats" / "musat", tmp_path / "own"))
-    options = JobOptions(formats=formats, punch="result", punch_family="patb", punch_edits=True)
+    wet, land = tmp_path / "wet.txt", tmp_path / "land.csv"
+    wet.write_text("203\n206\n")
+    land.write_text("-64.93 18.34\n-64.91 18.34\n-64.91 18.36\n-64.93 18.36\n")
+    options = JobOptions(
+        formats=formats, punch="result", punch_family="patb", punch_edits=True, submerged=wet, dry=land
+    )
     sources = [tmp_path, tmp_path / "gone.crd"]
     for name, executor in (("local", None), ("carried", Here())):
         result = run_batch(plan_of(sources, tmp_path / name, options), executor=executor)
@@ -46,22 +52,10 @@ def test_jobs_that_are_carried_leave_and_say_what_those_of_this_machine_do(tmp_p
         assert states == {"many_errors": State.UNUSABLE, "small0": State.ACCEPTED, "gone": State.UNUSABLE}
     assert results(tmp_path / "local") == results(tmp_path / "carried")
     assert len(results(tmp_path / "local")) >= 4
+    assert "dry=land.csv (" in (tmp_path / "local/small0.lst").read_text()
     assert told(tmp_path / "local") == told(tmp_path / "carried")
     again = run_batch(plan_of(sources, tmp_path / "carried", options))  # by whom it was finished does not matter
     assert sum(outcome.kept for outcome in again.outcomes) == 1
-
-
-def test_lists_and_polygons_of_points_are_carried(tmp_path):
-    decks_in(tmp_path, small=1)
-    wet, land = tmp_path / "wet.txt", tmp_path / "land.csv"
-    wet.write_text("203\n206\n")
-    land.write_text("-64.93 18.34\n-64.91 18.34\n-64.91 18.36\n-64.93 18.36\n")
-    for name, executor in (("local", None), ("carried", Here())):
-        options = JobOptions(submerged=wet, dry=land)
-        run_batch(plan_of([tmp_path / "small0.crd"], tmp_path / name, options), executor=executor)
-    assert "dry=land.csv (" in (tmp_path / "local/small0.lst").read_text()
-    assert results(tmp_path / "local") == results(tmp_path / "carried") != {}
-    assert told(tmp_path / "local") == told(tmp_path / "carried")
 
 
 def test_a_job_that_an_engine_loses_stops_no_other(tmp_path):
@@ -72,7 +66,6 @@ def test_a_job_that_an_engine_loses_stops_no_other(tmp_path):
     assert assert_whole(tmp_path) == {"small0", "small2"}
 
 
-@pytest.mark.slow
 def test_any_executor_will_do(tmp_path):
     """That of Python is broken by a process that dies: every job ends all the same, and the next batch goes on."""
     decks_in(tmp_path, small=3)
@@ -149,9 +142,10 @@ def test_the_program_is_known_by_its_sources(tmp_path):
 
 
 class Cluster:
-    """A scheduler and its workers, each a process of its own that can be killed."""
+    """A scheduler and its workers in a `with` statement, each a process of its own that can be killed."""
 
     def __init__(self, folder: Path, workers: int) -> None:
+        folder.mkdir()
         self.folder = folder
         self.processes: list[subprocess.Popen[str]] = []
         scheduler = self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
@@ -159,13 +153,15 @@ class Cluster:
         wait_for(lambda: re.search(r"Scheduler at:\s+(tcp://\S+)", log.read_text()), 60)
         self.address = re.search(r"Scheduler at:\s+(tcp://\S+)", log.read_text())[1]
         assert scheduler.poll() is None
-        # without a nanny, which would start another worker for one that is killed
-        self.workers = [
-            self.start("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
-            for _ in range(workers)
-        ]
-        for n in range(1, workers + 1):
-            wait_for(lambda n=n: "Registered to:" in (folder / f"{n}.log").read_text(), 60)
+        self.workers = self.add_workers(workers)
+
+    def add_workers(self, number: int) -> list[subprocess.Popen[str]]:
+        """Start workers without a nanny, which would start another one for each that is killed."""
+        options = ("--nthreads", "1", "--no-nanny", "--no-dashboard")
+        started = [self.start("worker", self.address, *options) for _ in range(number)]
+        for n in range(1, number + 1):
+            wait_for(lambda n=n: "Registered to:" in (self.folder / f"{n}.log").read_text(), 60)
+        return started
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         place = self.folder / f"{len(self.processes)}"  # where the workers see nothing of the batch
@@ -179,26 +175,24 @@ class Cluster:
         self.processes.append(process)
         return process
 
-    def end(self) -> None:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
         for process in self.processes:
             process.kill()
             process.wait()
 
 
-@pytest.mark.slow
 def test_a_cluster_of_which_a_worker_is_killed(tmp_path):
     decks_in(tmp_path / "decks", small=12)
     assert musat("batch", "decks", "-o", "local", "-q", cwd=tmp_path).returncode == 0
-    (tmp_path / "cluster").mkdir()
-    cluster = Cluster(tmp_path / "cluster", workers=2)
-    try:
+    with Cluster(tmp_path / "cluster", workers=2) as cluster:
         batch = start("batch", "decks", "-o", "far", "--cluster", cluster.address, cwd=tmp_path)
         ledger = tmp_path / "far" / ".musat-batch.jsonl"
         wait_for(lambda: ledger.exists() and len(ledger.read_text().splitlines()) >= 3, 60)
         cluster.workers[0].kill()
         table, errors = batch.communicate(timeout=120)
-    finally:
-        cluster.end()
     assert batch.returncode == 0, errors
     assert table.splitlines()[-1] == "12 jobs: 12 accepted; summary far/musat-batch.json"
     ended = [line for line in errors.splitlines() if line.startswith("[")]
@@ -209,12 +203,9 @@ def test_a_cluster_of_which_a_worker_is_killed(tmp_path):
     assert leftovers(tmp_path / "far") == []
 
 
-@pytest.mark.slow
 def test_a_batch_of_a_cluster_that_is_interrupted_goes_on(tmp_path):
     decks_in(tmp_path / "decks", small=8)
-    (tmp_path / "cluster").mkdir()
-    cluster = Cluster(tmp_path / "cluster", workers=1)
-    try:
+    with Cluster(tmp_path / "cluster", workers=1) as cluster:
         command = ("batch", "decks", "-o", "far", "--cluster", cluster.address)
         batch = start(*command, cwd=tmp_path)
         ledger = tmp_path / "far" / ".musat-batch.jsonl"
@@ -225,25 +216,19 @@ def test_a_batch_of_a_cluster_that_is_interrupted_goes_on(tmp_path):
         finished = len(ledger.read_text().splitlines())
         assert summary_of(tmp_path / "far")["counts"]["not run"] == 8 - finished
         assert musat(*command, cwd=tmp_path).returncode == 0
-    finally:
-        cluster.end()
     assert summary_of(tmp_path / "far")["counts"]["kept"] == finished
     assert assert_whole(tmp_path / "far") == {f"small{n}" for n in range(8)}
 
 
 def test_a_cluster_without_workers_says_so(tmp_path):
     decks_in(tmp_path / "decks", small=1)
-    (tmp_path / "cluster").mkdir()
-    cluster = Cluster(tmp_path / "cluster", workers=0)
-    try:
+    with Cluster(tmp_path / "cluster", workers=0) as cluster:
         batch = start("batch", "decks", "-o", "far", "-q", "--cluster", cluster.address, cwd=tmp_path)
         said = batch.stderr.readline()
         assert f"{cluster.address}: the scheduler has no workers yet" in said
         assert batch.poll() is None  # one may come
         batch.send_signal(signal.SIGINT)
         batch.communicate(timeout=60)
-    finally:
-        cluster.end()
     assert batch.returncode == 1
 
 
@@ -253,36 +238,25 @@ def test_a_cluster_whose_workers_die_on_loading(tmp_path, monkeypatch):
     broken = tmp_path / "broken" / "musatpy"
     broken.mkdir(parents=True)
     (broken / "__init__.py").write_text("import os\nos._exit(1)\n")
-    (tmp_path / "cluster").mkdir()
-    cluster = Cluster(tmp_path / "cluster", workers=0)
-    with monkeypatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(broken.parent))
-        for n in (1, 2):
-            cluster.start("worker", cluster.address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
-            wait_for(lambda n=n: "Registered to:" in (tmp_path / f"cluster/{n}.log").read_text(), 60)
-    monkeypatch.setattr("musatpy.campaign.carried._PATIENCE", 5)
-    try:
+    with Cluster(tmp_path / "cluster", workers=0) as cluster:
+        with monkeypatch.context() as patch:
+            patch.setenv("PYTHONPATH", str(broken.parent))
+            cluster.add_workers(2)
+        monkeypatch.setattr("musatpy.campaign.carried._PATIENCE", 5)
         with workers_of(cluster.address) as executor:
             (outcome,) = run_batch(plan_of([tmp_path / "decks"]), executor=executor).outcomes
-    finally:
-        cluster.end()
     assert outcome.state is State.CRASHED
     assert outcome.message == "its worker was lost: all workers were lost, and none came in 5 s: their logs say why"
 
 
-@pytest.mark.slow
 def test_a_cluster_whose_scheduler_is_lost(tmp_path):
     decks_in(tmp_path / "decks", small=8)
-    (tmp_path / "cluster").mkdir()
-    cluster = Cluster(tmp_path / "cluster", workers=1)
-    try:
+    with Cluster(tmp_path / "cluster", workers=1) as cluster:
         batch = start("batch", "decks", "-o", "far", "--cluster", cluster.address, cwd=tmp_path)
         ledger = tmp_path / "far" / ".musat-batch.jsonl"
         wait_for(lambda: ledger.exists() and ledger.read_text(), 60)
         cluster.processes[0].kill()
         _, errors = batch.communicate(timeout=60)
-    finally:
-        cluster.end()
     counts = summary_of(tmp_path / "far")["counts"]
     assert (batch.returncode, "its worker was lost: " in errors, "Traceback" in errors) == (1, True, False)
     assert counts["accepted"] == len(ledger.read_text().splitlines())
