@@ -130,6 +130,11 @@ def test_solution_in_a_system(name, tmp_path):
     axes = reference_axes(job(), words, solution.stations.position)
     M = attitude_matrix(solution.stations.attitude) @ earth_of(job()).frame(solution.stations.position)
     np.testing.assert_allclose(out.matrix, M @ axes.swapaxes(1, 2), rtol=0, atol=RAYS)
+    if words.statement.form is not None:
+        adjusted = {"position": solution.stations.position, "attitude": solution.stations.attitude}
+        expected = told(replace(job(), photos=replace(job().photos, **adjusted)), words).block.photos.attitude
+        # tilts of a degree or two make azimuth and swing fifty times less sure than the rotation
+        assert np.abs(np.exp(1j * out.angles) - np.exp(1j * expected)).max() < 50.0 * RAYS
 
 
 def test_the_own_words_of_a_job_change_nothing():

@@ -338,19 +338,6 @@ def test_headings_beyond_half_a_turn_stay_there():
         np.testing.assert_allclose(back.photos.attitude, heading, rtol=0, atol=1e-14)
 
 
-def test_local_jobs_may_have_other_angles():
-    local = network(Plan(photos_per_strip=2, kinds=(model.ControlKind.VERTICAL,))).block
-    statement = Statement(system=LocalRectangular(), form=AngleForm.PHI_OMEGA_KAPPA)
-    out = stated(local, statement)
-    assert out.block.options.system is model.CoordinateSystem.LOCAL
-    np.testing.assert_array_equal(out.block.photos.position, local.photos.position)
-    back, warnings = entered(out, statement)
-    assert warnings == ()
-    np.testing.assert_array_equal(back.control.position, local.control.position)
-    np.testing.assert_allclose(back.photos.attitude, local.photos.attitude, rtol=0, atol=1e-14)
-    assert back.options.system is model.CoordinateSystem.LOCAL
-
-
 def test_ellipsoids_know_their_axes():
     assert Ellipsoid("clrk66").has_axes(6378206.4, 6356583.8)
     assert not Ellipsoid("GRS80").has_axes(*Ellipsoid("WGS84").axes)

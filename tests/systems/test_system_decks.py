@@ -152,36 +152,6 @@ def test_one_answer_from_decks(name, tmp_path, base, fine, wide, monkeypatch):
 
 @pytest.mark.slow
 @NAMES
-def test_one_deck_answers_in_every_system(name, tmp_path, base, fine):
-    block, native = base
-    words = words_of(name, tmp_path)
-    data = deck_bytes(replace(block, stated_in=spec_of(name, tmp_path)), fine)
-    record = run(tmp_path, data)
-    assert record["stations"] == native["stations"]
-    assert record["points"] == native["points"]
-    level = np.array([row["position"] for row in native["stations"]])
-    expected = told(with_stations(block, native), words)
-    stations = record["stated"]["stations"]
-    # metres: steps of coordinates of 6e6; radians: the axes of the grid by differences
-    np.testing.assert_allclose(
-        [row["position"] for row in stations], coordinates(block, words, level), rtol=0, atol=5e-8
-    )
-    if words.statement.form is None:
-        np.testing.assert_allclose([row["matrix"] for row in stations], expected.matrices, rtol=0, atol=RAYS)
-    else:
-        angles = np.array([row["angles"] for row in stations])
-        turn = np.exp(1j * angles) - np.exp(1j * expected.block.photos.attitude)
-        # tilts of a degree or two make azimuth and swing fifty times less sure than the rotation
-        assert np.abs(turn).max() < 50.0 * RAYS
-
-
-def with_stations(block: Block, record: dict) -> Block:
-    adjusted = {key: np.array([row[key] for row in record["stations"]]) for key in ("position", "attitude")}
-    return replace(block, photos=replace(block.photos, **adjusted))
-
-
-@pytest.mark.slow
-@NAMES
 def test_decks_are_written_again_to_the_byte(name, tmp_path, base):
     block, _ = base
     spec = spec_of(name, tmp_path)
