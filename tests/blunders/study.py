@@ -13,8 +13,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -22,62 +20,30 @@ from altered import added, altered
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Cause, CauseKind, Editing, Finding
 from musatpy.pipeline import adjust, causes_of
-from musatpy.simulation import simulate
+from musatpy.simulation import simulate, spec_from_table
 
 SIZES = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0)  # m, of wrong control
 STRIPS = (6, 10, 20)  # photos
 _K = CauseKind
-_SPEC = """
-seed = {seed}
-[job]
-system = "LOCL"
-[flight]
-photos = {photos}
-height = 750.0
-attitude_scatter = 1.0
-station_scatter = 10.0
-[terrain]
-relief = 30.0
-[water]
-tide_scatter = 0.2
-[[shoal]]
-share = {wet}
-depth = [1.0, 10.0]
-[points]
-per_site = 2
-extra = [{{ number = {extra} }}]
-[[control]]
-kind = "full"
-number = {control}
-sigma = 0.05
-error = 0.05
-[stations]
-position_error = {error}
-attitude_error = 0.5
-{sigma}
-[options]
-program = "{program}"
-refraction = "RIGOROUS"
-"""
 
 
 @lru_cache(maxsize=64)
 def strip(photos: int, seed: int = 1, *, observed: bool = False, wet: float = 0.3, program: str = "IIIA") -> Block:
     """Return a strip at 750 m, control of 5 cm; `observed` stations have sigmas of 10 cm."""
-    text = _SPEC.format(
-        seed=seed,
-        photos=photos,
-        wet=wet,
-        extra=4 * photos,
-        control=max(6, photos),
-        error=0.1 if observed else 15.0,
-        sigma="position_sigma = 0.1" if observed else "",
-        program=program,
-    )
-    with TemporaryDirectory() as folder:
-        spec = Path(folder) / "strip.toml"
-        spec.write_text(text)
-        return simulate(spec).block
+    stations = {"position_error": 0.1, "position_sigma": 0.1} if observed else {"position_error": 15.0}
+    table = {
+        "seed": seed,
+        "job": {"system": "LOCL"},
+        "flight": {"photos": photos, "height": 750.0, "attitude_scatter": 1.0, "station_scatter": 10.0},
+        "terrain": {"relief": 30.0},
+        "water": {"tide_scatter": 0.2},
+        "shoal": [{"share": wet, "depth": [1.0, 10.0]}],
+        "points": {"per_site": 2, "extra": [{"number": 4 * photos}]},
+        "control": [{"kind": "full", "number": max(6, photos), "sigma": 0.05, "error": 0.05}],
+        "stations": {**stations, "attitude_error": 0.5},
+        "options": {"program": program, "refraction": "RIGOROUS"},
+    }
+    return simulate(spec_from_table(table)).block
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -251,8 +217,6 @@ def clean(seeds: int = 4) -> Iterator[Trial]:
                         right=lambda s: "" if not s.findings and not s.causes else f"{len(s.findings)} findings",
                     )
 
-
-THREE = 3  # causes that a reader looks at
 
 PARTS: dict[str, Callable[[], Iterator[Trial]]] = {
     "control": control,

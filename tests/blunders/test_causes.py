@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -30,13 +29,6 @@ def verify(trial: Trial) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("size", [pytest.param(1.0, marks=pytest.mark.slow), 10.0])
-def test_wrong_control_is_named_and_nothing_innocent_goes_out(size: float) -> None:
-    for trial in islice(study.control((6,), (size,)), 2):
-        verify(trial)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("photos", study.STRIPS)
 def test_wrong_control_is_named_whatever_its_size_and_its_rays(photos: int) -> None:
     for trial in study.control((photos,), (1.0, 10.0, 100.0)):
@@ -44,26 +36,10 @@ def test_wrong_control_is_named_whatever_its_size_and_its_rays(photos: int) -> N
 
 
 @pytest.mark.slow
-def test_exchanged_photos_are_named() -> None:
-    for trial in study.exchanged(1):
-        verify(trial)
-
-
-@pytest.mark.slow
-def test_a_wrong_focal_length_is_named_with_its_size_and_nothing_is_edited() -> None:
-    for trial in study.focal_length(1):
-        verify(trial)
-
-
-@pytest.mark.slow
-def test_wrong_tides_are_named() -> None:
-    for trial in study.tides(1):
-        verify(trial)
-
-
-@pytest.mark.slow
-def test_nothing_is_named_in_clean_strips() -> None:
-    for trial in study.clean(1):
+@pytest.mark.parametrize("trials", [study.exchanged, study.focal_length, study.tides, study.clean])
+def test_what_is_wrong_is_named_and_nothing_innocent_goes_out(trials) -> None:
+    """Exchanged photos, a focal length with its size, tides; in clean strips nothing."""
+    for trial in trials(1):
         verify(trial)
 
 

@@ -1,7 +1,7 @@
 """Decks read for editing, summaries of jobs, and decks of raw readings cut out and merged."""
 
 from collections import Counter
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -51,9 +51,6 @@ def test_a_deck_may_not_contradict_itself(data: bytes) -> None:
     assert check_deck(data, for_run=False)[0] is None
 
 
-BOTH = (Kind.PHOTO, Kind.POINT)
-
-
 def points_of(block: Block, *, flagged: bool) -> list[set[int]]:
     """The points on each photo, those flagged N too or not."""
     plates = block.plates
@@ -84,10 +81,11 @@ def test_ties_and_parts(seed: int) -> None:
 def once_each(block: Block) -> Block:
     """The block with one measurement of each point on each photo, as a deck has to have it."""
     plates = block.plates
-    keys = zip(plates.photo.tolist(), plates.point.tolist(), plates.triangulated.tolist(), strict=True)
-    best = dict(sorted(((key, row) for row, key in enumerate(keys)), key=lambda one: (one[0][2], -one[1])))
-    rows = sorted({key[:2]: row for key, row in best.items()}.values())
-    return replace(block, plates=taken(plates, np.array(rows)))
+    best: dict[tuple[int, int], int] = {}
+    for row, key in enumerate(zip(plates.photo.tolist(), plates.point.tolist(), strict=True)):
+        if key not in best or (plates.triangulated[row] and not plates.triangulated[best[key]]):
+            best[key] = row
+    return replace(block, plates=taken(plates, np.array(sorted(best.values()))))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -126,8 +124,12 @@ def test_cayman() -> None:
 
 def two_parts() -> Block:
     block = st_thomas()
-    other = renamed(block, {kind: prefixed(block, kind, "X", {}) for kind in BOTH}, "b")
-    return merged([Part(name="a", block=block), Part(name="b", block=other)]).block
+    return merged([Part(name="a", block=block), Part(name="b", block=copied(block, "X"))]).block
+
+
+def copied(block: Block, prefix: str) -> Block:
+    """The block with a prefix before the names of its photos and points."""
+    return renamed(block, {kind: prefixed(block, kind, prefix, {}) for kind in (Kind.PHOTO, Kind.POINT)}, prefix)
 
 
 def test_parts_that_nothing_ties_and_the_gap_between() -> None:
@@ -177,9 +179,7 @@ def test_other_systems_and_readings_are_told() -> None:
 
 def test_a_job_of_many_photos_lists_neighbours_in_place_of_a_matrix() -> None:
     block = cayman()
-    names = ({kind: prefixed(block, kind, name, {}) for kind in BOTH} for name in "ABC")
-    copies = [Part(name=name, block=renamed(block, new, name)) for name, new in zip("ABC", names, strict=True)]
-    found = summary(merged(copies).block)
+    found = summary(merged([Part(name=name, block=copied(block, name)) for name in "ABC"]).block)
     text = list_text(found, "many.crd")
     assert "A838\n    A837 (18)  A839 (19)  A840 (4)\n" in text
     assert "3 parts" in text
@@ -225,9 +225,7 @@ def test_photos_come_out_with_their_readings_and_calibrations():
 def test_a_point_that_is_read_twice_on_one_photo_is_single():
     block = raw()
     row = next(row for row, point in enumerate(block.plates.point) if block.points.ids[point] == "212")
-    plates = {one.name: getattr(block.plates, one.name) for one in fields(block.plates)}
-    again = {name: np.concatenate([column, column[row : row + 1]]) for name, column in plates.items()}
-    twice = replace(block, plates=replace(block.plates, **again))
+    twice = replace(block, plates=taken(block.plates, np.append(np.arange(len(block.plates.photo)), row)))
     for one in (block, twice):
         assert "212" in extracted(one, photos(one, "21"), drop_single=True).dropped
         assert "212" in extracted(one, photos(one, "21")).single

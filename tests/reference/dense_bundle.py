@@ -43,7 +43,6 @@ class Result:
 
     position: np.ndarray  # (n, 3) in the job's system
     attitude: np.ndarray  # (n, 3) in the local vertical frame of the adjusted position
-    attitude_in_given_frame: np.ndarray  # (n, 3)
     covariance: np.ndarray  # (n, 6, 6) east north up omega phi kappa, frame held fixed
     points: np.ndarray  # (p, 3) in the job's system
     point_covariance: np.ndarray  # (p, 3, 3) east north up
@@ -56,8 +55,6 @@ class Result:
     sum_of_squares: float
     observations: dict[str, int]
     unknowns: dict[str, int]
-    iterations: int
-    last_step: float  # whitened length of the last step, in units of sigma
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,8 +237,7 @@ def solve(block: Block, *, refraction: bool, start: Start | None = None, max_ite
     """
     network = Network(block, refraction=refraction)
     state = starting_state(network, start or Start())
-    state, iterations, last = _iterate(network, state, max_iterations)
-    return _result(network, state, iterations, last)
+    return _result(network, _iterate(network, state, max_iterations))
 
 
 def _determined(block: Block) -> np.ndarray:
@@ -254,10 +250,10 @@ def _determined(block: Block) -> np.ndarray:
     return (rays >= 2) | ((rays == 1) & helped)
 
 
-def _iterate(network: Network, state: State, max_iterations: int) -> tuple[State, int, float]:
+def _iterate(network: Network, state: State, max_iterations: int) -> State:
     damping, previous = 0.0, np.inf
     cost = float(np.sum(network.misclosures(state) ** 2))
-    for iteration in range(1, max_iterations + 1):
+    for _ in range(max_iterations):
         factor, scale, projected = _factor(network.jacobian(state), network.misclosures(state))
         while True:
             step, length = _step(factor, projected, damping)
@@ -271,7 +267,7 @@ def _iterate(network: Network, state: State, max_iterations: int) -> tuple[State
         state, cost = trial, new_cost
         settled = damping == 0.0 and (length < _SETTLED or (length < 1e-5 and length > 0.3 * previous))
         if settled:
-            return state, iteration, length
+            return state
         previous = length
         damping = 0.0 if damping < 1e-5 else damping / 10.0
     raise RuntimeError(f"not converged after {max_iterations} iterations: last step {length:.3g} sigma")
@@ -385,7 +381,7 @@ def _at_height(earth: Earth, origin: np.ndarray, direction: np.ndarray, height: 
     return np.asarray(origin + distance * direction)
 
 
-def _result(network: Network, state: State, iterations: int, last: float) -> Result:
+def _result(network: Network, state: State) -> Result:
     block, earth = network.block, network.earth
     misclosures = network.misclosures(state)
     r, scale, _ = _factor(network.jacobian(state), misclosures)
@@ -415,7 +411,6 @@ def _result(network: Network, state: State, iterations: int, last: float) -> Res
     return Result(
         position=earth.given(native),
         attitude=attitude,
-        attitude_in_given_frame=state.stations[:, 3:],
         covariance=variance * stations @ np.swapaxes(stations, -1, -2),
         points=points_given,
         point_covariance=point_covariance,
@@ -428,6 +423,4 @@ def _result(network: Network, state: State, iterations: int, last: float) -> Res
         sum_of_squares=total,
         observations={kind.name: int(kind.used.sum()) for kind in network.kinds},
         unknowns=network.unknowns,
-        iterations=iterations,
-        last_step=last,
     )

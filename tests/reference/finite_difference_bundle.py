@@ -55,6 +55,13 @@ class Problem:
         self.part = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
         self.size = int(ends[-1])
 
+    def scale(self) -> np.ndarray:
+        """Return the size of a usual change of each unknown (m, rad)."""
+        scale = np.ones(self.size)
+        scale[self.part["stations"]] = np.tile([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3], len(self.block.photos.ids))
+        scale[self.part["tilt"]], scale[self.part["index"]] = 1e-4, 1e-2
+        return scale
+
     def start(self, positions: np.ndarray, attitudes: np.ndarray, points: np.ndarray) -> np.ndarray:
         """The vector of starting values."""
         x = np.zeros(self.size)
@@ -165,9 +172,7 @@ def _tide_groups(block: Block) -> tuple[np.ndarray, np.ndarray]:
 def solve(block: Block, x: np.ndarray, iterations: int = 8) -> Result:
     """Gauss-Newton from `x` until it stands still; central differences with steps of a thousandth of a scale."""
     problem = Problem(block)
-    scale = np.ones(problem.size)
-    scale[problem.part["stations"]] = np.tile([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3], len(block.photos.ids))
-    scale[problem.part["tilt"]], scale[problem.part["index"]] = 1e-4, 1e-2
+    scale = problem.scale()
     for _ in range(iterations):
         J = jacobian(problem, x, scale)
         step, *_ = np.linalg.lstsq(J, -problem.misclosures(x), rcond=None)
@@ -237,9 +242,7 @@ def considered(wide: Block, x: np.ndarray, sigma: dict[str, np.ndarray], squares
     columns = {name: np.arange(problem.size)[problem.part[name]] for name in sigma}
     known = np.concatenate([*columns.values(), np.zeros(0, dtype=int)])
     C = np.square(np.concatenate([*sigma.values(), np.zeros(0)]))
-    scale = np.ones(problem.size)
-    scale[problem.part["stations"]] = np.tile([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3], len(wide.photos.ids))
-    scale[problem.part["tilt"]], scale[problem.part["index"]] = 1e-4, 1e-2
+    scale = problem.scale()
     J, v = jacobian(problem, x, scale) / scale, problem.misclosures(x)
     # the observations of what is considered are no observations
     lone = ((J != 0.0).sum(axis=1) == 1) & (J[:, known] != 0.0).any(axis=1)

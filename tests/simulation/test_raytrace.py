@@ -38,24 +38,14 @@ def tangential(vectors, normal):
     return vectors - np.sum(vectors * normal, axis=1)[:, None] * normal
 
 
-def test_snell_holds_at_the_incidence_point():
+def test_rays_obey_snell_on_the_surface_and_join_camera_and_point():
     camera, ground, level = scene()
     rays = trace(camera, ground, level, INDEX, (AXIS, E2))
     left = tangential(rays.air - INDEX * rays.water, rays.normal)
     assert np.abs(left).max() < 1e-14  # a few units in the last place of sines
-
-
-def test_incidence_point_lies_on_the_surface_and_the_normal_is_the_ellipsoids():
-    camera, ground, level = scene()
-    rays = trace(camera, ground, level, INDEX, (AXIS, E2))
     found = EARTH.geographic(rays.incidence)
     assert np.abs(found[:, 2] - level).max() < 1e-8  # geocentric coordinates end at 1e-9 m
     assert np.abs(EARTH.frame(found)[:, 2] - rays.normal).max() < 1e-14  # 1e-9 m of 6e6 m
-
-
-def test_rays_join_camera_and_point():
-    camera, ground, level = scene()
-    rays = trace(camera, ground, level, INDEX, (AXIS, E2))
     point = EARTH.geocentric(ground)
     down = np.linalg.norm(point - rays.incidence, axis=1)[:, None]
     up = np.linalg.norm(camera - rays.incidence, axis=1)[:, None]

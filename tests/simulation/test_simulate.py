@@ -305,7 +305,6 @@ def test_spec_without_points_gives_an_empty_block():
         ({"blunders": {"number": 10000}}, "there are only"),
         ({"kept_out": {"measurements": [["8", "1"]]}}, "not measured on photo 8"),
         ({"water": {"level": 100.0}}, "below the highest tide"),
-        ({"water": {}, "point": [{"id": "WET", "local": [0.0, 0.0, -1.0]}]}, "below the highest tide"),
         ({"equal_elevation": [{"id": "S", "number": 50}]}, "only 9 tie points on land"),
         ({"air_base": [{"photos": ["1", "77"]}]}, "unknown photos: 77"),
         ({"job": {"centre": [10.0, 10.0], "ellipsoid": "krakatoa"}}, "krakatoa"),

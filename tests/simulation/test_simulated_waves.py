@@ -20,7 +20,6 @@ from musatpy.sea.theory import linear_wave
 from musatpy.simulation import simulate, truth_json
 from musatpy.simulation.raytrace import RayTraceError
 from musatpy.simulation.simulation_spec import spec_from_table
-from musatpy.simulation.truth import truth_record
 from musatpy.units import DEGREE
 from reference import compare
 
@@ -90,13 +89,6 @@ def test_errors_and_sigmas_stand_on_the_cards_and_not_in_the_images() -> None:
     assert (waves.height_sigma[0], waves.length_sigma[0], waves.crest_sigma[0]) == (0.3, 4.0, 5.0)
     np.testing.assert_array_equal(made.block.plates.xy, right.block.plates.xy)
     assert np.isnan(right.block.waves.length[0]) and np.isnan(right.block.waves.height_sigma[0])
-
-
-def test_a_spec_without_waves_has_the_truth_that_it_had() -> None:
-    calm = spec("LOCL", flight={"photos": 4, "height": 1500.0}, water={"tides": [0.2, -0.1, 0.3, 0.0]})
-    record = truth_record(simulate(calm))
-    assert "wave" not in record["spec"] and "interval" not in record["spec"]["flight"]
-    assert np.isnan(simulate(calm).block.photos.time).all()
 
 
 @pytest.mark.parametrize(

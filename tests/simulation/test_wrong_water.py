@@ -279,13 +279,6 @@ def test_conditions_stand_on_their_card_and_make_the_true_index(conditions, card
     assert simulate(spec_from_table(record["spec"])).truth.index == simulation.truth.index
 
 
-def test_a_deck_with_conditions_is_consistent() -> None:
-    simulation = simulated(water={"conditions": COLD})
-    solution = adjust(read_deck(deck_bytes(simulation.block)))
-    known = simulation.block.points.bathymetric & (solution.points.status == PointStatus.TRIANGULATED)
-    assert largest_error(simulation, solution.points.position, known) < POINTS
-
-
 def test_a_wrong_temperature_is_a_wrong_index() -> None:
     wrong = {**COLD, "temperature_error": 20.0}
     simulation = simulated(water={"conditions": wrong}, options={"water_index": "ADJUST"})
