@@ -3,6 +3,7 @@
 import math
 import os
 import shutil
+from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
@@ -10,10 +11,11 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from campaign.batches import ST_THOMAS, musat
+from musatpy.campaign.batch_index import index_page
+from musatpy.campaign.batch_jobs import Job, Outcome, State
 from musatpy.page import compilation_page, run_page
 from musatpy.page.cells import cell_text
 from musatpy.page.flight import hull_area
-from musatpy.page.index_page import JobRow, index_html
 from musatpy.page.page_tables import PageReport
 from musatpy.reports import (
     compilation,
@@ -100,15 +102,12 @@ HOSTILE = "<img src=x onerror=alert(1)>.crd"
 
 
 def row(name, state, sigma0=1.0, **more):
-    given = {
-        "photos": 3,
-        "points": 22,
-        "check_points": 1,
-        "check_rms": (0.1, 0.2, None),
-        "message": "",
-        "links": (),
-    }
-    return JobRow(name=name, state=state, sigma0=sigma0, **(given | more))
+    given = {"photos": 3, "points": 22, "check_points": 1, "check_rms": (0.1, 0.2, None)}
+    return Job(deck=Path(name)), Outcome(state=State(state), sigma0=sigma0, **(given | more))
+
+
+def index_of(title, rows):
+    return index_page(title, Path(), *zip(*rows, strict=True)).decode()
 
 
 def test_what_needs_a_look_comes_first():
@@ -117,7 +116,7 @@ def test_what_needs_a_look_comes_first():
         row("e", "rejected", float("inf")),
         row("f", "unusable", None, photos=None, points=None, check_rms=None, check_points=None),
     ]  # fmt: skip
-    reader = Reader(index_html("Campaign", jobs))
+    reader = Reader(index_of("Campaign", jobs))
     rows = reader.tables["Jobs"][1:]
     assert [cells[0] for cells in rows] == ["f", "e", "d", "c", "b", "a"]
     assert rows[-1][2:] == ["3", "22", "1.0000", "1", "0.100, 0.200, -"]
@@ -127,7 +126,7 @@ def test_what_needs_a_look_comes_first():
 
 def test_the_same_jobs_in_any_order_give_the_same_bytes():
     jobs = [row("a", "accepted"), row("b", "doubtful")]
-    assert index_html("x", jobs) == index_html("x", jobs[::-1])
+    assert index_of("x", jobs) == index_of("x", jobs[::-1])
 
 
 @pytest.mark.slow

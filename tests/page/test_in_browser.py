@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from musatpy.campaign.batch_index import index_page
+from musatpy.campaign.batch_jobs import Job, Outcome, State
 from musatpy.page.composition import page_of_record
-from musatpy.page.index_page import JobRow, index_html
 from page.browser import browser, chromium
 from page.pages import ST_THOMAS, compiled_text, record_text, sounded_text
 
@@ -46,14 +47,15 @@ def places(tmp_path_factory):
     texts = {"job": record_text(), "compilation": compiled_text(), "comparison": sounded_text()}
     for name, text in (texts | {"rejected": json.dumps(content)}).items():
         (folder / f"{name}.json").write_text(text)
-    rows = [
-        JobRow(
-            name=f"decks/{state}.crd", state=state, photos=3, points=22, sigma0=1.0, check_points=2,
-            check_rms=(0.1, 0.2, 0.3), message="why " * 30, links=(("page", "a.html"), ("listing", "a.lst")),
+    jobs = [Job(deck=Path(f"decks/{state.replace(' ', '-')}.crd")) for state in State]
+    outcomes = [
+        Outcome(
+            state=state, photos=3, points=22, sigma0=1.0, check_points=2, check_rms=(0.1, 0.2, 0.3),
+            message="why " * 30, outputs={f"{job.deck.stem}{suffix}": "" for suffix in (".html", ".lst")},
         )
-        for state in ("accepted", "doubtful", "rejected", "not converged", "not run", "crashed")
+        for job, state in zip(jobs, State, strict=True)
     ]  # fmt: skip
-    (folder / "index.html").write_text(index_html("Campaign", rows))
+    (folder / "index.html").write_bytes(index_page("Campaign", folder, jobs, outcomes))
     for name in NAMES[:-1]:
         (folder / f"{name}.html").write_text(page_of_record(folder / f"{name}.json"))
     return {name: folder / f"{name}.html" for name in NAMES}
