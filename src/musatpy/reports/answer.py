@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 import musatpy
-from musatpy.model import Grade
+from musatpy.model import Grade, Verdict
 from musatpy.reports import blunders, pages, residuals
 from musatpy.reports.headline import content_of, headline
 from musatpy.reports.pages import Section, by_kind, labelled, wrapped
@@ -80,6 +80,13 @@ STATED = (
     WORST,
     Labels("Run", _run_numbers),
 )
+
+
+def verdict_section(verdict: Verdict, notes: Sequence[str] = ()) -> Section:
+    """Return what an answer is worth, with all reasons and notes, as it stands before everything else."""
+    reasons = [reason.text for reason in verdict.reasons]
+    lines = [f"{verdict.grade}: {USE[verdict.grade]}", *wrapped([*reasons, *notes], lead="- ")]
+    return Section(title="Verdict", lines=lines)
 
 
 PageOf = Callable[[str], int]  # beginning of the title of a section -> its page, 0 where it is not listed

@@ -12,7 +12,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.model.tables import POSITION_UNIT
 from musatpy.reports import compilation_bottom, compilation_comparisons, compilation_points, headline, job_record
-from musatpy.reports.answer import MARKS, USE
+from musatpy.reports.answer import MARKS, verdict_section
 from musatpy.reports.compilation_points import ENU_SIGMAS, Compilation
 from musatpy.reports.editing import position
 from musatpy.reports.fields import Document, Each, Field, Group, Rows, flag, identity
@@ -257,9 +257,8 @@ def sections_of(done: Compilation) -> list[Section]:
     assert verdict is not None
     names = zip(compiled.deck.stages.ids[compiled.rows], compiled.model_ids, compiled.reasons, strict=True)
     reasons = [f"Point {point} of model {model}: {reason}." for point, model, reason in names if reason]
-    against_it = wrapped([reason.text for reason in verdict.reasons], lead="- ")
     return [
-        Section(title="Verdict", lines=[f"{verdict.grade}: {USE[verdict.grade]}", *against_it]),
+        verdict_section(verdict),
         *_model_sections(done),
         *([Section(title="Points Without Coordinates", lines=wrapped(reasons))] if reasons else []),
         *compilation_points.point_sections(done),
@@ -300,7 +299,8 @@ def listing_of(
     done: Compilation, sections: list[Section], *, carriage_control: bool = False, date: datetime.date | None = None
 ) -> str:
     """Return the listing of a compilation, or of models set up, from its sections, on pages of 132 columns."""
-    titles = done.compiled.deck.titles
+    title, caution = "".join(done.compiled.deck.titles[:1]), done.compiled.run.caution
     mark = MARKS.get(done.verdict.grade, "") if done.verdict else ""
-    left = f"MUSATPY  COMPILATION  {titles[0] if titles else '':<60.60}{'  ' * bool(mark)}{mark}"
-    return print_titled(left, sections, done.compiled.run.caution, carriage_control=carriage_control, date=date)
+    return print_titled(
+        "COMPILATION", title, sections, caution, mark=mark, carriage_control=carriage_control, date=date
+    )

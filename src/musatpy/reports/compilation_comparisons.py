@@ -30,10 +30,8 @@ RUN_POINTS: Rows[Compilation, Compilation] = Rows(
         Field("difference", "3 number", "compiled minus run, east, north, up", _all("difference"),
               ("East\nm", "North\nm", "Up\nm"), "F7.4"),
         Field("length", "number", "of that", _all("length"), "Length\nm", "F8.4"),
-        Field("sigma", "3 number?", "of the difference; null where not known", _all("sigma"),
-              ENU_SIGMAS, "F7.4"),
-        Field("test", "number?", "root of the mean square over its covariance", _all("test"), "Test",
-              "F6.2"),
+        Field("sigma", "3 number?", "of the difference; null where not known", _all("sigma"), ENU_SIGMAS, "F7.4"),
+        Field("test", "number?", "root of the mean square over its covariance", _all("test"), "Test", "F6.2"),
         Field("stages", "2x2 number", "read minus predicted, left and right", _all("stages"),
               [f"{side} {axis}\num" for side in ("Left", "Right") for axis in "xy"], "F7.2"),
     ),
@@ -68,9 +66,8 @@ AGAINST_RUN: Document[Compilation] = Document(
 
 def point_listing(done: Compilation) -> str:
     """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
-    titles, caution = done.compiled.deck.titles, done.compiled.run.caution
-    heading = f"MUSATPY  COMPARISON OF POINTS  {titles[0] if titles else '':<60.60}"
-    return print_titled(heading, sections_of(done), caution)
+    title, caution = "".join(done.compiled.deck.titles[:1]), done.compiled.run.caution
+    return print_titled("COMPARISON OF POINTS", title, sections_of(done), caution)
 
 
 def sections_of(done: Compilation) -> list[Section]:
@@ -158,6 +155,4 @@ CONTOURS: Document[Contoured] = Document(
 
 def contour_listing(compared: Contoured, title: str, caution: str = "") -> str:
     """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
-    return print_titled(
-        f"MUSATPY  CONTOURS  {title:<60.60}", [table.section(compared) for table in STATED], caution
-    )
+    return print_titled("CONTOURS", title, [table.section(compared) for table in STATED], caution)

@@ -10,9 +10,9 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem, PlaneTreatment, Weights
 from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS
-from musatpy.reports.answer import MARKS, USE
+from musatpy.reports.answer import MARKS, verdict_section
 from musatpy.reports.editing import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, number_text, position
-from musatpy.reports.fields import Document, Field, Group, Node, Rows, identity, of_job
+from musatpy.reports.fields import Document, Field, Group, Node, Rows, flag, identity, of_job
 from musatpy.reports.pages import Section, labelled, print_titled, wrapped
 from musatpy.reports.table import Report, filled
 from musatpy.units import ARC_SECOND, DEGREE
@@ -31,35 +31,29 @@ _EVERY = 12  # columns of the matrix of correlations beside each other
 
 _SIGMAS = [f"Sigma {axis}\nm" for axis in "XYZ"]
 JOB: Group[Answer, Answer] = Group(
-    "job",
-    "what was asked for",
-    (
-        Field("titles", "* string", "titles of the deck", lambda a: a.block.titles),
-        Field("method", "string", "of orientation", lambda a: a.scene.spec.method),
-        Field("weights", "string", "FULL or EQUAL", lambda a: a.scene.spec.weights),
-        Field("plane", "string", "what of the plane of water is unknown", lambda a: a.scene.spec.plane),
+    "job", "what was asked for", (
+        Field("titles", "* string", "titles of the deck", "block.titles"),
+        Field("method", "string", "of orientation", "scene.spec.method"),
+        Field("weights", "string", "FULL or EQUAL", "scene.spec.weights"),
+        Field("plane", "string", "what of the plane of water is unknown", "scene.spec.plane"),
         Field("system", "string", "coordinate system, MODEL without control", lambda a: system_of(a)),
-        Field("base", "number", "length of the first base of a model", lambda a: a.scene.base, unit="m"),
+        Field("base", "number", "length of the first base of a model", "scene.base", unit="m"),
     ),
-)
+)  # fmt: skip
 VERDICT: Group[Answer, Answer] = Group(
-    "verdict",
-    "what the answer is worth",
-    (
-        Field("grade", "string", "ACCEPTED, DOUBTFUL or REJECTED", lambda a: a.verdict.grade),
+    "verdict", "what the answer is worth", (
+        Field("grade", "string", "ACCEPTED, DOUBTFUL or REJECTED", "verdict.grade"),
         Field("reasons", "* string", "against it", lambda a: [reason.text for reason in a.verdict.reasons]),
     ),
-)
+)  # fmt: skip
 FIT: Group[Answer, Answer] = Group(
-    "fit",
-    "how the conditions fit",
-    (
-        Field("sigma0", "number?", "standard deviation of unit weight", lambda a: a.oriented.sigma0),
-        Field("redundancy", "integer", "conditions and priors less unknowns", lambda a: a.oriented.redundancy),
-        Field("fits", "boolean", "sigma0 passes its test of 99.9 %", lambda a: a.oriented.fits),
-        Field("condition", "number", "condition number of the scaled normals", lambda a: a.oriented.condition),
+    "fit", "how the conditions fit", (
+        Field("sigma0", "number?", "standard deviation of unit weight", "oriented.sigma0"),
+        Field("redundancy", "integer", "conditions and priors less unknowns", "oriented.redundancy"),
+        Field("fits", "boolean", "sigma0 passes its test of 99.9 %", "oriented.fits"),
+        Field("condition", "number", "condition number of the scaled normals", "oriented.condition"),
     ),
-)
+)  # fmt: skip
 PLANE: Group[Answer, Answer] = Group(
     "plane",
     "the plane of water Z = level + slope . (X, Y), about the middle of the axes; null where no point is under it",
@@ -68,7 +62,7 @@ PLANE: Group[Answer, Answer] = Group(
         Field("verdict", "string", "whether the photos determine it", lambda a: a.plane[0]),
         Field("share", "number?", "sigma of the level over the points, of the mean depth; null without limit",
               lambda a: a.plane[1]),
-        Field("limit", "number", "of that share", lambda a: a.scene.spec.limit),
+        Field("limit", "number", "of that share", "scene.spec.limit"),
         Field("slope", "2 number", "towards X and Y", lambda a: a.water[:2], unit="rad"),
         Field("slope_sigma", "2 number?", "", lambda a: a.water_sigma[:2], unit="rad"),
         Field("level", "number", "at the middle of the axes", lambda a: float(a.water[2]), unit="m"),
@@ -81,88 +75,65 @@ PLANE: Group[Answer, Answer] = Group(
     optional=True,
 )  # fmt: skip
 STATIONS: Rows[Answer, Answer] = Rows(
-    "stations",
-    "the photos, in the order of the method",
-    (
-        identity("photo", lambda a: a.photos),
-        Field("position", "3 number", "in the system of the job, or the model", exact=True, heading=position(4)),
-        Field("position_sigma", "3 number?", "east, north, up, or X, Y, Z", unit="m", heading=_SIGMAS,
-              edit="F10.5"),
-        Field("attitude", "3 number", "X-tilt, Y-tilt, heading", unit="rad", heading=ATTITUDES_AS_ANGLES,
-              edit="S14.3"),
-        Field("attitude_sigma", "3 number?", "", unit="rad", heading=ATTITUDE_SIGMAS, edit="F9.2"),
-        Field("paper", "6 number", "phi, omega, kappa, X0, Y0, Z0 of the paper", lambda a: a.paper_photos,
-              exact=True),
-        Field("paper_sigma", "6 number?", "", lambda a: a.paper_photo_sigmas),
+    "stations", "the photos, in the order of the method", (
+        identity("photo", "photos"),
+        Field("position", "3 number", "in the system of the job, or the model", heading=position(4), exact=True),
+        Field("position_sigma", "3 number?", "east, north, up, or X, Y, Z", heading=_SIGMAS, edit="F10.5"),
+        Field("attitude", "3 number", "X-tilt, Y-tilt, heading", heading=ATTITUDES_AS_ANGLES, edit="S14.3"),
+        Field("attitude_sigma", "3 number?", "", heading=ATTITUDE_SIGMAS, edit="F9.2"),
+        Field("paper", "6 number", "phi, omega, kappa, X0, Y0, Z0 of the paper", "paper_photos", exact=True),
+        Field("paper_sigma", "6 number?", "", "paper_photo_sigmas"),
     ),
 )  # fmt: skip
 ROOTS: Rows[Answer, Answer] = Rows(
-    "other_roots",
-    "photos of the other exact solutions of a minimum set",
-    (
-        Field("root", "integer", "number of the solution, from 1", lambda a: a.root_photos[0], heading="Root",
-              edit="I4", is_id=True),
+    "other_roots", "photos of the other exact solutions of a minimum set", (
+        Field("root", "integer", "number of the solution, from 1", lambda a: a.root_photos[0], "Root", "I4",
+              is_id=True),
         identity("photo", lambda a: a.photos[a.root_photos[1]]),
-        Field("position", "3 number", "as that of the stations", lambda a: a.root_stations, exact=True,
-              heading=position(4)),
-        Field("slope", "2 number", "of the water", lambda a: a.roots.slope[a.root_photos[0] - 1], unit="rad",
-              heading=("Slope X", "Slope Y"), edit="F9.5"),
-        Field("level", "number", "of the water", lambda a: a.roots.level[a.root_photos[0] - 1], unit="m",
-              heading="Level\nm", edit="F14.4"),
+        Field("position", "3 number", "as that of the stations", "root_stations", position(4), exact=True),
+        Field("slope", "2 number", "of the water", lambda a: a.roots.slope[a.root_photos[0] - 1],
+              ("Slope X", "Slope Y"), "F9.5", unit="rad"),
+        Field("level", "number", "of the water", lambda a: a.roots.level[a.root_photos[0] - 1], "Level\nm",
+              "F14.4"),
     ),
 )  # fmt: skip
 POINTS: Rows[Answer, Answer] = Rows(
-    "points",
-    "the points that conditions use",
-    (
-        identity("point", lambda a: a.scene.sights.points),
-        Field("submerged", "boolean", "flagged so", lambda a: a.scene.sights.wet, heading="Bath", edit="A4",
-              words={True: "B", False: ""}),
-        Field("control", "string", "known components", lambda a: a.control, heading="Known", edit="A5"),
-        Field("outlier", "boolean", "left out, as it does not fit", lambda a: a.outliers, heading="Out", edit="A3",
-              words={True: "out", False: ""}),
-        Field("rays", "integer", "that took part", lambda a: a.rays, heading="Rays", edit="I4"),
-        Field("position", "3 number?", "control as adjusted", lambda a: a.point_position, exact=True,
-              heading=position(4)),
-        Field("sigma", "3 number?", "null of control", lambda a: a.point_sigma, unit="m", heading=_SIGMAS,
-              edit="F10.5"),
-        Field("depth", "number?", "under the water, negative above it", lambda a: a.depth, unit="m",
-              heading="Depth\nm", edit="F10.4"),
+    "points", "the points that conditions use", (
+        identity("point", "scene.sights.points"),
+        flag("submerged", "flagged so", "Bath", "B", "scene.sights.wet"),
+        Field("control", "string", "known components", heading="Known", edit="A5"),
+        flag("outlier", "left out, as it does not fit", "Out", "out", "outliers"),
+        Field("rays", "integer", "that took part", heading="Rays", edit="I4"),
+        Field("position", "3 number?", "control as adjusted", "point_position", position(4), exact=True),
+        Field("sigma", "3 number?", "null of control", "point_sigma", _SIGMAS, "F10.5"),
+        Field("depth", "number?", "under the water, negative above it", heading="Depth\nm", edit="F10.4"),
     ),
 )  # fmt: skip
 LEFT_OUT: Rows[Answer, Answer] = Rows(
-    "left_out",
-    "points that no condition can use",
-    (
+    "left_out", "points that no condition can use", (
         identity("point", lambda a: [point for point, _ in a.scene.left_out]),
-        Field("reason", "string", "why", lambda a: [reason for _, reason in a.scene.left_out], heading="Reason",
-              edit="A80"),
+        Field("reason", "string", "why", lambda a: [reason for _, reason in a.scene.left_out], "Reason", "A80"),
     ),
 )  # fmt: skip
 IMAGES: Rows[Answer, Answer] = Rows(
-    "images",
-    "the images that took part",
-    (
+    "images", "the images that took part", (
         identity("photo", lambda a: a.photos[a.oriented.sights.photo]),
         identity("point", lambda a: a.scene.sights.points[a.oriented.sights.point]),
-        Field("residual", "2 number", "x and y, adjusted minus measured", lambda a: a.residuals, unit="mm",
-              heading=("x\num", "y\num"), edit="F9.2"),
-        Field("redundancy", "2 number", "redundancy numbers", lambda a: a.oriented.image_redundancy,
-              heading=("Redund.\nx", "Redund.\ny"), edit="F7.3"),
-        Field("test", "2 number?", "normalised residuals", lambda a: a.oriented.normalised_residuals,
-              heading=("Test\nx", "Test\ny"), edit="F7.2"),
+        Field("residual", "2 number", "x and y, adjusted minus measured", "residuals", ("x\num", "y\num"), "F9.2"),
+        Field("redundancy", "2 number", "redundancy numbers", "oriented.image_redundancy",
+              ("Redund.\nx", "Redund.\ny"), "F7.3"),
+        Field("test", "2 number?", "normalised residuals", "oriented.normalised_residuals", ("Test\nx", "Test\ny"),
+              "F7.2"),
     ),
 )  # fmt: skip
 CORRELATIONS: Group[Answer, Answer] = Group(
-    "correlations",
-    "of all unknowns",
-    (
-        Field("unknowns", "* string", "names", lambda a: a.names),
-        Field("matrix", "*x* number", "row by row", lambda a: a.correlations),
-        Field("inflation", "* number", "variance inflation factors", lambda a: a.inflation),
+    "correlations", "of all unknowns", (
+        Field("unknowns", "* string", "names", "names"),
+        Field("matrix", "*x* number", "row by row", "correlations"),
+        Field("inflation", "* number", "variance inflation factors"),
         Field("weakest", "* string", "the two weakest directions", lambda a: [d.words for d in a.oriented.weakest]),
     ),
-)
+)  # fmt: skip
 RECORD: tuple[Node[Answer], ...] = (
     *(JOB, VERDICT, FIT, PLANE, STATIONS, ROOTS, POINTS, LEFT_OUT, IMAGES, CORRELATIONS),
 )
@@ -178,21 +149,19 @@ def system_of(answer: Placement) -> str:
 
 # --- the listing ---
 
-STATION_TABLE: Report[Any] = Report(
-    title="Exposure Stations: Positions", table=STATIONS, columns=("photo", "position", "position_sigma")
-)
-ATTITUDE_TABLE: Report[Any] = Report(
-    title="Exposure Stations: Attitudes", table=STATIONS, columns=("photo", "attitude", "attitude_sigma")
-)
-POINT_TABLE: Report[Any] = Report(
-    title="Points",
-    table=POINTS,
-    columns=("point", "submerged", "control", "rays", "position", "sigma", "depth", "outlier"),
-)
-IMAGE_TABLE: Report[Any] = Report(title="Images: Residuals And Tests", table=IMAGES)
-ROOT_TABLE: Report[Any] = Report(title="Other Exact Solutions", table=ROOTS)
-LEFT_OUT_TABLE: Report[Any] = Report(title="Points That No Condition Can Use", table=LEFT_OUT)
-PAPER_TABLE: Report[Any] = Report(
+
+def _units(answer: Answer) -> FloatArray:
+    """Return what the elements of the paper are printed in."""
+    return np.array(([DEGREE] * 3 + [1.0] * 3) * len(answer.photos) + [1.0] * 4)
+
+
+STATION_TABLE: Report[Any] = Report("Exposure Stations: Positions", STATIONS, "photo position position_sigma")
+ATTITUDE_TABLE: Report[Any] = Report("Exposure Stations: Attitudes", STATIONS, "photo attitude attitude_sigma")
+POINT_TABLE: Report[Any] = Report("Points", POINTS, "point submerged control rays position sigma depth outlier")
+IMAGE_TABLE = Report("Images: Residuals And Tests", IMAGES)
+ROOT_TABLE = Report("Other Exact Solutions", ROOTS)
+LEFT_OUT_TABLE: Report[Any] = Report("Points That No Condition Can Use", LEFT_OUT)
+PAPER_TABLE: Report[Answer] = Report(
     title="In The Axes Of Okamoto And Mori: X, -Y And -Z, About The Middle Of The Axes",
     columns=(
         of_job("Photo", "A8", lambda a: [*np.repeat(a.photos, len(SYMBOLS)).tolist(), *[""] * len(PLANE_SYMBOLS)]),
@@ -202,32 +171,30 @@ PAPER_TABLE: Report[Any] = Report(
         of_job("Unit", "A7", lambda a: [*(("deg",) * 3 + ("m",) * 3) * len(a.photos), "", "", "m", ""]),
     ),
 )
-
 STATED = (STATION_TABLE, ATTITUDE_TABLE, ROOT_TABLE, POINT_TABLE, LEFT_OUT_TABLE, IMAGE_TABLE, PAPER_TABLE)
-
-
-def _units(answer: Answer) -> FloatArray:
-    """Return what the elements of the paper are printed in."""
-    return np.array(([DEGREE] * 3 + [1.0] * 3) * len(answer.photos) + [1.0] * 4)
 
 
 def listing_of(
     answer: Placement, sections: list[Section], *, carriage_control: bool = False, date: datetime.date | None = None
 ) -> str:
     """Return the listing of an orientation from its sections, on pages of 60 lines of 132 columns."""
-    title, mark = answer.block.titles[0] if answer.block.titles else "", MARKS.get(answer.verdict.grade, "")
-    left = f"MUSATPY  ORIENTATION  {title:<60.60}  {mark}"
-    return print_titled(left, sections, carriage_control=carriage_control, date=date)
+    title, mark = "".join(answer.block.titles[:1]), MARKS.get(answer.verdict.grade, "")
+    return print_titled("ORIENTATION", title, sections, mark=mark, carriage_control=carriage_control, date=date)
 
 
 def sections_of(answer: Answer) -> list[Section]:
     """Return what the listing says, section by section."""
+    oriented = answer.oriented
+    sigma0 = sigma0_text(oriented.sigma0, oriented.fits) if oriented.redundancy else "none, without redundancy"
+    short = {
+        "Unknowns, redundancy": f"{int(answer.unknown.sum())}, {oriented.redundancy}",
+        "Sigma0": sigma0,
+        "Condition number of the scaled normals": number_text("F14.1", oriented.condition),
+        "Weakest direction": oriented.weakest[0].words,
+        "Next weakest direction": oriented.weakest[1].words,
+    }
     return [
-        verdict_section(answer),
-        Section(title="Orientation In Short", lines=labelled(_short(answer))),
-        *([] if answer.scene.dry else [plane_section(answer)]),
-        STATION_TABLE.section(answer),
-        ATTITUDE_TABLE.section(answer),
+        *first_sections(answer, short, has_plane=not answer.scene.dry),
         *filled([ROOT_TABLE], answer),
         POINT_TABLE.section(answer, new_page=True),
         *filled([LEFT_OUT_TABLE], answer),
@@ -237,42 +204,23 @@ def sections_of(answer: Answer) -> list[Section]:
     ]
 
 
-def plane_section(answer: Answer | StripAnswer) -> Section:
-    """Return the plane of water with its verdict."""
-    return Section(title="Plane Of Water", lines=[*labelled(_plane(answer)), "", *wrapped([_plane_note(answer)])])
-
-
-def verdict_section(answer: Placement) -> Section:
-    """Return what the answer is worth, which stands before everything else."""
-    verdict = answer.verdict
-    reasons = [reason.text for reason in verdict.reasons]
-    lines = [f"{verdict.grade}: {USE[verdict.grade]}", *wrapped([*reasons, *answer.scene.notes], lead="- ")]
-    return Section(title="Verdict", lines=lines)
-
-
-def _short(answer: Answer) -> dict[str, str]:
-    oriented = answer.oriented
-    sigma0 = sigma0_text(oriented.sigma0, oriented.fits) if oriented.redundancy else "none, without redundancy"
-    return {
-        **task_of(answer),
-        "Unknowns, redundancy": f"{int(answer.unknown.sum())}, {oriented.redundancy}",
-        "Sigma0": sigma0,
-        "Condition number of the scaled normals": number_text("F14.1", oriented.condition),
-        "Weakest direction": oriented.weakest[0].words,
-        "Next weakest direction": oriented.weakest[1].words,
-    }
-
-
-def task_of(answer: Placement) -> dict[str, str]:
-    """Return what was asked for, and of how many images."""
+def first_sections(answer: Answer | StripAnswer, short: dict[str, str], *, has_plane: bool) -> list[Section]:
+    """Return what all orientations begin with: verdict, the task and `short` results, plane of water, stations."""
     scene, system, names = answer.scene, system_of(answer), answer.photos.tolist()
-    return {
+    task = {
         "Method": str(scene.spec.method),
         "Weights": _WEIGHTS[scene.spec.weights],
         "Photos in their order": ", ".join(names if len(names) <= _NAMED else [*names[:3], "...", *names[-3:]]),
         "Axes": f"of a model, first base {scene.base:g}" if system == "MODEL" else f"{system}, those of the deck",
         "Points, images": f"{len(scene.points)} ({int(scene.sights.wet.sum())} submerged), {len(scene.plates)}",
     }
+    return [
+        verdict_section(answer.verdict, scene.notes),
+        Section(title="Orientation In Short", lines=labelled(task | short)),
+        *([Section(title="Plane Of Water", lines=_plane(answer))] if has_plane else []),
+        STATION_TABLE.section(answer),
+        ATTITUDE_TABLE.section(answer),
+    ]
 
 
 def sigma0_text(sigma0: float, fits: bool) -> str:
@@ -291,43 +239,34 @@ _UNKNOWN = {
 }
 
 
-def _plane(answer: Answer | StripAnswer) -> dict[str, str]:
-    plane, share = answer.plane
-    lines = {"Plane": _UNKNOWN[answer.scene.spec.plane], "Verdict": plane.upper()}
-    if np.isfinite(share) and answer.scene.spec.plane is not PlaneTreatment.KNOWN:
-        limit = f"{number_text('F8.4', share)}, limit {answer.scene.spec.limit:g}"
+def _plane(answer: Answer | StripAnswer) -> list[str]:
+    """Return the plane of water with its verdict, and what that means."""
+    (verdict, share), scene = answer.plane, answer.scene
+    lines = {"Plane": _UNKNOWN[scene.spec.plane], "Verdict": verdict.upper()}
+    if np.isfinite(share) and scene.spec.plane is not PlaneTreatment.KNOWN:
+        limit = f"{number_text('F8.4', share)}, limit {scene.spec.limit:g}"
         lines["Sigma of the level over the mean depth"] = limit
     for name, row, unit, word in (
-        ("Tilt towards X", 0, ARC_SECOND, "arc seconds"),
-        ("Tilt towards Y", 1, ARC_SECOND, "arc seconds"),
-        ("Level in the middle of the axes", 2, 1.0, "m"),
+        ("Tilt towards X", 0, ARC_SECOND, " arc seconds"),
+        ("Tilt towards Y", 1, ARC_SECOND, " arc seconds"),
+        ("Level in the middle of the axes", 2, 1.0, " m"),
         ("Refractive index", 3, 1.0, ""),
     ):
-        value, sigma = answer.water[row] / unit, answer.water_sigma[row] / unit
-        known = "held" if np.isnan(sigma) else f"sigma {number_text('F14.5', sigma)}"
-        lines[name] = f"{number_text('F14.5', value)} {word}".rstrip() + f", {known}"
-    return lines
-
-
-def _plane_note(answer: Answer | StripAnswer) -> str:
-    """Return what the verdict on the plane means."""
-    if answer.scene.in_model:
-        where = "the axes of the model, whose Z is that of its first photos, not the vertical"
-    else:
-        where = f"level axes at {_middle(answer)}"
-    return (
-        f"Z = level + tilt . (X, Y) in {where}. The plane is determined where the sigma of its level over the "
-        "middle of the submerged points is at most that share of their mean depth without priors; only with its "
-        "prior where it is so with them; else it is not determined, and depths are not to be used."
-    )
-
-
-def _middle(answer: Placement) -> str:
-    """Return where the axes have their middle, in the system of the job."""
-    middle = answer.scene.axes.system(np.zeros(3))
+        value, sigma = (number_text("F14.5", of[row] / unit) for of in (answer.water, answer.water_sigma))
+        lines[name] = f"{value}{word}, {f'sigma {sigma}' if sigma else 'held'}"
+    middle = scene.axes.system(np.zeros(3))
     if answer.block.options.system is CoordinateSystem.GEOGRAPHIC:
-        return f"{middle[0] / DEGREE:.6f} {middle[1] / DEGREE:.6f}"
-    return " ".join(f"{value:.3f}" for value in middle)
+        place = f"{middle[0] / DEGREE:.6f} {middle[1] / DEGREE:.6f}"
+    else:
+        place = " ".join(f"{value:.3f}" for value in middle)
+    of_model = "the axes of the model, whose Z is that of its first photos, not the vertical"
+    note = (
+        f"Z = level + tilt . (X, Y) in {of_model if scene.in_model else f'level axes at {place}'}. The plane is "
+        "determined where the sigma of its level over the middle of the submerged points is at most that share of "
+        "their mean depth without priors; only with its prior where it is so with them; else it is not determined, "
+        "and depths are not to be used."
+    )
+    return [*labelled(lines), "", *wrapped([note])]
 
 
 def _matrix(answer: Answer) -> list[str]:

@@ -9,27 +9,23 @@ import numpy as np
 from musatpy.reports.editing import number_text
 from musatpy.reports.fields import Document, Field, Group, Node, Rows, identity
 from musatpy.reports.orientation import (
-    ATTITUDE_TABLE,
     JOB,
     LEFT_OUT,
     LEFT_OUT_TABLE,
     PLANE,
     POINT_TABLE,
     POINTS,
-    STATION_TABLE,
     STATIONS,
     VERDICT,
-    plane_section,
+    first_sections,
     sigma0_text,
-    task_of,
-    verdict_section,
 )
-from musatpy.reports.pages import Section, labelled, text_of, wrapped
+from musatpy.reports.pages import Section, text_of
 from musatpy.reports.table import Report, filled, sheet
 from musatpy.units import DEGREE
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
-    from musatpy.orientation.twomedia.study import Basins, Precision, Study
+    from musatpy.orientation.twomedia.study import Precision, Study
     from musatpy.orienting.strip_answer import StripAnswer
 
 _ABOUT = (
@@ -43,77 +39,62 @@ _NOTE = (
 )
 
 FIT: Group[StripAnswer, StripAnswer] = Group(
-    "fit",
-    "how the images fit in IIIA, in all triplets where it has no solution",
-    (
+    "fit", "how the images fit in IIIA, in all triplets where it has no solution", (
         Field("sigma0", "number", "standard deviation of unit weight"),
         Field("redundancy", "integer", "observations less unknowns"),
         Field("fits", "boolean", "sigma0 passes its test of 99.9 %"),
         Field("adjusted", "boolean", "IIIA holds the strip", lambda a: a.solution is not None),
         Field("unadjusted", "string", "why it does not, empty where it does"),
     ),
-)
+)  # fmt: skip
 STRIP_PLANE: Group[Any, Any] = Group(
     "plane",
     "the plane of water Z = level + slope . (X, Y), about the middle of the axes; sigmas null without IIIA",
     tuple(field for field in PLANE.fields if not field.name.startswith("paper")),
 )
 TRIPLETS: Rows[StripAnswer, StripAnswer] = Rows(
-    "triplets",
-    "three photos on end each",
-    (
-        Field("photo", "string", "the first of them", lambda a: a.photos[:-2], heading="First\nphoto", edit="A8",
-              is_id=True),
-        Field("points", "integer", "that took part", lambda a: [len(m.points) for m in a.strip.triplets],
-              heading="Points", edit="I6"),
-        Field("redundancy", "integer", "", lambda a: [m.oriented.redundancy for m in a.strip.triplets],
-              heading="Redund.", edit="I7"),
-        Field("sigma0", "number", "", lambda a: np.array([m.oriented.sigma0 for m in a.strip.triplets]),
-              heading="Sigma0", edit="F8.4"),
-        Field("slope", "2 number", "of the water", lambda a: a.planes[:, :2], unit="rad",
-              heading=("Tilt X\narc sec", "Tilt Y\narc sec"), edit="F12.2"),
-        Field("level", "number", "of the water, over the middle of the points", lambda a: a.levels, unit="m",
-              heading="Level\nm", edit="F14.4"),
+    "triplets", "three photos on end each", (
+        Field("photo", "string", "the first of them", lambda a: a.photos[:-2], "First\nphoto", "A8", is_id=True),
+        Field("points", "integer", "that took part", lambda a: [len(m.points) for m in a.strip.triplets], "Points",
+              "I6"),
+        Field("redundancy", "integer", "", lambda a: [m.oriented.redundancy for m in a.strip.triplets], "Redund.",
+              "I7"),
+        Field("sigma0", "number", "", lambda a: np.array([m.oriented.sigma0 for m in a.strip.triplets]), "Sigma0",
+              "F8.4"),
+        Field("slope", "2 number", "of the water", lambda a: a.planes[:, :2],
+              ("Tilt X\narc sec", "Tilt Y\narc sec"), "F12.2"),
+        Field("level", "number", "of the water, over the middle of the points", "levels", "Level\nm", "F14.4"),
         Field("share", "number?", "sigma of the level, of the mean depth; null without limit",
-              lambda a: np.array([m.oriented.level_share for m in a.strip.triplets]), heading="Of depth",
-              edit="F8.4"),
+              lambda a: np.array([m.oriented.level_share for m in a.strip.triplets]), "Of depth", "F8.4"),
         Field("paper", "3 number", "a, b and d of the paper", lambda a: a.planes * [1.0, -1.0, 1.0]),
     ),
 )  # fmt: skip
 JOINS: Rows[StripAnswer, StripAnswer] = Rows(
-    "joins",
-    "of a triplet to the one before it",
-    (
-        Field("photo", "string", "first photo of the triplet before", lambda a: a.photos[:-3],
-              heading="From\nphoto", edit="A8", is_id=True),
-        Field("last", "string", "last photo of that after", lambda a: a.photos[3:], heading="To\nphoto", edit="A8",
+    "joins", "of a triplet to the one before it", (
+        Field("photo", "string", "first photo of the triplet before", lambda a: a.photos[:-3], "From\nphoto", "A8",
               is_id=True),
-        Field("points", "integer", "common ones", lambda a: [len(join.points) for join in a.strip.joins],
-              heading="Points", edit="I6"),
+        Field("last", "string", "last photo of that after", lambda a: a.photos[3:], "To\nphoto", "A8", is_id=True),
+        Field("points", "integer", "common ones", lambda a: [len(join.points) for join in a.strip.joins], "Points",
+              "I6"),
         Field("left_out", "integer", "of these", lambda a: [int(join.left_out.sum()) for join in a.strip.joins],
-              heading="Out", edit="I4"),
-        Field("scale", "number", "of the similarity", lambda a: a.join_scale, heading="Scale", edit="F10.6"),
-        Field("turn", "number", "of the similarity", lambda a: a.join_turn, unit="rad", heading="Turn\ndegrees",
-              edit="F10.5"),
-        Field("residual", "number", "root mean square, of a coordinate", lambda a: a.join_residual, unit="m",
-              heading="RMS\nm", edit="F10.5"),
-        Field("station", "number", "root mean square of both stations, of a coordinate", lambda a: a.join_station,
-              unit="m", heading="Stations\nm", edit="F10.5"),
-        Field("slope", "2 number", "of the water before less after", lambda a: a.join_plane[:, :2], unit="rad",
-              heading=("Water X\narc sec", "Water Y\narc sec"), edit="F12.2"),
-        Field("level", "number", "of the water before less after", lambda a: a.join_plane[:, 2], unit="m",
-              heading="Level\nm", edit="F12.4"),
+              "Out", "I4"),
+        Field("scale", "number", "of the similarity", "join_scale", "Scale", "F10.6"),
+        Field("turn", "number", "of the similarity", "join_turn", "Turn\ndegrees", "F10.5"),
+        Field("residual", "number", "root mean square, of a coordinate", "join_residual", "RMS\nm", "F10.5"),
+        Field("station", "number", "root mean square of both stations, of a coordinate", "join_station",
+              "Stations\nm", "F10.5"),
+        Field("slope", "2 number", "of the water before less after", lambda a: a.join_plane[:, :2],
+              ("Water X\narc sec", "Water Y\narc sec"), "F12.2"),
+        Field("level", "number", "of the water before less after", lambda a: a.join_plane[:, 2], "Level\nm",
+              "F12.4"),
     ),
 )  # fmt: skip
 CONTROL: Rows[StripAnswer, StripAnswer] = Rows(
-    "control",
-    "what holds the strip on the ground",
-    (
-        identity("point", lambda a: a.control_ids),
-        Field("residual", "3 number?", "known less oriented", lambda a: a.control_residual, unit="m",
-              heading=("Residual X\nm", "Residual Y\nm", "Residual Z\nm"), edit="F12.5"),
-        Field("test", "number?", "the largest of its components", lambda a: a.control_test, heading="Test",
-              edit="F8.2"),
+    "control", "what holds the strip on the ground", (
+        identity("point", "control_ids"),
+        Field("residual", "3 number?", "known less oriented", "control_residual",
+              ("Residual X\nm", "Residual Y\nm", "Residual Z\nm"), "F12.5"),
+        Field("test", "number?", "the largest of its components", "control_test", "Test", "F8.2"),
     ),
 )  # fmt: skip
 AGAINST: Rows[StripAnswer, StripAnswer] = Rows(
@@ -121,13 +102,12 @@ AGAINST: Rows[StripAnswer, StripAnswer] = Rows(
     "the joined triplets, from which IIIA starts, less its solution, a model after a similarity",
     of=lambda a: None if a.solution is None else a,
     fields=(
-        identity("photo", lambda a: a.photos),
-        Field("position", "3 number", "", lambda a: a.chain_difference, unit="m",
-              heading=("X\nm", "Y\nm", "Z\nm"), edit="F12.5"),
+        identity("photo", "photos"),
+        Field("position", "3 number", "", "chain_difference", ("X\nm", "Y\nm", "Z\nm"), "F12.5"),
         Field("sigmas", "3 number?", "in those of IIIA", lambda a: _in_sigmas(a),
-              heading=("X\nsigmas", "Y\nsigmas", "Z\nsigmas"), edit="F8.2"),
-        Field("attitude", "3 number", "", lambda a: a.chain_turn, unit="rad",
-              heading=("X-tilt\narc sec", "Y-tilt\narc sec", "Heading\narc sec"), edit="F11.2"),
+              ("X\nsigmas", "Y\nsigmas", "Z\nsigmas"), "F8.2"),
+        Field("attitude", "3 number", "", "chain_turn", ("X-tilt\narc sec", "Y-tilt\narc sec", "Heading\narc sec"),
+              "F11.2"),
     ),
 )  # fmt: skip
 RECORD: tuple[Node[Any], ...] = (
@@ -147,46 +127,35 @@ DOCUMENT: Document[StripAnswer] = Document(
 
 # --- the listing ---
 
-TRIPLET_TABLE: Report[Any] = Report(title="Triplets And Their Planes Of Water", table=TRIPLETS)
-JOIN_TABLE: Report[Any] = Report(title="Joins Of The Triplets", table=JOINS)
-CONTROL_TABLE: Report[Any] = Report(title="Control Of The Strip", table=CONTROL)
-AGAINST_TABLE: Report[Any] = Report(title="The Joined Triplets Less IIIA", table=AGAINST)
+TRIPLET_TABLE = Report("Triplets And Their Planes Of Water", TRIPLETS)
+JOIN_TABLE = Report("Joins Of The Triplets", JOINS)
+CONTROL_TABLE = Report("Control Of The Strip", CONTROL)
+AGAINST_TABLE = Report("The Joined Triplets Less IIIA", AGAINST)
 STATED = (TRIPLET_TABLE, JOIN_TABLE, CONTROL_TABLE, AGAINST_TABLE)
 
 
 def sections_of(answer: StripAnswer) -> list[Section]:
     """Return what the listing says, section by section."""
+    adjusted, has_solution = "no, first values without sigmas", answer.solution is not None
+    if has_solution:
+        worst = float(np.nanmax(np.abs(_in_sigmas(answer)), initial=0.0))
+        largest = float(np.abs(answer.chain_difference).max())
+        adjusted = f"yes, from joined triplets that are off by up to {largest:.5g} m, {worst:.2f} sigmas"
+    short = {
+        "Triplets, joins": f"{len(answer.strip.triplets)}, {len(answer.strip.joins)}",
+        "Redundancy": str(answer.redundancy),
+        "Sigma0": sigma0_text(answer.sigma0, answer.fits),
+        "Adjusted by IIIA": adjusted,
+    }
     return [
-        verdict_section(answer),
-        Section(title="Orientation In Short", lines=labelled(_short(answer))),
-        *([plane_section(answer)] if answer.solution is not None else []),
-        STATION_TABLE.section(answer),
-        ATTITUDE_TABLE.section(answer),
-        TRIPLET_TABLE.section(answer, new_page=True, below=["", *wrapped([_NOTE])]),
+        *first_sections(answer, short, has_plane=has_solution),
+        TRIPLET_TABLE.section(answer, _NOTE, new_page=True),
         JOIN_TABLE.section(answer),
         *filled([CONTROL_TABLE], answer),
         POINT_TABLE.section(answer, new_page=True),
         *filled([LEFT_OUT_TABLE], answer),
-        *([AGAINST_TABLE.section(answer, new_page=True)] if answer.solution is not None else []),
+        *([AGAINST_TABLE.section(answer, new_page=True)] if has_solution else []),
     ]
-
-
-def _short(answer: StripAnswer) -> dict[str, str]:
-    return {
-        **task_of(answer),
-        "Triplets, joins": f"{len(answer.strip.triplets)}, {len(answer.strip.joins)}",
-        "Redundancy": str(answer.redundancy),
-        "Sigma0": sigma0_text(answer.sigma0, answer.fits),
-        "Adjusted by IIIA": _adjusted(answer),
-    }
-
-
-def _adjusted(answer: StripAnswer) -> str:
-    if answer.solution is None:
-        return "no, first values without sigmas"
-    worst = float(np.nanmax(np.abs(_in_sigmas(answer)), initial=0.0))
-    largest = float(np.abs(answer.chain_difference).max())
-    return f"yes, from joined triplets that are off by up to {largest:.5g} m, {worst:.2f} sigmas"
 
 
 def study_text(study: Study, title: str, limit: float) -> str:
@@ -206,17 +175,13 @@ def study_text(study: Study, title: str, limit: float) -> str:
             ("To another\nsolution, %", "F12.1", 100.0 * study.basins.shares[:, 1]),
             ("To none\n%", "F8.1", 100.0 * study.basins.shares[:, 2]),
         ).text(),
-        *_roots(study.basins),
     ]
+    squares = [f"{number + 1}: {square:.4g}" for number, square in enumerate(study.basins.squares.tolist())]
+    if squares:
+        lines += ["", f"Other solutions, weighted squares of images without errors: {', '.join(squares)}"]
     if study.precision is not None:
         lines += ["", *_precision(study.precision, limit)]
     return text_of(lines)
-
-
-def _roots(basins: Basins) -> list[str]:
-    """Return the other solutions that starts lead to."""
-    texts = [f"{number + 1}: {square:.4g}" for number, square in enumerate(basins.squares.tolist())]
-    return ["", f"Other solutions, weighted squares of images without errors: {', '.join(texts)}"] if texts else []
 
 
 def _precision(precision: Precision, limit: float) -> list[str]:

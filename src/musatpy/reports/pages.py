@@ -99,16 +99,18 @@ def headed(title: str, date: datetime.date | None = None) -> Callable[[int], str
 
 
 def print_titled(
+    kind: str,
     title: str,
     sections: Sequence[Section],
     caution: str = "",
     *,
+    mark: str = "",
     carriage_control: bool = False,
     date: datetime.date | None = None,
 ) -> str:
-    """Return sections as a listing whose pages are `headed`, with a caution on each."""
-    pages = paginate(sections)
-    return "".join(page_texts(pages, headed(title, date), carriage_control=carriage_control, caution=caution))
+    """Return sections as a listing of a kind, whose pages are `headed` by it, its title and a mark of its worth."""
+    header = headed(f"MUSATPY  {kind}  {title:<60.60}  {mark}", date)
+    return "".join(page_texts(paginate(sections), header, carriage_control=carriage_control, caution=caution))
 
 
 def _fits(section: Section, page: Sequence[str]) -> bool:

@@ -177,4 +177,4 @@ def _matching(how: Matching, is_raster: bool) -> dict[str, str]:
 
 def listing_of(compared: Sounded, compiled: Compiled | None, title: str, caution: str) -> str:
     """Return the listing of a comparison, on pages of 60 lines of 132 columns, `caution` on each."""
-    return print_titled(f"MUSATPY  SOUNDINGS  {title:<60.60}", sections_of(compared, compiled), caution)
+    return print_titled("SOUNDINGS", title, sections_of(compared, compiled), caution)
