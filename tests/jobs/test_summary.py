@@ -148,7 +148,7 @@ def test_pages_and_record_say_the_same() -> None:
     text, record = list_text(found, "job.crd"), list_record(found, "job.crd")
     lines = text.splitlines()
     assert all(len(line) <= 132 for line in lines)
-    assert lines[0].startswith("MUSAT  job.crd") and lines[0].endswith("PAGE     1")
+    assert lines[0].startswith("MUSAT  job.crd") and lines[0].endswith("PAGE      1")
     row = next(line for line in lines if line.startswith("21 "))
     photo = record["photos"][0]
     wanted = [photo[key] for key in ("rays", "land", "submerged", "flagged_n")]

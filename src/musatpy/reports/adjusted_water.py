@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import attrgetter
 
 import numpy as np
 
@@ -19,13 +20,6 @@ from musatpy.statistics.analyses import exact_water
 from musatpy.units import ARC_SECOND, DEGREE
 
 _CONSIDERED_UNITS = {"m": 1.0, "arc sec": ARC_SECOND, "deg": DEGREE, "": 1.0}
-
-
-def _water(statistics: Statistics) -> AdjustedWater:
-    water = statistics.solution.water
-    if water is None:
-        raise ValueError("a job without water")
-    return water
 
 
 _WAVES = Rows[AdjustedWaves, AdjustedWaves](
@@ -91,7 +85,7 @@ _CORRELATIONS_OF_WAVES = Rows[AdjustedWaves, AdjustedWaves](
 
 
 _CORRECTIONS = Rows[Statistics, AdjustedWater](
-    "corrections", "corrections of tides", of=_water, fields=(
+    "corrections", "corrections of tides", of=attrgetter("solution.water"), fields=(
         Field("group", "string", "photo, group or day; empty for all photos", "correction_ids", "Photo or group",
               "A14", words={"": "all photos"}, is_id=True),
         Field("correction", "number?", "to be added to the given tides; null: not determined",
@@ -121,12 +115,13 @@ ADJUSTED_WATER = Group[Statistics, Statistics](
         Field("index", "number", "refractive index", "solution.water.index"),
         Field("index_sigma", "number?", "null: known, or not determined", "solution.water.index_sigma"),
         Group[Statistics, AdjustedWaves](
-            "waves", "waves whose parameters were unknown; null without such", of=lambda s: _water(s).waves,
-            fields=(_WAVES, _PARAMETERS, _CORRELATIONS_OF_WAVES), optional=True,
+            "waves", "waves whose parameters were unknown; null without such",
+            of=attrgetter("solution.water.waves"), optional=True,
+            fields=(_WAVES, _PARAMETERS, _CORRELATIONS_OF_WAVES),
         ),
         _CONSIDERED,
         Field("undetermined", "* string", "unknown water that no observation determines, in words: it has no sigma",
-              lambda s: list(_water(s).undetermined)),
+              lambda s: list(attrgetter("solution.water.undetermined")(s))),
         Field("without_error", "* string", "water that was known without a sigma, in words",
               lambda s: exact_water(s.block)),
     ),
@@ -155,7 +150,7 @@ def sections(statistics: Statistics) -> list[Section]:
     water = statistics.solution.water
     if water is None:
         return []
-    lines = labelled(_lines(water))
+    lines = labelled(_lines(statistics, water))
     is_open = any(name.startswith("the level") for name in water.undetermined)
     note = "Blank: not determined by the images, if any depend on it." if is_open else ""
     sections = [
@@ -225,17 +220,13 @@ def _waves(waves: AdjustedWaves) -> list[Section]:
     return [WAVES.section(waves), PARAMETERS_OF_WAVES.section(waves, note), CORRELATIONS.section(waves, worst=())]
 
 
-def _lines(water: AdjustedWater) -> dict[str, str]:
-    lines = {}
-    for label in ("Tilt towards east", "Tilt towards north", "Refractive index"):
-        if label.split()[0].lower() in " ".join(water.undetermined):  # tilt, refractive
+def _lines(statistics: Statistics, water: AdjustedWater) -> dict[str, str]:
+    """Return tilt and index of the water, as far as they were unknown."""
+    lines, undetermined = {}, " ".join(water.undetermined)
+    for label, (value, sigma) in _surface({"adjusted_water": ADJUSTED_WATER.json(statistics)}).items():
+        edit, unit = ("F10.6", "") if label == "Refractive index" else ("F12.3", " arc seconds")
+        if value is not None and sigma is not None:
+            lines[label] = f"{number_text(edit, value)}{unit}, sigma {number_text(edit, sigma)}"
+        elif label.split()[0].lower() in undetermined:  # tilt, refractive
             lines[label] = "not determined"
-    if np.isfinite(water.tilt_sigma).all():
-        for name, value, sigma in zip(("east", "north"), water.tilt, water.tilt_sigma, strict=True):
-            numbers = [number_text("F12.3", angle / ARC_SECOND) for angle in (value, sigma)]
-            lines[f"Tilt towards {name}"] = f"{numbers[0]} arc seconds, sigma {numbers[1]}"
-    if np.isfinite(water.index_sigma):
-        lines["Refractive index"] = (
-            f"{number_text('F10.6', water.index)}, sigma {number_text('F10.6', water.index_sigma)}"
-        )
     return lines

@@ -27,12 +27,8 @@ def inquiry_text(record: Mapping[str, Any], about: About) -> str:
     run = f"{record['verdict']['grade']}{sigma0}, MUSAT-{options['program']}, refraction {options['refraction']}"
     lines = [f"{'PHOTO' if about.is_photo else 'POINT'} {about.name}{title}", run, ""]
     axes = _XYZ if options["system"] == "LOCL" else _ENU
-    lines += _station(about, options["system"], axes) if about.is_photo else _point(about, options["system"], axes)
-    lines += _images(about, axes)
-    lines += _others(about, axes)
-    lines += _without(about)
-    lines += _causes(about)
-    lines += _neighbours(about)
+    lines += (_station if about.is_photo else _point)(about, options["system"], axes)
+    lines += [*_images(about, axes), *_others(about, axes), *_without(about), *_causes(about), *_neighbours(about)]
     return text_of(lines)
 
 
@@ -61,12 +57,14 @@ def _position(position: Any, sigma: Any, system: str, axes: tuple[str, ...]) -> 
 
 
 def _in_axes(what: str, values: Any, axes: tuple[str, ...], edit: str = "F9.3", unit: str = "m") -> str:
-    """Return three numbers with their names, a dash for none."""
-    parts = [
-        f"{name} {'-' if value is None or value != value else number_text(edit, value)}"
-        for name, value in zip(axes, values or [None] * 3, strict=True)
-    ]
-    return f"  {what}: {', '.join(parts)} {unit}"
+    """Return three numbers with their names."""
+    numbers = [f"{name} {_number(edit, value)}" for name, value in zip(axes, values or [None] * 3, strict=True)]
+    return f"  {what}: {', '.join(numbers)} {unit}"
+
+
+def _number(edit: str, value: float | None) -> str:
+    """Return a number, a dash for none."""
+    return "-" if value is None else number_text(edit, value) or "-"
 
 
 def _control(about: About, axes: tuple[str, ...]) -> Iterator[str]:
@@ -85,16 +83,14 @@ def _water(about: About) -> Iterator[str]:
     water = about.water
     if water is None:
         return
-
-    def metres(field: str) -> str:
-        return "-" if water[field] is None else number_text("F9.3", water[field])
-
-    given = f", given {water['control']}: {metres('residual')} from it" if water["control"] else ""
-    yield f"  depth {metres('depth')} m, sigma {metres('depth_sigma')}{given}"
-    angle = "-" if water["incidence"] is None else number_text("F7.1", water["incidence"] / DEGREE)
+    names = ("residual", "depth", "depth_sigma", "depth_no_refraction", "depth_predicted", "water_level")
+    residual, depth, sigma, straight, predicted, level = (_number("F9.3", water[name]) for name in names)
+    given = f", given {water['control']}: {residual} from it" if water["control"] else ""
+    yield f"  depth {depth} m, sigma {sigma}{given}"
+    incidence = None if water["incidence"] is None else water["incidence"] / DEGREE
     yield (
-        f"  straight rays: {metres('depth_no_refraction')}, times the index: {metres('depth_predicted')}; mean "
-        f"water level {metres('water_level')}, incidence {angle} degrees"
+        f"  straight rays: {straight}, times the index: {predicted}; mean water level {level}, incidence "
+        f"{_number('F7.1', incidence)} degrees"
     )
 
 
@@ -206,7 +202,7 @@ def _without(about: About) -> Iterator[str]:
 
 def _causes(about: About) -> Iterator[str]:
     for number, cause in enumerate(about.causes[:_CAUSES]):
-        size = ", ".join("-" if value is None else number_text("F12.3", value) for value in cause["size"])
+        size = ", ".join(_number("F12.3", value) for value in cause["size"])
         off = f", off by {size} {cause['unit']}".rstrip() if size else ""
         name = " ".join(part for part in (cause["cause"], cause["component"]) if part)
         if not number:

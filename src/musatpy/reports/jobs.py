@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import IntArray
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import Extract
 from musatpy.jobs.merge import Merged
@@ -16,9 +16,9 @@ from musatpy.jobs.naming import Kind, Names
 from musatpy.jobs.summary import NO_CONTROL, Summary, rays_histogram
 from musatpy.model import Block, ControlKind, Plates
 from musatpy.reports.fields import Field, Rows, identity
-from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, page_texts, paginate, text_of, wrapped
+from musatpy.reports.pages import PAGE_WIDTH, Section, headed, labelled, page_texts, paginate, text_of, wrapped
 from musatpy.reports.table import Report, Table, sheet
-from musatpy.reports.values import Json, Values, plain, rows
+from musatpy.reports.values import Json, plain, rows
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 _NUMBER, _ID, _CELL = 3, 8, 5  # widths of a row number, a photo, and a number of points, in the matrix
@@ -28,13 +28,8 @@ _KINDS = {kind: kind.name.lower() for kind in ControlKind}
 
 def list_text(job: Summary, deck: str) -> str:
     """Return what is in a job as pages of 132 columns."""
-    pages = paginate(sections(job))
-    header = f"MUSAT  {deck}"[: PAGE_WIDTH - 10]
-
-    def head(page: int) -> str:
-        return header.ljust(PAGE_WIDTH - 10) + f"PAGE{page:6d}"
-
-    return "".join(page_texts(pages, head, carriage_control=False))
+    header = headed(f"MUSAT  {deck}"[: PAGE_WIDTH - 11])
+    return "".join(page_texts(paginate(sections(job)), header, carriage_control=False))
 
 
 def sections(job: Summary) -> list[Section]:
@@ -55,12 +50,11 @@ def sections(job: Summary) -> list[Section]:
         "Measurements Flagged N: Point On Photo": [f"{point} on {photo}" for point, photo in flagged],
         "Control Measured On No Photo": points[links[job.points.rays[links] == 0]].tolist(),
     }
-    ties = _matrix(job) if len(photos) <= _MATRIX else _neighbours(job)
     return [
         Section(title="Job", lines=_job(job), together=True),
         _PHOTOS.section(job),
         _section("Rays Per Point", rays, together=True),
-        Section(title="Points In Common, By Measurements Not Flagged N", lines=ties),
+        Section(title="Points In Common, By Measurements Not Flagged N", lines=_ties(job)),
         Section(title="Parts Of The Job", lines=_parts(job)),
         *(section for title, table in optional.items() if (section := _section(title, table)).lines),
         *(Section(title=f"{title}: {len(of)}", lines=listed(of)) for title, of in names.items() if of),
@@ -119,11 +113,6 @@ def _stated(block: Block) -> dict[str, str]:
 # --- photos and rays ---
 
 
-def _with_next(t: Values) -> FloatArray:
-    """Return the points in common with the next photo, none of the last, which has no next one."""
-    return np.where(np.arange(t.count) < t.count - 1, t["with_next"], np.nan)
-
-
 def _of_control(kind: int, job: Summary) -> IntArray:
     return job.photos.control[:, kind]
 
@@ -141,7 +130,8 @@ PHOTOS: Rows[Summary, Summary] = Rows(
             for kind, name in _KINDS.items()
         ),
         Field("single", "integer", "", "photos.single", "Here\nonly", "I6"),
-        Field("with_next", "integer", "", "photos.with_next", "With\nnext", "I6", shown=_with_next),
+        Field("with_next", "integer", "", "photos.with_next", "With\nnext", "I6",
+              shown=lambda t: np.where(np.arange(t.count) < t.count - 1, t["with_next"], np.nan)),
         Field("neighbours", "integer", "", "photos.neighbours", "Ties to\nphotos", "I6"),
         Field("tide", "number?", "", "block.photos.tide", "Tide\nm", "F10.4"),
         Field("time", "number?", "", "block.photos.time"),
@@ -156,36 +146,23 @@ _PHOTOS = Report("Photos: Rays On Each, And Points In Common With The Next", PHO
 # --- ties ---
 
 
-def _matrix(job: Summary) -> list[str]:
-    """Return the numbers of points that each two photos have in common; columns are headed by row numbers."""
+def _ties(job: Summary) -> list[str]:
+    """Return the numbers of points that photos have in common: a matrix, or of many photos lists."""
     ids, pairs = job.block.photos.ids.tolist(), job.pairs
-    cells = [["." for _ in ids] for _ in ids]
+    common: list[dict[int, int]] = [{} for _ in ids]
     for i, j, points in zip(pairs.first.tolist(), pairs.second.tolist(), pairs.points.tolist(), strict=True):
-        cells[i][j] = cells[j][i] = str(points)
-    for i in range(len(ids)):
-        cells[i][i] = "-"
-    heads = [str(number) for number in range(1, len(ids) + 1)]
-    return [
-        f"{'':{_NUMBER + 1 + _ID}}" + "".join(f"{head:>{_CELL}}" for head in heads),
-        *(
-            f"{number:>{_NUMBER}} {name:<{_ID}}" + "".join(f"{cell:>{_CELL}}" for cell in row)
-            for number, name, row in zip(heads, ids, cells, strict=True)
-        ),
-    ]
-
-
-def _neighbours(job: Summary) -> list[str]:
-    """Return the photos that each photo has points in common with, and how many."""
-    ids, pairs = job.block.photos.ids.tolist(), job.pairs
-    near: list[list[tuple[int, int]]] = [[] for _ in ids]
-    for i, j, points in zip(pairs.first.tolist(), pairs.second.tolist(), pairs.points.tolist(), strict=True):
-        near[i].append((j, points))
-        near[j].append((i, points))
+        common[i][j] = common[j][i] = points
     lines = []
-    for name, others in zip(ids, near, strict=True):
-        texts = [f"{ids[other]} ({points})" for other, points in sorted(others)]
-        lines += [name, *listed(texts)] if texts else [f"{name}  tied to none"]
-    return lines
+    if len(ids) > _MATRIX:
+        for name, others in zip(ids, common, strict=True):
+            texts = [f"{ids[other]} ({points})" for other, points in sorted(others.items())]
+            lines += [name, *listed(texts)] if texts else [f"{name}  tied to none"]
+        return lines
+    for row, (name, others) in enumerate(zip(ids, common, strict=True)):
+        cells = ["-" if column == row else str(others.get(column, ".")) for column in range(len(ids))]
+        lines.append(f"{row + 1:>{_NUMBER}} {name:<{_ID}}" + "".join(f"{cell:>{_CELL}}" for cell in cells))
+    heads = "".join(f"{number:>{_CELL}}" for number in range(1, len(ids) + 1))
+    return [f"{'':{_NUMBER + 1 + _ID}}{heads}", *lines]
 
 
 def _parts(job: Summary) -> list[str]:
@@ -331,13 +308,12 @@ def merge_text(parts: Sequence[Part], names: Sequence[Names], merged: Merged) ->
 
 def extract_text(extract: Extract) -> str:
     """Return what an extract has not, and what to note."""
-    lines = []
-    for kind, names in extract.left_out.items():
-        lines += named(f"{kind} left out", names)
-    if extract.single:
-        lines += named("points left with one ray, and nothing known of them", extract.single)
-    if extract.dropped:
-        lines += named("points dropped with their only ray", extract.dropped)
+    groups = {
+        **{f"{kind} left out": names for kind, names in extract.left_out.items()},
+        "points left with one ray, and nothing known of them": extract.single,
+        "points dropped with their only ray": extract.dropped,
+    }
+    lines = [line for label, names in groups.items() if names for line in named(label, names)]
     return text_of([*lines, *wrapped(extract.notes, lead="note: ")])
 
 

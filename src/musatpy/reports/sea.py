@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -86,19 +86,16 @@ def _fourier(fit: SurfaceFit, fitted: FourierSurface) -> list[str]:
 
 def _described(surface: FourierSurface) -> Table[Any]:
     """Return the numbers that describe each wave, with their sigmas."""
-    values, sigmas = surface.described
     stated = ("Amplitude\nm", 4, 1.0), ("Length\nm", 3, 1.0), ("Azimuth\ndeg", 2, DEGREE), ("Phase\ndeg", 2, DEGREE)
     columns: list[tuple[str, str, Any]] = [("Wave", "I4", range(1, surface.count + 1))]
-    for n, (heading, decimals, unit) in enumerate(stated):
-        columns.append((heading, f"F9.{decimals}", values[:, n] / unit))
-        columns.append(("Sigma\n", f"F7.{decimals}", sigmas[:, n] / unit))
+    for (heading, decimals, unit), value, sigma in zip(stated, *(of.T for of in surface.described), strict=True):
+        columns += [(heading, f"F9.{decimals}", value / unit), ("Sigma\n", f"F7.{decimals}", sigma / unit)]
     return sheet(*columns)
 
 
 def _correlations(fitted: FourierSurface) -> list[str]:
-    names = ["level"]
-    for wave in range(1, fitted.count + 1):
-        names += [f"{name} {wave}" for name in ("cosine", "sine", "kx", "ky")]
+    waves = [f"{name} {wave + 1}" for wave in range(fitted.count) for name in ("cosine", "sine", "kx", "ky")]
+    names = ["level", *waves]
     size = np.sqrt(np.diag(fitted.covariance))
     correlation = fitted.covariance / size[:, None] / size
     i, j = np.triu_indices(len(size), 1)
@@ -156,21 +153,13 @@ _SAYS = {
 }
 
 
-def fitted(result: Interpolation) -> list[float]:
+def _fitted(result: Interpolation) -> FloatArray:
     """Return the covariance function used, m2, at the distances of the empirical one, mean of all directions."""
-    covariance, table = result.best.estimate.covariance, result.empirical
-    return [
-        covariance_at(result, float(distance)) + (covariance.noise if row == 0 else 0.0)
-        for row, distance in enumerate(table.distance)
-    ]
-
-
-def covariance_at(result: Interpolation, distance: float) -> float:
-    """Return the mean over all directions of the covariance of the signal, m2, at a distance (m)."""
-    covariance = result.best.estimate.covariance
-    azimuth = np.arange(180) * np.pi / 180.0
-    lag = distance * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
-    return float(covariance.signal * covariance.correlation(lag).mean())
+    covariance, azimuth = result.best.estimate.covariance, np.arange(180) * np.pi / 180.0
+    lag = result.empirical.distance[:, None, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    values = covariance.signal * covariance.correlation(lag).mean(axis=1)
+    values[0] += covariance.noise
+    return np.asarray(values)
 
 
 def collocation_text(result: Interpolation, ids: Sequence[str], sources: tuple[str, str]) -> str:
@@ -178,6 +167,12 @@ def collocation_text(result: Interpolation, ids: Sequence[str], sources: tuple[s
     trend = "a plane" if result.options.trend == Trend.PLANE else "a constant"
     used, every = int(result.used.sum()), result.candidates
     single, grouped = result.best.validation, result.grouped
+    outliers = [
+        f"    {ids[outlier.row]}: {outlier.error:.3f} m from what the others predict, "
+        f"{abs(outlier.error / outlier.sigma):.1f} sigma where {result.critical:.2f} are allowed"
+        for outlier in result.outliers
+    ]
+    outliers = ["Outliers among the control points, not used", *outliers] if outliers else []
     lines = [
         "ERRORS IN HEIGHT INTERPOLATED BETWEEN CONTROL POINTS",
         "",
@@ -203,7 +198,7 @@ def collocation_text(result: Interpolation, ids: Sequence[str], sources: tuple[s
             ("Distance\nm", "F9.1", result.empirical.distance),
             ("Pairs", "I8", result.empirical.pairs),
             ("Covariance\nm2", "F10.4", result.empirical.covariance),
-            ("Fitted\nm2", "F10.4", fitted(result)),
+            ("Fitted\nm2", "F10.4", _fitted(result)),
         ).text(),
         "",
         "Cross-validation (given minus predicted, noise of the control included)",
@@ -215,7 +210,7 @@ def collocation_text(result: Interpolation, ids: Sequence[str], sources: tuple[s
         f"{grouped.standardised_rms:.2f} over sigma",
         f"Sigmas of corrected heights are those of prediction and noise times {result.factor:.2f}",
         "",
-        *_outliers(result, ids),
+        *(outliers or [f"No outliers among the control points (beyond {result.critical:.2f} sigma)"]),
         "",
         f"Corrected is what lies within {result.reach:.1f} m of a control point used",
         *_cautions(result),
@@ -230,19 +225,6 @@ def verdict_line(result: Interpolation) -> str:
     return f"Verdict: {_SAYS[result.verdict]} ({change})"
 
 
-def _outliers(result: Interpolation, ids: Sequence[str]) -> list[str]:
-    if not result.outliers:
-        return [f"No outliers among the control points (beyond {result.critical:.2f} sigma)"]
-    return [
-        "Outliers among the control points, not used",
-        *(
-            f"    {ids[outlier.row]}: {outlier.error:.3f} m from what the others predict, "
-            f"{abs(outlier.error / outlier.sigma):.1f} sigma where {result.critical:.2f} are allowed"
-            for outlier in result.outliers
-        ),
-    ]
-
-
 def _cautions(result: Interpolation) -> Iterator[str]:
     wave = result.best.estimate.covariance.correlation.wave_length
     if result.best.family == Family.NONE:
@@ -255,6 +237,7 @@ def _cautions(result: Interpolation) -> Iterator[str]:
 
 
 _COORDINATES = ("X", "Y", "Z")
+_KEPT = ("kept", "exceeded")  # verdicts on the accuracy that was asked for
 _BAR = 50  # characters of the longest bar of a histogram
 POINTS = ("no", "x", "y", "z", "dx", "dy", "dz", "y_parallax", "refraction_points_left", "refraction_points_right")
 
@@ -296,7 +279,7 @@ def waves_text(study: WaveStudy) -> str:
             ("Mean\nm", "F8.3", study.spread.mean),
             ("Sigma\nm", "F8.3", study.spread.sigma),
             ("Allowed\nm", "F8.3", study.verdict.allowed),
-            ("Verdict", "A8", _words(study.verdict.kept)),
+            ("Verdict", "A8", np.where(study.verdict.kept, *_KEPT)),
         ).text(),
         "",
         f"Allowed are 1/{spec.accuracy.plan:g} of the flying height in plan, 1/{spec.accuracy.height:g} in height",
@@ -355,13 +338,9 @@ def _trials(trials: Trials) -> list[str]:
         (f"{trials.name}\n{trials.unit}", "F8.2", [value for value, _, _ in done]),
         ([f"Max {name}\nm" for name in _COORDINATES], "F8.3", largest),
         ([f"Sigma {name}\nm" for name in _COORDINATES], "F8.3", sigma),
-        ("Verdict", "A8", _words(verdict.kept.all() for _, _, verdict in done)),
+        ("Verdict", "A8", np.where([verdict.kept.all() for _, _, verdict in done], *_KEPT)),
     )
     failed = [
         f"note: {trials.name.lower()} {t.value:g} {trials.unit}: {t.reason}" for t in trials.trials if t.reason
     ]
     return [f"{trials.name} varied", "", *table.text(), *failed]
-
-
-def _words(kept: Iterable[object]) -> list[str]:
-    return ["kept" if is_kept else "exceeded" for is_kept in kept]
