@@ -113,17 +113,13 @@ FRAMES = Rows[Statistics, Statistics](
 )  # fmt: skip
 
 
-def _largest(statistics: Statistics) -> list[str | None]:
-    ids = statistics.block.photos.ids
-    return [str(ids[photo]) if photo >= 0 else None for photo in statistics.plates.largest]
-
-
 PLATE_STATISTICS = Group[Statistics, Statistics](
     "plate_statistics", "RMS plate residuals", (
         Field("kinds", "3 string", "order of the kinds in count, rms, largest and the totals",
               lambda s: PLATE_KINDS, "Points", "A16", is_id=True),
         FRAMES,
-        Field("largest", "3 string?", "photo of the largest root of x^2 + y^2 of each kind", _largest),
+        Field("largest", "3 string?", "photo of the largest root of x^2 + y^2 of each kind",
+              lambda s: [str(s.block.photos.ids[photo]) if photo >= 0 else None for photo in s.plates.largest]),
         Field("total_count", "3 integer", "points of each kind in the job", "plates.total_count", "Number", "I8"),
         Field("total_rms", "3x2 number?", "x and y of each kind in the job", "plates.total_rms",
               ("RMS x\num", "RMS y\num"), "F10.2"),

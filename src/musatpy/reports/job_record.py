@@ -32,19 +32,12 @@ Source = TypeVar("Source")
 HOMES = {"photos": "stations", "reduction": "reduction.options"}
 # And what it calls an attribute, where not by its own name: in a table of results `given_` keeps both apart.
 _CALLED = {
-    "cameras.ids": "camera",
-    "fiducials.ids": "mark",
-    "fiducial_measurements.ids": "mark",
-    "reseau.ids": "cross",
-    "cross_measurements.ids": "cross",
-    "photos.ids": "photo",
-    "points.ids": "point",
-    "waves.ids": "wave",
+    **{f"{table}.ids": table.removesuffix("s") for table in ("cameras", "photos", "points", "waves")},
+    **{f"{table}.ids": "mark" for table in ("fiducials", "fiducial_measurements")},
+    **{f"{table}.ids": "cross" for table in ("reseau", "cross_measurements")},
     "equal_elevations.ids": "group",
-    "equal_elevations.point": "points",
     "air_bases.photo": "photos",
-    "distances.point": "points",
-    "height_differences.point": "points",
+    **{f"{table}.point": "points" for table in ("equal_elevations", "distances", "height_differences")},
     **{f"photos.{name}": f"given_{name}" for name in ("position", "position_sigma", "attitude", "attitude_sigma")},
     **{f"control.{name}": f"given_{name}" for name in ("position", "sigma")},
     **{f"waves.{name}": f"given_{name}" for name in ("period", "length", "speed")},

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,10 +23,9 @@ from musatpy.model import (
 from musatpy.model.reduction import SPREAD_LEVEL, Quantity, Reduced
 from musatpy.reports import job_record
 from musatpy.reports.editing import edited, number_text
-from musatpy.reports.fields import Each, Field, Group, Rows, flag, identity
+from musatpy.reports.fields import Each, Field, Group, Rows, flag, identity, of_job
 from musatpy.reports.pages import Section, labelled, wrapped
 from musatpy.reports.table import Content, Labels, Report, numbers_at
-from musatpy.reports.values import Values
 from musatpy.statistics import Statistics
 from musatpy.units import ARC_SECOND, MICROMETRE
 
@@ -275,18 +275,9 @@ def _notes(reduced: Reduced) -> Iterator[str]:
         )
 
 
-def _entries(place: int, t: Values) -> list[str]:
-    return [row[place] for row in t.source]
-
-
 def _moved(heading: str, name: str) -> Field[Reduced]:
     """Return the column of the largest displacement of each plate by a step."""
-
-    def shown(t: Values) -> list[float]:
-        plates = t.source.plates
-        return [_NAN if plate.refusal else plate.largest(name) for plate in plates]
-
-    return Field(name, heading=heading, edit="F9.2", shown=shown, of_run=True)
+    return of_job(heading, "F9.2", lambda r: [_NAN if p.refusal else p.largest(name) for p in r.plates])
 
 
 def _table(title: str, nested: str, *columns: Field[Reduced] | str) -> Report[Reduced]:
@@ -297,7 +288,7 @@ def _table(title: str, nested: str, *columns: Field[Reduced] | str) -> Report[Re
 PLATES = _table(
     "Plates",
     "",
-    Field("used", heading="Marks", edit="I5", shown=lambda t: [p.used for p in t.source.plates], of_run=True),
+    of_job("Marks", "I5", lambda r: [plate.used for plate in r.plates]),
     "missing",
     "rms",
     "sigma0",
@@ -314,18 +305,13 @@ MARKS = _table(
 DISTANCES = _table("Residuals Of Distances Between Marks", "distances", "marks", "residual")
 PARAMETERS: Report[Sequence[tuple[str, ...]]] = Report(
     title=f"{_TITLE}: Steps And Parameters",
-    columns=tuple(
-        Field(heading, heading=heading, edit=edit, shown=partial(_entries, place), of_run=True)
-        for place, (heading, edit) in enumerate(
-            (
-                ("Photo", "A8"),
-                ("Step", "A10"),
-                ("Parameter", "A24"),
-                ("             Value", "A18"),
-                ("        Sigma", "A13"),
-                ("Unit", "A14"),
-            )
-        )
+    columns=(
+        of_job("Photo", "A8", partial(map, itemgetter(0))),
+        of_job("Step", "A10", partial(map, itemgetter(1))),
+        of_job("Parameter", "A24", partial(map, itemgetter(2))),
+        of_job("             Value", "A18", partial(map, itemgetter(3))),
+        of_job("        Sigma", "A13", partial(map, itemgetter(4))),
+        of_job("Unit", "A14", partial(map, itemgetter(5))),
     ),
 )
 SPREADS = _table("Repeated Readings", "spreads", "of", "freedom", "sigma", "probability", "largest", "unlikely")

@@ -28,18 +28,12 @@ Columns = tuple[Field[Any], ...]
 
 _SEXAGESIMAL = "D  M  S   "
 # Of a unit of angles: its heading, in radians, and edit descriptors of places and of turns, by the decimals that
-# are no less certain than those of metres (see `docs/extending.md`).
+# are no less certain than those of metres (see `docs/extending.md`); what it is called in sentences.
 _ANGLES = {
-    AngleUnit.DMS: (_SEXAGESIMAL, 1.0, "S16.5", "S14.3"),
-    AngleUnit.DEGREES: ("deg", DEGREE, "F15.9", "F13.7"),
-    AngleUnit.GONS: ("gon", GON, "F15.9", "F13.7"),
-    AngleUnit.RADIANS: ("rad", 1.0, "F15.11", "F13.9"),
-}
-_IN_WORDS = {
-    AngleUnit.DMS: "degrees, minutes, seconds",
-    AngleUnit.DEGREES: "degrees",
-    AngleUnit.GONS: "gons",
-    AngleUnit.RADIANS: "radians",
+    AngleUnit.DMS: (_SEXAGESIMAL, 1.0, "S16.5", "S14.3", "degrees, minutes, seconds"),
+    AngleUnit.DEGREES: ("deg", DEGREE, "F15.9", "F13.7", "degrees"),
+    AngleUnit.GONS: ("gon", GON, "F15.9", "F13.7", "gons"),
+    AngleUnit.RADIANS: ("rad", 1.0, "F15.11", "F13.9", "radians"),
 }
 # Names of the angles of an attitude, where it is no matrix.
 _NAMES = {"OPK": ("Omega", "Phi", "Kappa"), "POK": ("Phi", "Omega", "Kappa"), "ATS": ("Azimuth", "Tilt", "Swing")}
@@ -140,16 +134,19 @@ def answered(content: Mapping[str, Any], *names: str) -> dict[str, Any]:
     return {name: {**content[name], **content["stated"][name]} for name in names}
 
 
-def place_columns(said: Said, name: str, decimals: int) -> Columns:
-    """Return the columns of coordinates `name` (n, 3), lengths with `decimals`."""
+def place_columns(said: Said, column: str, decimals: int) -> Columns:
+    """Return the columns of a `column` (n, 3) of coordinates, lengths with `decimals`."""
     names, units = said["coordinates"], said["coordinate_units"]
-    headings = [f"{_heading(name)}\n{unit[:_UNIT]}" for name, unit in zip(names, units, strict=True)]
+    names = [
+        name.capitalize() if len(name) > 1 else name for name in names
+    ]  # h above the ellipsoid, H above a geoid
+    headings = [f"{name}\n{unit[:_UNIT]}" for name, unit in zip(names, units, strict=True)]
     edits, sizes = [f"F15.{decimals}"] * 3, [1.0] * 3
     if said["kind"] == CoordinateSystem.GEOGRAPHIC:
-        unit, size, edit, _ = _ANGLES[said["unit"]]
-        headings[:2] = [f"{_heading(name)}\n{unit}" for name in names[:2]]
+        unit, size, edit, *_ = _ANGLES[said["unit"]]
+        headings[:2] = [f"{name}\n{unit}" for name in names[:2]]
         edits[:2], sizes[:2] = [edit] * 2, [size] * 2
-    return _vector(headings, edits, lambda t: t[name], sizes)
+    return _vector(headings, edits, lambda t: t[column], sizes)
 
 
 def place_sigma_columns(said: Said, local: str) -> Columns:
@@ -163,7 +160,7 @@ def place_sigma_columns(said: Said, local: str) -> Columns:
     else:
         headings = ["Sigma Lat\narc sec", "Sigma Long\narc sec", "Sigma h\nm"]
         edits[:2], sizes[:2] = ["F9.5"] * 2, [ARC_SECOND] * 2
-    return _vector(headings, edits, lambda t: _sigmas(t)[:, :3] if of_system else t[local], sizes)
+    return _vector(headings, edits, lambda t: sigmas_of(t["covariance"])[:, :3] if of_system else t[local], sizes)
 
 
 def turn_columns(said: Said) -> Columns:
@@ -171,7 +168,7 @@ def turn_columns(said: Said) -> Columns:
     angles, of_system = _NAMES.get(said["angles"]), said["sigmas"] == "SYST"
 
     def sigmas(t: Values) -> FloatArray:
-        values: FloatArray = _sigmas(t)[:, 3:] if of_system else t["attitude_sigma"]
+        values: FloatArray = sigmas_of(t["covariance"])[:, 3:] if of_system else t["attitude_sigma"]
         return values
 
     if angles is None:
@@ -182,7 +179,7 @@ def turn_columns(said: Said) -> Columns:
             *_vector(axes, ("F13.9",) * 3, lambda t: t["matrix"].reshape(-1, 3), (1.0,) * 3),
             unrecorded("Sigma\narc sec", "F9.2", lambda t: sigmas(t).ravel()),
         )
-    unit, size, _, edit = _ANGLES[said["unit"]]
+    unit, size, _, edit, _ = _ANGLES[said["unit"]]
     names = angles if of_system else ("X-T", "Y-T", "Hdg")
     return (
         unrecorded("Photo", "A8", lambda t: t["photo"], is_id=True),
@@ -195,7 +192,7 @@ def map_columns(said: Said) -> Columns:
     """Return the columns of what the map of the answer does at the stations; none where it is on no map."""
     if said["kind"] != "PROJ":
         return ()
-    unit, size, _, edit = _ANGLES[said["unit"]]
+    unit, size, _, edit, _ = _ANGLES[said["unit"]]
     columns: Columns = (
         unrecorded("Photo", "A8", lambda t: t["photo"], is_id=True),
         *_vector([f"Convergence\n{unit}"], [edit], lambda t: t["convergence"][:, None], [size]),
@@ -219,36 +216,23 @@ def _vector(
     )
 
 
-def _sigmas(t: Values) -> FloatArray:
-    return sigmas_of(t["covariance"])
-
-
-def _heading(name: str) -> str:
-    return name.capitalize() if len(name) > 1 else name  # h above the ellipsoid, H above a geoid
-
-
 # What the map of the answer does at the stations: the record has it in words of its own.
 MAP: Report[Statistics] = Report(title="Adjusted Exposure Stations: The Map There", columns=())
 
 
 def systems(statistics: Statistics) -> list[Section]:
     """Return how the deck and the answer are stated; nothing for a job without such cards."""
-    lines: list[str] = []
+    texts: dict[str, str] = {}
     for what, words in (("Input", statistics.given_words), ("Answer", statistics.answer_words)):
         if words is not None:
-            lines += _lines(what, words)
+            texts |= {
+                f"{what}, coordinates": words.statement.system.text,
+                f"{what}, attitudes": words.statement.attitudes_text,
+                f"{what}, angles in": _ANGLES[words.spec.unit][-1],
+                f"{what}, sigmas": words.statement.sigmas_text,
+            }
+    lines = [line for label, text in texts.items() for line in wrapped([text], lead=labelled({label: ""})[0])]
     return [Section(title="Coordinate Systems", lines=lines)] if lines else []
-
-
-def _lines(what: str, words: Words) -> list[str]:
-    statement = words.statement
-    texts = {
-        f"{what}, coordinates": statement.system.text,
-        f"{what}, attitudes": statement.attitudes_text,
-        f"{what}, angles in": _IN_WORDS[words.spec.unit],
-        f"{what}, sigmas": statement.sigmas_text,
-    }
-    return [line for label, text in texts.items() for line in wrapped([text], lead=labelled({label: ""})[0])]
 
 
 def notes(statistics: Statistics, words: Words) -> list[Section]:

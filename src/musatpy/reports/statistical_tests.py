@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from functools import partial
+from operator import attrgetter
 
 import numpy as np
 
@@ -104,10 +105,6 @@ _STATION_INFLATION = Rows[Statistics, Statistics](
 )  # fmt: skip
 
 
-def _dependence(statistics: Statistics) -> Dependence:
-    return statistics.dependence
-
-
 _ANGLE = re.compile("tilt of the water.*|wave .* azimuth")  # unknowns by such names are angles
 
 
@@ -118,7 +115,8 @@ def _global_sigmas(t: Values) -> FloatArray:
 
 
 _GLOBALS = Rows[Statistics, Dependence](
-    "globals", "levels, water, and points with distances or height differences", of=_dependence, fields=(
+    "globals", "levels, water, and points with distances or height differences",
+    of=attrgetter("dependence"), fields=(
         Field("unknown", "string", "name", "names", "Unknown", "A32", is_id=True),
         Field("sigma", "number?", "a posteriori; null: nothing observes it", heading="Sigma\nm, arc sec, 1",
               edit="F12.6", shown=_global_sigmas),
@@ -126,7 +124,7 @@ _GLOBALS = Rows[Statistics, Dependence](
     ),
 )  # fmt: skip
 _CORRELATIONS = Rows[Statistics, Dependence](
-    "correlations", "correlations of 0.95 and more, the strongest first", of=_dependence, fields=(
+    "correlations", "correlations of 0.95 and more, the strongest first", of=attrgetter("dependence"), fields=(
         Field("first", "string", "unknown", heading="Unknown", edit="A32", is_id=True),
         Field("second", "string", "unknown", heading="With", edit="A32", is_id=True),
         Field("correlation", "number", "coefficient", heading="Correlation", edit="F9.4"),
@@ -181,7 +179,9 @@ HIDDEN_ERRORS = Report(
     HIDDEN,
     _HIDDEN_ERRORS,
     path="tests.hidden_errors",
-    which=lambda t: _listed_points(t),
+    which=lambda t: np.searchsorted(
+        _moved(t.source), t.source.hidden.worst_first[: max(LISTED, int(t.source.hidden.weak.sum()))]
+    ),
     worst=lambda t: np.where(np.isnan(t["sigmas"]), np.inf, t["sigmas"]),
     some=True,
 )
@@ -209,40 +209,38 @@ STATION_INFLATION = Report(
 )
 
 
-def _ellipse(kind: str, part: str, t: Values) -> FloatArray:
-    """Return a part of the ellipses (n,), in the plane of the answer where there is one."""
-    values: FloatArray = getattr(_of_kind(kind, t), part)
-    return values if t.source is None else values[t.rows]
-
-
-def _of_kind(kind: str, t: Values) -> Ellipses:
-    found: Ellipses = ellipses(t["covariance"]) if t.source is None else getattr(t.source, f"{kind}_ellipses")
-    return found
-
-
-def _largest(kind: str, t: Values) -> IntArray:
-    """Return the rows that have an ellipse, the largest first: by its major axis and the sigma upwards together."""
-    found = _of_kind(kind, t)
-    size = np.hypot(found.major, found.vertical)
-    return worst_first(size, _LENGTHS)[: np.count_nonzero(np.isfinite(size))]
-
-
 def _ellipses(kind: str, unit: str = "m") -> Report[Statistics]:
     """Return the table of ellipses of stations or points, across the vertical or in the plane of the answer."""
+
+    def of(t: Values) -> Ellipses:
+        found: Ellipses = ellipses(t["covariance"]) if t.source is None else getattr(t.source, f"{kind}_ellipses")
+        return found
+
+    def part(name: str, t: Values) -> FloatArray:
+        values: FloatArray = getattr(of(t), name)
+        return values if t.source is None else values[t.rows]
+
+    def largest(t: Values) -> IntArray:
+        """Return the rows that have one, the largest first: by its major axis and the sigma upwards together."""
+        size = np.hypot(of(t).major, of(t).vertical)
+        rows = worst_first(size, _LENGTHS)[: np.count_nonzero(np.isfinite(size))]
+        return rows if is_station else rows[:LISTED]
+
     axes = (
-        Field[Statistics](name, heading=f"{name}\n{unit}", edit=edit, shown=partial(_ellipse, kind, name.lower()))
+        Field[Statistics](name, heading=f"{name}\n{unit}", edit=edit, shown=partial(part, name.lower()))
         for name, unit, edit in (("Major", unit, "F9.3"), ("Minor", unit, "F9.3"), ("Bearing", "degrees", "F8.1"))
     )
-    name, sigma = ("photo", "position_sigma") if kind == "station" else ("point", "sigma")
-    whose = "Stations" if kind == "station" else f"Ground Points, The {LISTED} Largest"
+    is_station = kind == "station"
+    name, sigma = ("photo", "position_sigma") if is_station else ("point", "sigma")
+    whose = "Stations" if is_station else f"Ground Points, The {LISTED} Largest"
     return Report(
         f"Statistics: Error Ellipses Of {whose}",
-        positions.STATIONS if kind == "station" else positions.POINTS,
+        positions.STATIONS if is_station else positions.POINTS,
         (name, *axes, Field(f"{sigma}[2]", heading="Sigma Up\nm", edit="F9.3")),
-        pattern="" if kind == "station" else r"Statistics: Error Ellipses Of Ground Points, The \d+ Largest",
-        which=lambda t: _largest(kind, t)[: None if kind == "station" else LISTED],
+        pattern="" if is_station else r"Statistics: Error Ellipses Of Ground Points, The \d+ Largest",
+        which=largest,
         worst=lambda t: np.linalg.norm(t[sigma], axis=1),
-        some=kind == "point",
+        some=not is_station,
     )
 
 
@@ -266,7 +264,9 @@ def sections(statistics: Statistics) -> list[Section]:
     )
     sections = [COMPONENTS.section(statistics, _sigma0(statistics), new_page=True)]
     sections += [section for report, note in tables if (section := _ranked(report, statistics, note)).worst]
-    plane, unit = _plane(statistics)
+    plane, unit, words = "", "m", statistics.answer_words
+    if words and words.has_plane:  # that ellipses are in
+        plane, unit = ", In The Plane Of The System", words.units[0][:14]
     return [*sections, *(_ranked(_ellipses(kind, unit), statistics, title=plane) for kind in ("station", "point"))]
 
 
@@ -274,18 +274,6 @@ def _ranked(report: Report[Statistics], statistics: Statistics, note: str = "", 
     """Return a table whose rows stand in their order, the worst first; its title ends with that."""
     values = report.values(statistics)
     return report.section(values, note, title=f"{report.title}{title}", worst=range(values.count))
-
-
-def _plane(statistics: Statistics) -> tuple[str, str]:
-    """Return what the titles of ellipses say of the plane that they are in, and the unit of their axes."""
-    words = statistics.answer_words
-    return (", In The Plane Of The System", words.units[0][:14]) if words and words.has_plane else ("", "m")
-
-
-def _listed_points(t: Values) -> IntArray:
-    """Return the rows that are listed: the weakly checked points, or the worst."""
-    hidden = t.source.hidden
-    return np.searchsorted(_moved(t.source), hidden.worst_first[: max(LISTED, int(hidden.weak.sum()))])
 
 
 def outside(factor: float, low: float, accepted: bool) -> str:
