@@ -40,19 +40,6 @@ def test_exact_marks_give_the_transformation_back(kind):
     np.testing.assert_allclose(solution.fit.residuals, 0.0, atol=1e-11)
 
 
-def test_kinds_agree_where_the_richer_one_is_not_needed():
-    """A similarity fits as an affine and as a projective transformation with equal scales."""
-    read = TURNED.inverse(MARKS)
-    fits = [_transform(kind, read).fit.plane for kind in Kind]
-    xy = plates.points()
-    for plane in fits[1:]:
-        np.testing.assert_allclose(plane.apply(xy), fits[0].apply(xy), rtol=0.0, atol=1e-10)  # rounding of 100 mm
-    found = comparator.from_matrix(fits[1].matrix()[:2, :2])
-    assert found.scale[0] == pytest.approx(found.scale[1], abs=1e-13)
-    assert found.non_orthogonality == pytest.approx(0.0, abs=1e-13)
-    assert not found.left_handed
-
-
 @pytest.mark.parametrize("kind", Kind)
 @pytest.mark.slow
 def test_covariance_is_that_of_many_plates(kind):
@@ -72,16 +59,6 @@ def test_covariance_is_that_of_many_plates(kind):
     assert mean_variance == pytest.approx(1.0, abs=0.13)  # freedom of 8 or more: 250 of them have 3.2 %
     normalized = np.concatenate([one.normalized.ravel() for one in found])
     assert np.std(normalized) == pytest.approx(1.0, abs=0.05)  # 4000 values: 1.1 %
-
-
-def test_weights_prefer_the_better_mark():
-    read = MARKS.copy()
-    read[0] += [0.05, 0.0]
-    sigma = np.full((8, 2), 0.003)
-    sigma[0] = 1.0
-    fit = planar.fit(Kind.AFFINE, read, MARKS, sigma, np.full((8, 2), 0.001))
-    assert fit.residuals[0, 0] == pytest.approx(0.05, abs=1e-5)  # its weight is 1e-5 of the others'
-    assert np.abs(fit.residuals[1:]).max() < 1e-5
 
 
 def test_a_calibrated_comparator_is_the_affine_part():

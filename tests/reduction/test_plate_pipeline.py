@@ -138,19 +138,6 @@ def test_covariance_of_the_marks_is_taken_through_the_later_steps():
         transformation_covariance(reduce_plate(_plate(XY), _camera(), replace(PLAN, fiducials=None)))
 
 
-def test_covariance_that_the_marks_add():
-    """Eight marks of 3 um each, an affine transformation: about sigma / sqrt(8) at the centre and more outside."""
-    centre = plates.PRINCIPAL_POINT[None] + [[0.0, 0.0], [95.0, 95.0]]
-    plate = _plate(centre)
-    noise = np.random.default_rng(1).normal(0.0, 0.003, (8, 2))
-    done = reduce_plate(replace(plate, marks=plate.marks + noise), _camera(), PLAN)
-    sigma = np.sqrt(np.diagonal(transformation_covariance(done), axis1=1, axis2=2)) / done.marks.fit.sigma0
-    mark = np.hypot(0.003, 0.002)
-    # the film is turned and scaled by thousandths, the corrections by less
-    np.testing.assert_allclose(sigma[0], mark / np.sqrt(8.0), rtol=0.01)
-    assert (sigma[1] > 1.3 * sigma[0]).all()
-
-
 def test_repeated_readings_are_meaned_and_surer():
     plate = _plate(XY)
     off = np.array([[0.004, 0.0], [0.0, 0.01]])
@@ -219,7 +206,7 @@ def test_a_camera_without_any_calibration_of_its_frame():
 # --- by distances ---
 
 
-def _by_distances(limit: float = 0.02) -> tuple[Calibration, Plan]:
+def _by_distances() -> tuple[Calibration, Plan]:
     sides = MARKS[4:]
     ends = np.array([["7", "5"], ["8", "6"], ["5", "6"], ["6", "7"], ["7", "8"], ["8", "5"]])
     row = {name: i for i, name in enumerate(IDS[4:])}
@@ -233,17 +220,7 @@ def _by_distances(limit: float = 0.02) -> tuple[Calibration, Plan]:
         scales=Scales.AFFINE,
     )
     camera = replace(_camera(), mark_ids=IDS[:0], marks=MARKS[:0], mark_sigma=MARKS[:0], distances=known)
-    return camera, replace(PLAN, limits=Limits(residual=limit))
-
-
-def test_plate_by_distances_only():
-    """The side marks lie within 7 um of the axes that their lines make: as far the plate may differ."""
-    camera, plan = _by_distances()
-    done = reduce_plate(_plate(XY), camera, plan)
-    assert done.refusal is None
-    assert done.marks is None
-    np.testing.assert_allclose(done.mark_distances.residuals, 0.0, atol=1e-9)  # rounding
-    np.testing.assert_allclose(done.xy, XY, rtol=0.0, atol=0.015)
+    return camera, PLAN
 
 
 def test_distances_refuse_too():

@@ -121,9 +121,7 @@ def test_distances_that_do_not_do():
     sigma = np.full(6, 0.003)
     known = _distances(SIDE_MARKS)
     # too few
-    assert (
-        mark_distances.transform(Scales.AFFINE, SIDE_MARKS, ENDS[:2], known[:2], sigma[:2], axes) is None
-    )  # too few
+    assert mark_distances.transform(Scales.AFFINE, SIDE_MARKS, ENDS[:2], known[:2], sigma[:2], axes) is None
     one_way = np.array([[0, 2], [2, 0]])
     assert mark_distances.transform(Scales.AXES, SIDE_MARKS, one_way, known[[0, 0]], sigma[:2], axes) is None
     mirrored = SIDE_MARKS * [1.0, -1.0]

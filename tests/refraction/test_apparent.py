@@ -18,6 +18,7 @@ from musatpy.refraction.apparent import (
     pair_factor,
     true_points,
 )
+from refraction.bisection import incidence_distance
 
 FOOT = 0.3048
 HEIGHT, BASE, INDEX = 2500.0 * FOOT, 1126.0 * FOOT, 1.35
@@ -124,13 +125,10 @@ def frame_of(axis: np.ndarray) -> np.ndarray:
 
 def meeting_direction(C: np.ndarray, G: np.ndarray, level: float) -> np.ndarray:
     """The ray in air from C to G by bisection of its angle."""
-    gap, low, high = G - C, 0.0, np.pi / 2.0
+    gap, height = G - C, C[2] - level
     D = np.hypot(*gap[:2])
-    for _ in range(80):
-        angle = (low + high) / 2.0
-        reach = (C[2] - level) * np.tan(angle) + (level - G[2]) * np.tan(np.arcsin(np.sin(angle) / 1.34))
-        low, high = (angle, high) if reach < D else (low, angle)
-    return np.array([*(gap[:2] / D * np.tan(low)), -1.0])
+    Q = incidence_distance(height, level - G[2], D, 1.34, tolerance=1e-9)
+    return np.array([*(gap[:2] / D * Q / height), -1.0])
 
 
 def test_limits() -> None:

@@ -37,15 +37,6 @@ def test_snell_holds_about_the_normal_of_the_surface(name: str) -> None:
     np.testing.assert_allclose(np.cross(m, air), N * np.cross(m, water), atol=1e-13)
 
 
-@pytest.mark.parametrize("name", SEAS)
-def test_the_refracted_ray_is_the_way_back(name: str) -> None:
-    sea = SEAS[name]
-    v = fermat.incidence(sea, CAMERA, GROUND, N, 1.5).v
-    bent = bending.refracted_ray(sea, CAMERA, v / np.linalg.norm(v, axis=1)[:, None], N, 1.5)
-    far = (GROUND[:, 2] - bent.origin[:, 2]) / bent.direction[:, 2]
-    np.testing.assert_allclose(bent.origin + far[:, None] * bent.direction, GROUND, rtol=0.0, atol=1e-9)
-
-
 @settings(max_examples=60, deadline=None)
 @given(
     amplitude=st.floats(0.0, 1.5), length=st.floats(15.0, 200.0), azimuth=st.floats(-3.2, 3.2),
@@ -186,7 +177,7 @@ def test_what_cannot_be_is_said() -> None:
 
 
 @pytest.mark.parametrize("name", SEAS)
-@pytest.mark.parametrize("depth", [1e-3, 1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("depth", [5.0, 1e-3, 1e-6, 1e-9, 1e-12])
 def test_points_just_under_the_water_have_their_incidence_point(name: str, depth: float) -> None:
     """Their way under water is shorter than coordinates of hundreds of metres can say: rounding is the limit."""
     sea = SEAS[name]
