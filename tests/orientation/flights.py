@@ -7,7 +7,6 @@ import numpy as np
 from musatpy import model
 from musatpy.geometry import collinearity
 from musatpy.geometry.collinearity import attitude_matrix
-from musatpy.model.tables import empty
 
 FOCAL_LENGTH = 152.0  # mm
 HALF_FORMAT = 109.0  # mm
@@ -80,7 +79,6 @@ def _block(
     n: int, X: np.ndarray, photo: np.ndarray, point: np.ndarray, xy: np.ndarray, noise: float, control: np.ndarray
 ) -> model.Block:
     unknown = np.full((n, 3), np.nan)
-    k = len(control)
     return model.Block(
         titles=(),
         options=model.Options(
@@ -89,44 +87,24 @@ def _block(
             plate_sigma=max(noise, 0.001),
             initial=model.Initial.COMPUTE,
         ),
-        ellipsoid=None,
-        water=None,
         cameras=model.Cameras(
-            ids=np.array(["CAM"]),
-            focal_length=np.array([FOCAL_LENGTH]),
-            principal_point=np.zeros((1, 2)),
-            format_size=np.full((1, 2), 2 * HALF_FORMAT),
+            ids=["CAM"],
+            focal_length=[FOCAL_LENGTH],
+            principal_point=[[0.0, 0.0]],
+            format_size=[[2 * HALF_FORMAT, 2 * HALF_FORMAT]],
         ),
-        distortion=empty(model.Distortion),
-        fiducials=empty(model.Fiducials),
         photos=model.Photos(
-            ids=np.array([str(number) for number in range(n)]),
+            ids=[str(number) for number in range(n)],
             camera=np.zeros(n, dtype=int),
             position=unknown,
-            position_sigma=unknown,
             attitude=unknown,
-            attitude_sigma=unknown,
-            tide=np.full(n, np.nan),
-            tide_sigma=np.full(n, np.nan),
         ),
-        fiducial_measurements=empty(model.FiducialMeasurements),
-        points=model.Points(
-            ids=np.array([f"P{number}" for number in range(len(X))]), bathymetric=np.zeros(len(X), dtype=bool)
-        ),
-        plates=model.PlateMeasurements(
-            photo=photo,
-            point=point,
-            xy=xy,
-            sigma=np.full(xy.shape, np.nan),
-            triangulated=np.ones(len(photo), dtype=bool),
-        ),
+        points=model.Points(ids=[f"P{number}" for number in range(len(X))]),
+        plates=model.PlateMeasurements(photo=photo, point=point, xy=xy),
         control=model.Control(
             point=control,
-            kind=np.full(k, model.ControlKind.FULL),
-            fixed=np.zeros(k, dtype=bool),
+            kind=np.full(len(control), model.ControlKind.FULL),
             position=X[control],
-            sigma=np.full((k, 3), 0.1),
+            sigma=np.full((len(control), 3), 0.1),
         ),
-        equal_elevations=empty(model.EqualElevations),
-        air_bases=empty(model.AirBases),
     )

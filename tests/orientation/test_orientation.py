@@ -270,25 +270,23 @@ PATTERNS = {
 
 
 @pytest.mark.parametrize("name", PATTERNS)
+@pytest.mark.parametrize(
+    ("wrong", "metres", "radians"),
+    [
+        ({"noise": 0.0}, 1e-6 * HEIGHT, 1e-6),  # the pairs are exact to about 1e-8
+        # far below what an adjustment needs, far above what a false join leaves
+        ({"blunders": 0.02}, 0.02 * HEIGHT, 0.02),
+    ],
+    ids=["exact images", "noise and gross errors"],
+)
 @pytest.mark.slow
-def test_exact_images_join_to_one_exact_model(name: str) -> None:
-    truth = flight(PATTERNS[name], noise=0.0, per_photo=15)
+def test_images_join_to_one_model(name: str, wrong: dict[str, float], metres: float, radians: float) -> None:
+    truth = flight(PATTERNS[name], per_photo=15, **wrong)
     models = joined(truth)
     assert [len(model.photo) for model in models] == [len(truth.C)]
     place, turn = errors(models[0], truth)
-    assert place < 1e-6 * HEIGHT  # the pairs are exact to about 1e-8
-    assert turn < 1e-6
-
-
-@pytest.mark.parametrize("name", PATTERNS)
-@pytest.mark.slow
-def test_noise_and_gross_errors_leave_one_good_model(name: str) -> None:
-    truth = flight(PATTERNS[name], blunders=0.02, per_photo=15)
-    models = joined(truth)
-    assert [len(model.photo) for model in models] == [len(truth.C)]
-    place, turn = errors(models[0], truth)
-    assert place < 0.02 * HEIGHT  # far below what an adjustment needs, far above what a false join leaves
-    assert turn < 0.02
+    assert place < metres
+    assert turn < radians
 
 
 def test_models_that_nothing_connects_stay_apart() -> None:

@@ -25,18 +25,16 @@ from orientation.twomedia.geometries import HOUSE, KINDS, Kind, Scene, dry, geom
 from orientation.twomedia.strip_scenes import strip_scene
 from orienting.decks import UNITS, deck_block, strip_block
 from orienting.test_orient import orient, record, written
-from record_rows import read_rows, with_columns
+from record_rows import with_columns
 
 
-def run(folder: Path, block: model.Block, *options: str, command: str = "orient") -> Result:
+def run(folder: Path, block: model.Block, *options: str) -> Result:
     """Return what became of the deck of a block."""
-    deck = folder / "job.crd"
-    deck.write_bytes(deck_bytes(block))
-    return musat(command, deck, *options)
+    return orient(written(folder, block), *options)
 
 
 def record_in(folder: Path) -> dict[str, list[dict[str, object]]]:
-    return dict(read_rows(folder / "job.json"))
+    return record(folder / "job.crd")
 
 
 def errors(folder: Path, true: Scene, name: str) -> np.ndarray:

@@ -9,21 +9,16 @@ from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.twomedia.helmert import adjust
 from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, Verdict, orient
 from musatpy.orientation.twomedia.propagation import expected_squares
-from musatpy.orientation.twomedia.sights import Plane, Sights, without
+from musatpy.orientation.twomedia.sights import Plane, without
 from orientation.twomedia.geometries import METHODS, control_of, geometry, sights_of, truth_of
-
-
-def noisy(method: str, seed: int = 1) -> Sights:
-    """Return the sights of a method in the laboratory, with errors of one sigma."""
-    sights = sights_of(geometry("lab", method), control_of(METHODS[method]))
-    errors = np.random.default_rng(seed).normal(size=sights.image.shape) * sights.image_sigma
-    return replace(sights, image=sights.image + errors)
+from orientation.twomedia.test_methods import noisy
 
 
 def oriented(method: str, *, equal: bool, seed: int = 1) -> Oriented:
     """Return the orientation of noisy sights, from nothing."""
-    base = geometry("lab", method).kind.B
-    return orient(noisy(method, seed), METHODS[method], Plane(), base, equal=equal)
+    true = geometry("lab", method)
+    sights = noisy(sights_of(true, control_of(METHODS[method])), seed)
+    return orient(sights, METHODS[method], Plane(), true.kind.B, equal=equal)
 
 
 @pytest.mark.slow

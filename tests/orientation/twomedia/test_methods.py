@@ -13,7 +13,7 @@ from musatpy.geometry.similarity import fit
 from musatpy.orientation.twomedia import helmert
 from musatpy.orientation.twomedia.axes import paper_partials
 from musatpy.orientation.twomedia.conditions import Misclosure, fermat
-from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, refined
+from musatpy.orientation.twomedia.helmert import Problem, adjust, refined
 from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, Verdict, orient
 from musatpy.orientation.twomedia.rays import STATION, Orientation, Rays
 from musatpy.orientation.twomedia.sights import Plane, PlaneTreatment, Sights, problem_of, redundancy_of, without
@@ -273,23 +273,6 @@ def test_verdicts():
     assert result.verdict()[0] is Verdict.BY_PRIOR
 
 
-def test_an_index_of_one_takes_the_water_away():
-    """Relative orientation of straight rays: the three parameters of the plane leave a defect of three."""
-    sights = sights_of(geometry("lab", "PAIR-INDEPENDENT"))
-    problem = problem_of(replace(sights, wet=np.zeros(20, dtype=bool)), METHODS["PAIR-INDEPENDENT"], Plane())
-    result: Adjusted = adjust(problem, truth_of(geometry("lab", "PAIR-INDEPENDENT")))
-    assert np.linalg.matrix_rank(result.normals[0]) == 5
-
-
-def test_nine_equations_of_a_point_on_three_photos_have_rank_three():
-    """Of which two coplanarities and one scale are taken, so that A Q A' has full rank."""
-    true = geometry("lab", "TRIPLET")
-    problem = problem_of(sights_of(true), METHODS["TRIPLET"], Plane())
-    part = adjust(problem, truth_of(true)).linear[0]
-    spread = np.einsum("kqv,kv,kpv->kqp", part.by_values[0], part.variance, part.by_values[0])
-    assert (np.linalg.matrix_rank(spread) == 3).all()
-
-
 def test_too_few_equations_say_what_is_lacking():
     true = geometry("lab", "SINGLE-RAY")
     sights = sights_of(true, 4)
@@ -327,31 +310,6 @@ def test_true_errors_are_as_large_as_their_sigmas(method):
     assert (rms > 0.886).all(), rms
     assert (rms < 1.114).all(), rms
     assert 460 <= passed <= 490  # 475 +- 3 sigma
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "method", "share"),
-    [
-        ("aerial", "SINGLE-RAY", 100),
-        ("lab", "SINGLE-FERMAT", 100),
-        ("tank", "SINGLE-FERMAT", 98),
-        ("lab", "PAIR-INDEPENDENT", 98),
-        ("aerial", "PAIR-SUCCESSIVE", 96),
-        ("tank", "COMBINED", 100),
-        ("lab", "TRIPLET", 88),
-    ],
-)
-def test_how_far_the_unknowns_of_the_paper_lead(name, method, share, monkeypatch):
-    """From level 1 and without the directions of the steps: 8 of 100 more or less, by the random law."""
-
-    def as_printed(at: Orientation, unknown: np.ndarray, bottom: np.ndarray) -> np.ndarray:
-        return np.broadcast_to(np.eye(len(unknown))[:, unknown], (len(at.level), len(unknown), int(unknown.sum())))
-
-    monkeypatch.setattr(helmert, "directions", as_printed)
-    adjusted = adjust(replace(noise_free(name, method), approach=()), level_1(name, method, 1))
-    true = scaled_errors(adjusted.at, geometry(name, method)).max(axis=-1) < 1e-9
-    assert true.sum() == pytest.approx(share, abs=8)
 
 
 def fermat_as_a_ratio(rays: Rays, control: FloatArray, at: Orientation) -> Misclosure:

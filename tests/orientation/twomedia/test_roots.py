@@ -73,14 +73,6 @@ def test_a_limit_of_starts_limits_the_search():
     assert len(exact_roots(problem, near, 1).level) <= 2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("method", _LEAST)
-def test_how_often_minimum_sets_have_other_solutions(method):
-    """In the laboratory nearly always when 200 starts look for them: a minimum set is none to trust."""
-    counts = [len(roots_of(method, seed).level) - 1 for seed in range(3)]
-    assert np.mean(np.array(counts) > 0) > 0.45
-
-
 def water_through_the_camera(sights: Sights, height: float) -> Orientation:
     """Return the true orientation of a photo, the water raised to a height under its camera."""
     at = truth_of(geometry("lab", "SINGLE-RAY"))

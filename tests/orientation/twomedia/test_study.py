@@ -29,11 +29,7 @@ from orientation.twomedia.geometries import (
     stations_of,
     truth_of,
 )
-
-
-def oriented(method: str, name: str = "lab") -> Oriented:
-    true = geometry(name, method)
-    return orient(sights_of(true, control_of(METHODS[method])), METHODS[method], Plane(), true.kind.B)
+from orientation.twomedia.test_methods import oriented
 
 
 def level_sigma(result: Oriented) -> float:
@@ -70,7 +66,7 @@ def test_points_over_the_water_that_should_be_wet_have_no_image() -> None:
 
 @pytest.mark.parametrize("method", ["SINGLE-FERMAT", "PAIR-INDEPENDENT", "COMBINED", "TRIPLET"])
 def test_precision_of_the_geometry_at_hand_is_that_of_its_adjustment(method: str) -> None:
-    result = oriented(method)
+    result = oriented("lab", method)
     height = float(result.at.height)
     depth = result.at.water_at(result.points[None, :, :2])[0] - result.points[:, 2]
     precision = precision_of(result, np.array([depth.mean() / height]), np.zeros(1))
@@ -81,7 +77,7 @@ def test_precision_of_the_geometry_at_hand_is_that_of_its_adjustment(method: str
 
 def test_precision_at_another_depth_is_that_of_photos_taken_there() -> None:
     """Twice the depth under the same places, photographed anew."""
-    true, result = geometry("lab", "SINGLE-RAY"), oriented("SINGLE-RAY")
+    true, result = geometry("lab", "SINGLE-RAY"), oriented("lab", "SINGLE-RAY")
     deeper = true.points.copy()
     deeper[:, 2] += true.points @ [A, B, 1.0] + level_of(true.kind)
     again = orient(
@@ -94,7 +90,7 @@ def test_precision_at_another_depth_is_that_of_photos_taken_there() -> None:
 
 def test_precision_with_dry_control_is_that_of_photos_of_it() -> None:
     """Six of twenty points raised over the same places, photographed anew; these six stand dry in every design."""
-    true, result = geometry("lab", "SINGLE-RAY"), oriented("SINGLE-RAY")
+    true, result = geometry("lab", "SINGLE-RAY"), oriented("lab", "SINGLE-RAY")
     six = np.argsort(Draws(1).uniform("dry", 20))[:6]
     depth = true.points @ [A, B, 1.0] + level_of(true.kind)
     raised = true.points.copy()
@@ -156,7 +152,7 @@ def test_the_solution_is_the_truth_of_its_study_whatever_noise_and_priors_are() 
 
 @pytest.mark.slow
 def test_other_solutions_are_told_apart() -> None:
-    result = oriented("PAIR-INDEPENDENT")
+    result = oriented("lab", "PAIR-INDEPENDENT")
     basins = basins_of(result, np.array([3.0]), 100)
     np.testing.assert_allclose(basins.shares.sum(axis=1), 1.0)
     assert basins.shares[0].min() > 0.0
@@ -170,7 +166,7 @@ def test_other_solutions_are_told_apart() -> None:
 
 
 def test_the_same_seed_is_the_same_study() -> None:
-    result = oriented("SINGLE-RAY")
+    result = oriented("lab", "SINGLE-RAY")
     first, second, other = (basins_of(result, np.array([2.0]), 5, seed).errors for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, second)
     assert (first != other).any()
