@@ -10,7 +10,7 @@ import numpy as np
 
 from musatpy.model import Grade
 from musatpy.page.cells import UNITS, cell_text
-from musatpy.page.rendering import Chapter, Fact, Facts, Head, Page, PageReason, PageTable, Part, Titled
+from musatpy.page.rendering import Chapter, Fact, Facts, Head, Page, PageTable, Part, Titled
 from musatpy.plots.tables import Tables
 from musatpy.reports.answer import USE
 from musatpy.reports.editing import named
@@ -83,7 +83,7 @@ class PageReport:
         return page_table(self.title, shown, ids=ids, total=count, note=self.note, folded=self.folded)
 
 
-def tables_of(reports: Iterable[PageReport], tables: Tables) -> Iterator[PageTable]:
+def tables_of(reports: Iterable[PageReport], tables: Tables) -> Iterator[Part]:
     """Yield the tables of which a record has rows."""
     for report in reports:
         table = report.of(tables)
@@ -125,8 +125,7 @@ def page_of(
         grade=verdict["grade"],
         use=USE[Grade(verdict["grade"])],
         reasons=[
-            PageReason(grade=row["grade"], text=row["text"], link=place_of(places, row["section"]))
-            for row in verdict["reasons"]
+            Fact(row["grade"], row["text"], link=place_of(places, row["section"])) for row in verdict["reasons"]
         ],
         notes=verdict["notes"],
         figures=Facts(list(figures), large=True),

@@ -63,7 +63,7 @@ class Fact:
     label: str
     value: str
     detail: str = ""
-    link: str = ""  # anchor of where it is told in full
+    link: str = ""  # anchor of where it shows, or is told in full
 
 
 @dataclass(frozen=True)
@@ -110,15 +110,6 @@ class Chapter(Titled):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PageReason:
-    """A reason of the verdict."""
-
-    grade: str
-    text: str
-    link: str = ""  # anchor of where it shows
-
-
-@dataclass(frozen=True, kw_only=True)
 class Page:
     """A page: what stands above, the verdict, and the chapters."""
 
@@ -126,7 +117,7 @@ class Page:
     lines: Sequence[str]  # below the title
     grade: str
     use: str  # what may be done with the answer
-    reasons: Sequence[PageReason]
+    reasons: Sequence[Fact]  # of the verdict, with the grade that each makes
     causes: Sequence[str] = ()
     notes: Sequence[str] = ()
     figures: Facts  # the numbers that count most

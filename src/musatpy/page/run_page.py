@@ -31,7 +31,7 @@ from musatpy.page.page_tables import (
     places_of,
     tables_of,
 )
-from musatpy.page.rendering import Chapter, Fact, Facts, Page, PageTable, Part, Sentences
+from musatpy.page.rendering import Fact, Facts, Page, PageTable, Part, Sentences
 from musatpy.plots.tables import Tables, part, texts
 from musatpy.reports import (
     adjusted_water,
@@ -67,6 +67,7 @@ _HELD = (
     "Cameras are taken as calibrated: focal length, principal point and distortion are no unknowns of the "
     "adjustment, and without error; what is wrong in them is in the residuals."
 )
+_NO_TESTS = "The solution carries no statistics of its observations."
 _OPTION_WORDS: Mapping[str, Mapping[Any, str]] = {
     "system": titles.SYSTEMS,
     "initial": titles.INITIAL,
@@ -153,34 +154,25 @@ def run_page(tables: Tables) -> Page:
         "What Was Left Out": _left_out(tables),
         "Accuracy": _accuracy(tables),
         "Camera And Water": _camera(tables),
-        "Worst Observations And Blunders": _worst(tables),
+        "Worst Observations And Blunders": [*tables_of(_OBSERVATIONS, tables)] or [Sentences(texts=[_NO_TESTS])],
         "Stations And Points": [*_stated(tables), *tables_of(_RESULTS, tables)],
         "How It Was Computed": _computed(tables),
     }
-    return _page(tables, chapters_of(contents))
-
-
-def _page(tables: Tables, chapters: Sequence[Chapter]) -> Page:
-    """Return the page of a run with these chapters, in which its reasons find what they are about."""
-    verdict, places = tables["verdict"], places_of(chapters)
+    chapters = chapters_of(contents)
     what = f"MUSAT-{tables['options']['program']} aerotriangulation. {_what(tables)}"
-    page = page_of(tables, tables["titles"] or ["Aerotriangulation"], what, _figures(tables, places), chapters)
-    causes = _causes(tables["causes"][:_CAUSES]) if verdict["reasons"] else ()
-    return replace(page, causes=causes)
+    figures = _figures(tables, places_of(chapters))
+    page = page_of(tables, tables["titles"] or ["Aerotriangulation"], what, figures, chapters)
+    return replace(page, causes=_causes(tables["causes"][:_CAUSES]) if page.reasons else ())
 
 
 def _what(tables: Tables) -> str:
-    points, wet, photos = (
-        tables["points"]["point"],
-        sum(tables["points"]["bathymetric"]),
-        tables["stations"]["photo"],
-    )
+    points, wet = tables["points"]["point"], sum(tables["points"]["bathymetric"])
     images = part(tables, "plates").get("photo")  # a record may be without them
     count = tables["plate_statistics"]["total_count"][-1] if images is None else len(images)
     refraction = titles.REFRACTION[Refraction(tables["options"]["refraction"])]
     return (
-        f"{count_of(len(photos), 'photo')}, {count_of(len(points), 'ground point')} ({wet:,} submerged), "
-        f"{count_of(count, 'image')}. Refraction: {refraction}."
+        f"{count_of(len(tables['stations']['photo']), 'photo')}, {count_of(len(points), 'ground point')} "
+        f"({wet:,} submerged), {count_of(count, 'image')}. Refraction: {refraction}."
     )
 
 
@@ -192,13 +184,8 @@ def _causes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         groups.add(row["group"])
         cause = Cause(
             kind=CauseKind(row["cause"]),
-            cards=tuple(row["cards"]),
-            photos=tuple(row["photos"]),
-            points=tuple(row["points"]),
-            component=row["component"],
             size=tuple(math.nan if value is None else value for value in row["size"]),
-            unit=row["unit"],
-            advice=row["advice"],
+            **{name: row[name] for name in ("cards", "photos", "points", "component", "unit", "advice")},
         )
         sentences.append(f"{lead}{cause}")
     return sentences
@@ -295,11 +282,6 @@ def _water(tables: Tables) -> Iterator[Fact]:
         else:
             sigma = f"sigma {significant(values[1])}{unit}" if len(values) > 1 else "known"
             yield Fact(label, f"{significant(values[0])}{unit}", detail=sigma)
-
-
-def _worst(tables: Tables) -> Sequence[Part]:
-    nothing = Sentences(texts=["The solution carries no statistics of its observations."])
-    return list(tables_of(_OBSERVATIONS, tables)) or [nothing]
 
 
 def _stated(tables: Tables) -> Iterator[Part]:

@@ -11,7 +11,7 @@ from musatpy.errors import MusatError
 from musatpy.model import Grade
 from musatpy.page.cells import count_of, number_text
 from musatpy.page.page_tables import PageReport, chapters_of, tables_of
-from musatpy.page.rendering import Fact, Facts, Page, PageReason, Part, anchor_of
+from musatpy.page.rendering import Fact, Facts, Page, Part, anchor_of
 from musatpy.plots.sounded import differences_of
 from musatpy.plots.tables import NothingToShowError, Tables
 from musatpy.reports import soundings
@@ -70,7 +70,7 @@ def soundings_page(tables: Tables) -> Page:
         lines=["Compiled less sounded depths: positive where the compiled bottom is deeper."],
         grade=Grade.DOUBTFUL if warning else COMPARED,
         use=USE[Grade.DOUBTFUL] if warning else _order_met(differences),
-        reasons=[PageReason(grade=Grade.DOUBTFUL, text=warning)] if warning else (),
+        reasons=[Fact(Grade.DOUBTFUL, warning)] if warning else (),
         figures=Facts(list(_figures(tables)), large=True),
         chapters=chapters_of(contents),
     )
