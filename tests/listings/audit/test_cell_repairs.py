@@ -107,7 +107,7 @@ def test_noise_beside_the_number_of_a_point_is_a_repair(old, new, repairs):
     assert old in text
     listing = listing_of(text.replace(old, new), "x")
     assert [(one.kind, one.found, one.read) for one in listing.repairs] == repairs
-    assert listing.submerged[0].items[2] == "1042" and not listing.unreadable
+    assert listing.reports[-1].items[2] == "1042" and not listing.unreadable
 
 
 @pytest.mark.parametrize(

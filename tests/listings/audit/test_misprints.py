@@ -74,7 +74,9 @@ def test_a_transcribed_table_has_its_misprints_and_no_others(number):
 def test_all_tables_in_one_listing_have_the_same_misprints():
     text = "".join(table(number).read_text() + "\f" for number in range(1, 10))
     listing = listing_of(text, "report")
-    assert len(listing.analyses) == 6 and len(listing.plates) == 2 and len(listing.submerged) == 1
+    assert [report.name.split()[-1] for report in listing.reports] == [
+        *["analysis"] * 3, "residuals", *["analysis"] * 3, "residuals", "points"
+    ]  # fmt: skip
     assert by_place(said(audit(listing))) == by_place(PRINTED.values())
 
 
@@ -89,7 +91,7 @@ def test_broken_ids_of_the_scan_are_repaired_and_noise_above_a_title_does_not_hi
     listing = read_listing(path)
     assert set(SCANNED.values()) <= {(one.kind, one.found, one.read) for one in listing.repairs}
     lines = path.read_text(encoding="utf-8").splitlines()
-    title = next(one.line for one in listing.analyses if one.title == "ground point analysis, refraction")
+    title = next(one.line for one in listing.reports if one.title == "ground point analysis, refraction")
     assert any("The shall be a start" in line for line in lines[title - 3 : title])
 
 
@@ -110,8 +112,7 @@ def test_the_scan_says_what_the_transcribed_tables_say():
 
 def numbers(listing):
     """Return every cell of the standard reports by what it is."""
-    reports = (*listing.analyses, *listing.plates, *listing.submerged)
-    return {(report.title, *key): cell.text for report in reports for key, cell in report.cells.items()}
+    return {(report.title, *key): cell.text for report in listing.reports for key, cell in report.cells.items()}
 
 
 # --- the fixtures hold the printed numbers ---
@@ -131,7 +132,7 @@ def test_transcribed_analyses_are_those_of_the_report():
     rows = rows_of("analyses.csv")
     assert len(rows) == 6 * 18
     for row in rows:
-        (analysis,) = (listing := read_listing(table(int(row["table"][-1])))).analyses
+        (analysis,) = (listing := read_listing(table(int(row["table"][-1])))).reports
         found = numbers(listing)
         component = COMPONENTS[row["component"]]
         text = found[analysis.title, component, STATISTICS[row["statistic"]]]
@@ -144,14 +145,14 @@ def test_transcribed_plate_residuals_are_those_of_the_report():
     rows = rows_of("plate_residuals.csv")
     assert len(rows) == 20
     for row in rows:
-        (plates,) = read_listing(table(int(row["table"][-1]))).plates
+        (plates,) = read_listing(table(int(row["table"][-1]))).reports
         for group in ("trig", "nontrig", "all"):
             for axis in "xy":
                 assert plates.cells[row["frame"], f"{group}, {axis}"].value == float(row[f"rms_{group}_{axis}"])
 
 
 def test_transcribed_bathymetric_points_are_those_of_the_report():
-    (submerged,) = read_listing(table(9)).submerged
+    (submerged,) = read_listing(table(9)).reports
     names = {"none": "no_refraction", "predicted": "predicted", "refraction": "refraction"}
     rows = rows_of("bathymetric.csv")
     assert submerged.items == [row["point"] for row in rows]

@@ -115,7 +115,7 @@ def numbers_of(listing: Listing) -> tuple[dict[Key, Printed], set[Key]]:
     """
     numbers: dict[Key, Printed] = {}
     several: set[Key] = set()
-    for report in (*listing.analyses, *listing.plates, *listing.submerged):
+    for report in listing.reports:
         for place, cell in report.cells.items():
             key = Key(report.name, report.refracted, *place)
             if numbers.setdefault(key, cell).text != cell.text:

@@ -116,24 +116,23 @@ def _places(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> list[int | 
     return [column.most_common(1)[0][0] if column else None for column in columns]
 
 
-def check_analyses(analyses: Sequence[Report]) -> Iterator[Misprint]:
-    """Yield what contradicts in the analyses of a listing."""
-    for analysis in analyses:
-        for name in analysis.items:
-            cells = {what: analysis.cells[name, what] for what in STATISTICS if (name, what) in analysis.cells}
-            yield from _fields(analysis, name, cells)
-            if (name, SIZE) in analysis.cells:
-                yield from _column(analysis, name, analysis.cells[name, SIZE], cells)
-        yield from _sizes(analysis)
-
-
-def _fields(analysis: Report, name: str, cells: Mapping[str, Printed]) -> Iterator[Misprint]:
-    """Yield angles with 60 minutes or seconds and more."""
-    for what, cell in cells.items():
-        parts = cell.text.split()
-        if len(parts) == 3 and (int(parts[1]) >= 60 or float(parts[2]) >= 60.0):
-            suspects = (Suspect(STATISTICS[what], cell.line, cell.text),)
-            yield Misprint(cell.line, analysis.title, name, "no angle in degrees, minutes, seconds", suspects)
+def check_analysis(analysis: Report) -> Iterator[Misprint]:
+    """Yield what contradicts in an analysis: within each column, and between the sizes of their samples."""
+    for name in analysis.items:
+        cells = {what: analysis.cells[name, what] for what in STATISTICS if (name, what) in analysis.cells}
+        for what, cell in cells.items():
+            parts = cell.text.split()
+            if len(parts) == 3 and (int(parts[1]) >= 60 or float(parts[2]) >= 60.0):
+                suspects = (Suspect(STATISTICS[what], cell.line, cell.text),)
+                yield Misprint(cell.line, analysis.title, name, "no angle in degrees, minutes, seconds", suspects)
+        if (name, SIZE) in analysis.cells:
+            yield from _column(analysis, name, analysis.cells[name, SIZE], cells)
+    # Of all stations, of latitude and longitude of points.
+    alike = [] if analysis.name.startswith("check") else analysis.items[: 3 if "station" in analysis.name else 2]
+    sizes = [analysis.cells[name, SIZE] for name in alike if (name, SIZE) in analysis.cells]
+    if len({size.value for size in sizes}) > 1:
+        message = f"samples of {', '.join(size.text for size in sizes)} that should be of one size"
+        yield Misprint(sizes[0].line, analysis.title, ", ".join(alike), message)
 
 
 def _column(analysis: Report, name: str, size: Printed, cells: Mapping[str, Printed]) -> Iterator[Misprint]:
@@ -162,17 +161,6 @@ def _contradiction(N: int, bounds: Mapping[str, Interval]) -> str:
     )
     *names, last = (STATISTICS[what] for what in next(contradicting, tuple(bounds)))
     return f"{', '.join(names)} and {last} contradict one another"
-
-
-def _sizes(analysis: Report) -> Iterator[Misprint]:
-    """Yield samples of unequal size that must be the same: of all stations, of latitude and longitude."""
-    if analysis.name.startswith("check point"):
-        return
-    alike = analysis.items[: 3 if analysis.name.startswith("station") else 2]
-    sizes = [analysis.cells[name, SIZE] for name in alike if (name, SIZE) in analysis.cells]
-    if len({size.value for size in sizes}) > 1:
-        message = f"samples of {', '.join(size.text for size in sizes)} that should be of one size"
-        yield Misprint(sizes[0].line, analysis.title, ", ".join(alike), message)
 
 
 def consistent(N: int, cells: Mapping[str, Interval]) -> bool:

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import product
 
 from musatpy.listings.audit.analyses import Interval
-from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, pages_joined, printed
+from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, printed
 from musatpy.listings.audit.scan import Excerpt, Notes, found, rows_of
 from musatpy.listings.lines import Line
 
@@ -35,13 +35,11 @@ _PLACES = 3  # decimals, mm
 _SLACK = 1e-9  # mm^2 relative: a number exactly between two prints may have gone either way
 
 
-def read_plates(excerpts: Sequence[Excerpt], notes: Notes) -> list[Report]:
-    """Return the tables of RMS by frame, mm, ten frames on each page (ETL-0306, Tables 6-4 and 6-8)."""
-    return pages_joined(_read(excerpt, notes) if excerpt.kind == "plates" else None for excerpt in excerpts)
+def read_plates(excerpt: Excerpt, notes: Notes) -> Report | None:
+    """Return the RMS by frame, mm, ten frames on each page (ETL-0306, Tables 6-4 and 6-8).
 
-
-def _read(excerpt: Excerpt, notes: Notes) -> Report | None:
-    """Return the table of an excerpt; None where there is none, or its frames or all its rows are not legible."""
+    None where there is no table, or its frames or all its rows are not legible.
+    """
     rows = rows_of(excerpt, RMS_LABELS, notes)
     heading = next((line for line in excerpt.lines if _is_heading(line)), None)
     if not rows or heading is None:
@@ -71,11 +69,10 @@ def _is_heading(line: Line) -> bool:
     return bool(match and re.search(r"\w", match["rest"]) and not match["rest"].strip().lower().startswith("with"))
 
 
-def check_plates(tables: Sequence[Report]) -> Iterator[Misprint]:
-    """Yield what contradicts in the plate tables of a listing."""
-    for table in tables:
-        for frame in table.items:
-            yield from _frame(table, frame)
+def check_plates(table: Report) -> Iterator[Misprint]:
+    """Yield what contradicts in the plate residuals of a listing."""
+    for frame in table.items:
+        yield from _frame(table, frame)
 
 
 def _frame(table: Report, frame: str) -> Iterator[Misprint]:

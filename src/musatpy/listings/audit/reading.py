@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -11,15 +12,17 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.errors import MusatError, Problem
-from musatpy.listings.audit.analyses import LABELS, check_analyses, read_analysis
+from musatpy.listings.audit import plates, submerged
+from musatpy.listings.audit.analyses import LABELS, check_analysis, read_analysis
 from musatpy.listings.audit.cells import Repair
-from musatpy.listings.audit.plates import RMS_LABELS, check_plates, read_plates
-from musatpy.listings.audit.report import Misprint, Report
+from musatpy.listings.audit.report import Misprint, Report, pages_joined
 from musatpy.listings.audit.scan import Notes, excerpts_of, found, lines_of
-from musatpy.listings.audit.submerged import check_submerged, read_submerged
 from musatpy.listings.lines import Line, text_of
 
-_LABELS = (*LABELS.values(), *RMS_LABELS.values())
+_LABELS = (*LABELS.values(), *plates.RMS_LABELS.values())
+# Of reports that are no analyses: by the kind of the excerpt, and by name.
+_READERS = {"plates": plates.read_plates, "submerged": submerged.read_submerged}
+_CHECKS = {plates.NAME: plates.check_plates, submerged.NAME: submerged.check_submerged}
 _NEAR = 15  # lines: rows no farther apart are of one report
 _BROKEN = 5  # lines: a row so near to one that was read belongs to its report, which is not whole
 # Possessive, because rows of blanks would be tried blank by blank else.
@@ -32,9 +35,7 @@ class Listing:
     """All that was found in a listing, the repairs that it took, and the rows that cannot be read."""
 
     name: str
-    analyses: tuple[Report, ...]
-    plates: tuple[Report, ...]
-    submerged: tuple[Report, ...]
+    reports: tuple[Report, ...]
     repairs: tuple[Repair, ...]
     unreadable: tuple[Problem, ...]
 
@@ -53,18 +54,13 @@ def listing_of(text: str, name: str) -> Listing:
     """Return what the text of a listing says; raises `MusatError` where it has none of the standard reports."""
     notes = Notes(name, text)
     lines = lines_of(text, notes)
-    excerpts = list(excerpts_of(lines))
-    analyses = [read_analysis(one, notes) for one in excerpts if one.kind not in ("plates", "submerged")]
-    plates = tuple(read_plates(excerpts, notes))
-    submerged = tuple(read_submerged(excerpts, notes))
+    reports = pages_joined(_READERS.get(one.kind, read_analysis)(one, notes) for one in excerpts_of(lines))
     _note_untitled(lines, notes)
-    if not (any(analyses) or plates or submerged or notes.unreadable):
+    if not (reports or notes.unreadable):
         raise MusatError(f"{name}: no analysis, plate residuals or bathymetric points are in it")
     return Listing(
         name=name,
-        analyses=tuple(analysis for analysis in analyses if analysis),
-        plates=plates,
-        submerged=submerged,
+        reports=tuple(reports),
         repairs=tuple(sorted(notes.repairs, key=lambda repair: repair.line)),
         unreadable=tuple(sorted(notes.unreadable, key=lambda problem: problem.line or 0)),
     )
@@ -90,18 +86,15 @@ def _is_row(line: Line) -> bool:
 
 def audit(listing: Listing) -> list[Misprint]:
     """Return what contradicts in a listing, by line."""
-    checks = check_analyses(listing.analyses), check_plates(listing.plates), check_submerged(listing.submerged)
-    return sorted(chain.from_iterable(checks), key=lambda finding: finding.line)
+    found = chain.from_iterable(_CHECKS.get(report.name, check_analysis)(report) for report in listing.reports)
+    return sorted(found, key=lambda finding: finding.line)
 
 
 def audit_text(listing: Listing, findings: Sequence[Misprint]) -> str:
     """Return the audit of a listing: what was found in it, repairs, rows that cannot be read, contradictions."""
-    counts = (
-        (len(listing.analyses), "analysis", "analyses"),
-        (len(listing.plates), "table of plate residuals", "tables of plate residuals"),
-        (len(listing.submerged), "table of bathymetric points", "tables of bathymetric points"),
-    )
-    contents = ", ".join(f"{count} {one if count == 1 else several}" for count, one, several in counts if count)
+    nouns = {name: (f"table of {name}", f"tables of {name}") for name in _CHECKS}
+    counts = Counter(nouns.get(report.name, ("analysis", "analyses")) for report in listing.reports)
+    contents = ", ".join(f"{count} {noun[count > 1]}" for noun, count in counts.items())
     lines = [f"{listing.name}: {contents or 'nothing'}"]
     if listing.repairs:
         lines += ["", f"Repairs of the text: {len(listing.repairs)}"]

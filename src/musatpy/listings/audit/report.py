@@ -49,11 +49,12 @@ class Report:
 
 
 def pages_joined(pages: Iterable[Report | None]) -> list[Report]:
-    """Return the tables of pages, None for what is between: pages that follow one another have no number twice."""
+    """Return reports, None for what is between: tables that go over pages have no number on two of them."""
     tables: list[Report] = []
     last: Report | None = None
     for page in pages:
-        if page and last and page.title == last.title and page.cells.keys().isdisjoint(last.cells):
+        goes_on = page and last and page.title == last.title and not page.name.endswith("analysis")
+        if page and last and goes_on and page.cells.keys().isdisjoint(last.cells):
             tables[-1] = page = replace(last, cells=last.cells | page.cells)
         elif page:
             tables.append(page)

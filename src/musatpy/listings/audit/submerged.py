@@ -10,7 +10,7 @@ from statistics import median
 from typing import NamedTuple
 
 from musatpy.listings.audit.cells import RepairKind, read_cells
-from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, pages_joined, printed, text_like
+from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, printed, text_like
 from musatpy.listings.audit.scan import Excerpt, Notes
 from musatpy.listings.lines import Line
 
@@ -40,12 +40,8 @@ class _Row(NamedTuple):
     cells: dict[str, Printed]
 
 
-def read_submerged(excerpts: Sequence[Excerpt], notes: Notes) -> list[Report]:
-    """Return the tables of coordinates, m (ETL-0306, Table 6-9)."""
-    return pages_joined(_read(excerpt, notes) if excerpt.kind == "submerged" else None for excerpt in excerpts)
-
-
-def _read(excerpt: Excerpt, notes: Notes) -> Report | None:
+def read_submerged(excerpt: Excerpt, notes: Notes) -> Report | None:
+    """Return the coordinates, m (ETL-0306, Table 6-9); None where no point has all its rows."""
     cells = dict(_points(excerpt, notes))
     return Report(name=NAME, refracted=None, line=excerpt.lines[0].number, cells=cells) if cells else None
 
@@ -128,12 +124,12 @@ def _note_repairs(axis: str, row: _Row, others: Sequence[str], notes: Notes) -> 
         notes.repair(row.line, RepairKind.BORDER, left)
 
 
-def check_submerged(tables: Sequence[Report]) -> Iterator[Misprint]:
+def check_submerged(table: Report) -> Iterator[Misprint]:
     """Yield coordinates that refraction cannot have put where they are.
 
     No column may leave the apparent position by much more than it does at the other points.
     """
-    for table, column, axis in product(tables, COLUMNS[1:], AXES):
+    for column, axis in product(COLUMNS[1:], AXES):
         shifts = {point: _shift(table, point, column, axis) for point in table.items}
         known = {point: shift for point, shift in shifts.items() if shift is not None}
         if len(known) <= _FEW:
