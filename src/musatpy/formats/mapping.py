@@ -29,24 +29,10 @@ from musatpy.model.tables import Codes, Table, columns
 Array = NDArray[Any]
 Values = Mapping[str, Array]  # model attribute -> (k,) or (k, components), in inside units
 
-_UNITS = {
-    "": 1.0,
-    "m": 1.0,
-    "mm": 1.0,
-    "um": units.MICROMETRE,
-    "deg": units.DEGREE,
-    "min": units.ARC_MINUTE,
-    "s": units.ARC_SECOND,
-    "arcsec": units.ARC_SECOND,
-    "degC": 1.0,
-    "ppt": 1.0,
-    "nm": 1.0,
-    "hPa": units.HECTOPASCAL,
-    "sec": 1.0,  # of time
-    "m/s": 1.0,
-    "rad": 1.0,
-    "gon": units.GON,
-    "dms": 1.0,  # packed degrees, minutes and seconds: a record field turns them into radians itself
+# Units of fields that are not those of the model; a record field turns packed angles into radians itself.
+_FACTORS = {
+    **{"deg": units.DEGREE, "min": units.ARC_MINUTE, "s": units.ARC_SECOND, "arcsec": units.ARC_SECOND},
+    **{"um": units.MICROMETRE, "hPa": units.HECTOPASCAL, "gon": units.GON},
 }
 ANGULAR = ("deg", "min", "s", "arcsec", "rad", "gon", "dms", STATED_UNIT)
 _OF_SIGMAS = ("dms", "job")  # besides metres: along geographic coordinates
@@ -266,7 +252,7 @@ def _inside(slot: Slot, columns: Mapping[str, Array], angle: float) -> Array:
 def factor(slot: Slot, angle: float) -> float:
     """Return the unit of a slot, degrees of three fields, in that of the model; `angle` is that of the SYS card."""
     unit = slot.fields[0].unit
-    return angle if unit == STATED_UNIT else _UNITS[unit]
+    return angle if unit == STATED_UNIT else _FACTORS.get(unit, 1.0)
 
 
 def scatter(spec: Layout, values: Values, angle: float = units.DEGREE) -> dict[str, Array]:

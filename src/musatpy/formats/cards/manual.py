@@ -168,22 +168,6 @@ def occurrence(card: CardSpec) -> str:
     return "one or more" if card.required else "any number"
 
 
-def records_manual(families: Iterable[Sequence[FileSpec]]) -> str:
-    """Return the manual of families in Markdown: the keys of their files, and the records of each."""
-    parts = [
-        _RECORDS,
-        _key_table(FileSpec),
-        "Keys of each `[[record]]`:\n",
-        _key_table(RecordSpec),
-        "Keys of each `[[record.field]]`:\n",
-        _key_table(RecordField),
-    ]
-    for files in families:
-        parts.append(f"## The files of `{files[0].family}`\n")
-        parts += [_file_section(file) for file in files]
-    return "\n".join(parts)
-
-
 def _file_section(file: FileSpec) -> str:
     stated = read_toml(Path(file.stated_in))
     others = [name for name in keys(FileSpec) if name in stated and name not in _EXPLAINED]
@@ -242,9 +226,19 @@ def _table(header: list[str], rows: Iterable[list[str]]) -> str:
 
 def manual() -> str:
     """Return the manual of all formats of the program."""
-    cards = card_manual(load_family(card_formats_folder() / "musat"))
-    compilation = "\n".join(card_sections(load_family(card_formats_folder() / "as11")))
-    return f"{cards}\n{compilation}\n{records_manual([family.files for family in agencies().values()])}"
+    parts = [
+        card_manual(load_family(card_formats_folder() / "musat")),
+        *card_sections(load_family(card_formats_folder() / "as11")),
+        _RECORDS,
+        _key_table(FileSpec),
+        "Keys of each `[[record]]`:\n",
+        _key_table(RecordSpec),
+        "Keys of each `[[record.field]]`:\n",
+        _key_table(RecordField),
+    ]
+    for family in agencies().values():
+        parts += [f"## The files of `{family.name}`\n", *(_file_section(file) for file in family.files)]
+    return "\n".join(parts)
 
 
 if __name__ == "__main__":

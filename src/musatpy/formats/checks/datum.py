@@ -1,6 +1,6 @@
 """Enough rays for every photo, and a datum for every part of the block: what observations hold of its motions.
 
-These are three shifts, three turns and one scale. Each observed component of a station, of a control point, of an
+These are one scale, three turns and three shifts. Each observed component of a station, of a control point, of an
 attitude, and each observed length or difference of heights is a row of seven: what the motions change of it. Their
 rank says what is held. Positions are those of the cards; where a card says nothing of one, any other would do, for
 what is free with most of them is free.
@@ -19,6 +19,7 @@ from musatpy.formats.checks.images import Rays, common_rays, plan, rays_of
 from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import ROLES
+from musatpy.geometry.similarity import by_change
 from musatpy.model import CoordinateSystem, Datum, Program
 
 _UNKNOWNS = 6  # of a photo
@@ -164,17 +165,12 @@ def _parts(draft: Draft, rays: Rays) -> IntArray:
 
 def _join(count: int, links: IntArray) -> IntArray:
     """Return (count,) the smallest member of the set that each number is in, when `links` (k, 2) join numbers."""
-    root = list(range(count))
-
-    def find(number: int) -> int:
-        while root[number] != number:
-            root[number] = number = root[root[number]]
-        return number
-
-    for first, second in links.tolist():
-        low, high = sorted((find(first), find(second)))
-        root[high] = low
-    return np.array([find(number) for number in range(count)], dtype=np.int64)
+    part = np.arange(count)
+    while len(links := np.sort(part[links], axis=1)) and (links[:, 0] < links[:, 1]).any():
+        np.minimum.at(part, links[:, 1], links[:, 0])
+        while (part[part] < part).any():
+            part = part[part]
+    return part
 
 
 def _count(number: int, noun: str) -> str:
@@ -188,10 +184,10 @@ def _motions_held(draft: Draft, rays: Rays, photos: BoolArray, points: BoolArray
     """
     station, ground = _places(draft, rays, photos, points)
     lengths = np.zeros((_bases(draft, photos, points), _MOTIONS))
-    lengths[:, 6] = 1.0  # each holds the scale
+    lengths[:, 0] = 1.0  # each holds the scale
     rows = [
-        _moves(station)[observed[:, :3] & photos[:, None]],
-        _moves(ground)[np.stack([rays.horizontal, rays.horizontal, rays.vertical], axis=1) & points[:, None]],
+        by_change(station)[observed[:, :3] & photos[:, None]],
+        by_change(ground)[np.stack([rays.horizontal, rays.horizontal, rays.vertical], axis=1) & points[:, None]],
         _turns(draft)[observed[:, 3:] & photos[:, None]],
         lengths,
         *_levels(draft, ground, points),
@@ -238,15 +234,6 @@ def _metric(draft: Draft, role: str, position: FloatArray) -> FloatArray:
     return np.stack([level.real, level.imag, height], axis=1)
 
 
-def _moves(place: FloatArray) -> FloatArray:
-    """Return what the motions do to places (k, 3): (k, 3, 7)."""
-    X, Y, Z = place.T
-    zero = np.zeros_like(X)
-    turns = np.stack([[zero, -Z, Y], [Z, zero, -X], [-Y, X, zero]])  # (axis, component, k)
-    shifts = np.broadcast_to(np.eye(3), (len(place), 3, 3))
-    return np.concatenate([shifts, np.transpose(turns, (2, 1, 0)), place[:, :, None]], axis=2)
-
-
 def _turns(draft: Draft) -> FloatArray:
     """Return the rows of the angles (n, 3, 7): turns of the block about east, north and up change them."""
     attitude = np.nan_to_num(draft.by_photo("attitudes", "photos.attitude"))
@@ -261,7 +248,7 @@ def _turns(draft: Draft) -> FloatArray:
         ]
     )
     rows = np.zeros((len(omega), 3, _MOTIONS))
-    rows[:, :, 3:6] = np.linalg.pinv(np.transpose(axes, (2, 1, 0)))
+    rows[:, :, 1:4] = np.linalg.pinv(np.transpose(axes, (2, 1, 0)))
     return rows
 
 
@@ -275,7 +262,7 @@ def _bases(draft: Draft, photos: BoolArray, points: BoolArray) -> int:
 
 def _levels(draft: Draft, ground: FloatArray, points: BoolArray) -> Iterator[FloatArray]:
     """Yield the rows of equal elevations and, in IIIA, of measured differences of heights."""
-    up = _moves(ground)[:, 2]
+    up = by_change(ground)[:, 2]
     inside = np.append(points, False)
     if draft.options.program is Program.IIIA:
         ends = draft.point["height_differences"]
@@ -285,5 +272,5 @@ def _levels(draft: Draft, ground: FloatArray, points: BoolArray) -> Iterator[Flo
     for number in np.unique(group).tolist():
         points_of_group = np.unique(point[(group == number) & points[point]])
         level = np.array(up[points_of_group])
-        level[:, 6] = 0.0  # heights that are the same stay so
+        level[:, 0] = 0.0  # heights that are the same stay so
         yield level[1:] - level[:1]

@@ -237,10 +237,9 @@ def calibrations(draft: Draft) -> Iterator[Problem]:
         lacking = (marks < needed) & ((marks > 0) | (_counts(draft.camera["reseau"], cameras) == 0))
         message = f"fewer than the {needed} calibrated marks of a transformation {options.transformation}"
     lacking &= np.isin(np.arange(cameras), _cameras_of_plates(draft))
-    for row, link in enumerate(draft.camera["cameras"].tolist()):
-        if link >= 0 and lacking[link]:
-            text = f"camera {draft.camera_ids[link]} has {message} ({draft.cards(role)})"
-            yield draft.problem("cameras", row, text, path="cameras.ids")
+    rows, names = np.append(lacking, False)[draft.camera["cameras"]], draft.names("cameras", "cameras")
+    text = f"camera {{}} has {message} ({draft.cards(role)})"
+    yield from draft.problems("cameras", rows, text, names, path="cameras.ids")
 
 
 @check(raw=True)

@@ -90,19 +90,15 @@ def repeated_members(draft: Draft) -> Iterator[Problem]:
 def undefined(draft: Draft) -> Iterator[Problem]:
     """Yield each camera, photo and point that is named but not defined or measured, where a role first names it."""
     for table, roles, defining, message, severity in _needed(draft):
-        ids = {"cameras": draft.camera_ids, "photos": draft.photo_ids, "points": draft.point_ids}[table]
-        wanted = np.ones(len(ids), dtype=bool)
-        for links in (draft.links(table)[role] for role in defining):
-            wanted[links[links >= 0]] = False
+        known = np.concatenate([draft.links(table)[role] for role in defining])
         for role in roles:
             links, names = draft.links(table)[role], draft.names(table, role).ravel()
-            found = np.unique(links, return_index=True, return_counts=True)
-            for link, place, times in zip(*(column.tolist() for column in found), strict=True):
-                if link >= 0 and wanted[link]:
-                    row, component = divmod(place, math.prod(links.shape[1:]))
-                    others = _others(times - 1)
-                    text, path = message.format(names[place], others), naming(table)[role]
-                    yield draft.problem(role, row, text, path=path, component=component, severity=severity)
+            named, *first = np.unique(links, return_index=True, return_counts=True)
+            lost = (named >= 0) & ~np.isin(named, known)
+            for place, times in zip(*(column[lost].tolist() for column in first), strict=True):
+                row, component = divmod(place, math.prod(links.shape[1:]))
+                text, path = message.format(names[place], _others(times - 1)), naming(table)[role]
+                yield draft.problem(role, row, text, path=path, component=component, severity=severity)
 
 
 def _others(more: int) -> str:
