@@ -16,10 +16,10 @@ from musatpy.formats import assembly, musat
 from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.draft import draft_of
 from musatpy.formats.job_tables import card_family
+from musatpy.formats.mapping import Slot, factor, slots
 from musatpy.model import CoordinateSystem
 from musatpy.model.block import linking
-from musatpy.model.water import WAVE_SIGMAS
-from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
+from musatpy.units import ARC_SECOND, DEGREE
 
 SYSTEMS = list(CoordinateSystem)
 
@@ -41,79 +41,49 @@ def test_a_written_deck_is_written_again_to_the_byte(seed: int, system: Coordina
     assert all(len(line) == 80 for line in data.decode("ascii").splitlines())
 
 
-# Half of the last decimal of each field, in inside units.
-ROUNDING = {
-    "Options.rotation_limit": 0.5e-3 * ARC_SECOND,
-    "Options.plate_sigma": 0.5e-2 * MICROMETRE,
-    "EllipsoidSpec.inverse_flattening": 0.5e-9,
-    "Cameras.focal_length": 0.5e-5,
-    "Cameras.principal_point": 0.5e-5,
-    "Cameras.format_size": 0.5e-2,
-    "Fiducials.xy": 0.5e-5,
-    "Fiducials.sigma": 0.5e-5,
-    "FiducialMeasurements.xy": 0.5e-6,
-    "FiducialMeasurements.sigma": 0.5e-5,
-    "Photos.position_sigma": 0.5e-2,  # beyond 10 m; 0.5e-3 below
-    "Photos.attitude": 0.5e-4 * ARC_SECOND,
-    "Photos.attitude_sigma": 0.5e-1 * ARC_SECOND,
-    "Photos.tide": 0.5e-4,
-    "Photos.tide_sigma": 0.5e-4,
-    "PlateMeasurements.xy": 0.5e-6,
-    "PlateMeasurements.sigma": 0.5e-5,
-    "Control.sigma": 0.5e-3,
-    "EqualElevations.sigma": 0.5e-4,
-    "AirBases.length": 0.5e-4,
-    "AirBases.sigma": 0.5e-4,
-    "Distances.length": 0.5e-4,
-    "Distances.sigma": 0.5e-4,
-    "HeightDifferences.difference": 0.5e-4,
-    "HeightDifferences.sigma": 0.5e-4,
-    "Water.tilt_east": 0.5e-3 * ARC_SECOND,
-    "ReductionOptions.residual_limit": 0.5e-2 * MICROMETRE,
-    "ReductionOptions.ground_height": 0.5e-2,
-    "ComparatorSpec.scale_u": 0.5e-9,
-    "ComparatorSpec.scale_v": 0.5e-9,
-    "ComparatorSpec.non_orthogonality": 0.5e-2 * ARC_SECOND,
-    "ComparatorSpec.rotation": 0.5e-5 * DEGREE,  # from -100 degrees down; 0.5e-6 above
-    "ComparatorSpec.reading_sigma": 0.5e-5,
-    "ComparatorSpec.repeat_limit": 0.5e-5,
-    "Lenses.centre": 0.5e-5,
-    "MarkDistances.distance": 0.5e-5,
-    "MarkDistances.sigma": 0.5e-5,
-    "ReseauCrosses.xy": 0.5e-5,
-    "CrossMeasurements.xy": 0.5e-6,
-    "Photos.time": 0.5e-3,
-    **{f"Waves.{name}": 0.5e-3 for name in ("period", "length", "speed", "height", "crest", *WAVE_SIGMAS)},
-    "Waves.depth": 0.5e-2,
-    "Waves.azimuth": 0.5e-3 * DEGREE,
-    "Waves.azimuth_sigma": 0.5e-3 * DEGREE,
-}
-GEOGRAPHIC = np.array([0.5e-5 * ARC_SECOND, 0.5e-5 * ARC_SECOND, 0.5e-4])
-DIGITS = {"Distortion.values": 5e-9, "Lenses.k0": 5e-9}  # relative: nine digits, the first of which may be 1
+def slots_of(block: model.Block) -> dict[str, list[Slot]]:
+    """Return the slots of each attribute on the cards of a block, in the order of its components."""
+    found: dict[str, list[Slot]] = {}
+    for spec, _ in assembly.cards_of(block, card_family()):
+        named = sorted(slots(spec), key=lambda slot: slot.component or 0)
+        found |= {path: [slot for slot in named if slot.path == path] for path in {slot.path for slot in named}}
+    return found
+
+
+def half_a_decimal(slot: Slot, value: float) -> float:
+    """Return half of the last decimal that a field has room for, or of nine digits of E16.9, in inside units."""
+    edit = slot.fields[-1].edit
+    if slot.is_sexagesimal:
+        return 0.5 * 10.0**-edit.decimals * ARC_SECOND
+    unit = factor(slot, DEGREE)
+    if edit.letter == "E":
+        return 5e-9 * abs(value)  # the first of them may be 1
+    before = str(int(abs(value / unit))).lstrip("0")
+    return 0.5 * 10.0 ** -min(edit.decimals, edit.width - 1 - len(before) - (value < 0.0)) * unit
 
 
 @pytest.mark.parametrize("system", SYSTEMS)
 @pytest.mark.parametrize("seed", range(5))
 def test_a_block_comes_back_as_it_was_written(seed: int, system: CoordinateSystem) -> None:
     block = random_block(seed, system)
-    assert_same(block, unchecked(musat.deck_bytes(block)), system)
+    assert_same(block, unchecked(musat.deck_bytes(block)), slots_of(block))
 
 
-def assert_same(one: object, other: object, system: CoordinateSystem, name: str = "") -> None:
-    """Assert that two blocks, or parts of them, are the same up to the decimals of a deck."""
+def assert_same(one: object, other: object, written: dict[str, list[Slot]], name: str = "") -> None:
+    """Assert that two blocks, or parts of them, are the same up to the decimals of the slots of a deck."""
     assert type(one) is type(other), name
     if is_dataclass(one):
         for field in fields(one):
-            part = f"{type(one).__name__}.{field.name}"
-            assert_same(getattr(one, field.name), getattr(other, field.name), system, part)
+            part = f"{name}.{field.name}".lstrip(".")
+            assert_same(getattr(one, field.name), getattr(other, field.name), written, part)
     elif np.asarray(one).dtype.kind == "f":
-        rounding = ROUNDING.get(name, 0.0)
-        if name.endswith(".position"):
-            rounding = GEOGRAPHIC if system is CoordinateSystem.GEOGRAPHIC else 0.5e-4
-        # One part in 10**14 for the arithmetic of the units.
-        allowed = rounding * (1 + 1e-6) + (DIGITS.get(name, 0.0) + 1e-14) * np.abs(one)
         np.testing.assert_array_equal(np.isnan(one), np.isnan(other), err_msg=name)
-        assert np.all((np.abs(np.subtract(one, other)) <= allowed) | np.isnan(one)), name
+        parts = written.get(name, [None])
+        ours, theirs = (np.nan_to_num(values).reshape(-1, len(parts)).T for values in (one, other))
+        for slot, values, back in zip(parts, ours, theirs, strict=True):
+            rounding = np.array([half_a_decimal(slot, value) for value in values.tolist()]) if slot else 0.0
+            # One part in 10**14 for the arithmetic of the units.
+            assert np.all(np.abs(back - values) <= rounding * (1 + 1e-6) + 1e-14 * np.abs(values)), name
     else:
         np.testing.assert_array_equal(one, other, err_msg=name)
 
@@ -124,7 +94,7 @@ def test_a_good_block_of_each_system_is_read_back(system: CoordinateSystem) -> N
     data = musat.deck_bytes(block)
     again = musat.read_deck(data)
     assert musat.deck_bytes(again) == data
-    assert_same(block, again, system)
+    assert_same(block, again, slots_of(block))
 
 
 def with_one_camera(block: model.Block) -> model.Block:
