@@ -35,10 +35,9 @@ def utm(definition: str) -> list[str]:
 
 CASES: list[Case] = [
     case(
-        deck(add("SYS IN  GEOG", "SYS IN  GEOC", "SYF OUT         1.0000", "SYT OUT GEOID some.gtx")),
-        "50 SYS.role [IN] what is stated for IN is already given on line 49",
-        "51 SYF.role [OUT] no SYS card for OUT, which this one goes with",
-        "52 SYT.role [OUT] no SYS card for OUT, which this one goes with",
+        deck(add("SYF OUT         1.0000", "SYT OUT GEOID some.gtx")),
+        "49 SYF.role [OUT] no SYS card for OUT, which this one goes with",
+        "50 SYT.role [OUT] no SYS card for OUT, which this one goes with",
     ),
     case(
         deck(add("SYS IN  LOCL"), lines=changed(LOCAL, 2, 10, "GEOC")),

@@ -32,23 +32,6 @@ def bad(*edits) -> bytes:
 RAW_CASES: list[Case] = [
     case(bad(replace(13, "  -0.00400", " " * 10)), "13 LNS.y [] needs both x and y, or neither"),
     case(
-        bad(add(X_AXIS.replace("5  ", "7  ").replace(" 224", "-224"))),
-        "137 FDS [7    7] a distance needs two different marks",
-        "137 FDS.distance [-224.00500] a distance must be greater than zero",
-    ),
-    case(bad(add(RAW[12][:72])), "137 LNS.camera [RC8] the lens of camera RC8 is already given on line 13"),
-    case(
-        bad(add(X_AXIS, "FDS RC8  5    7      224.00500 0.00300", "FDS RC8  8    6      224.00100 0.00300 X")),
-        "138 FDS [5    7] the distance of camera RC8 is already given on line 137",
-        "139 FDS.axis [X] the axis of camera RC8 is already given on line 137",
-    ),
-    case(
-        bad(add(*GRID, CROSS.replace("  1   1 ", "  1   3 "), CROSS.replace("A01", "C01"))),
-        UNMEASURED,
-        "141 RSC.cross [A01] the cross of camera RC8 is already given on line 137",
-        "142 RSC.row [1] the place in the reseau of camera RC8 is already given on line 137",
-    ),
-    case(
         bad(add("DST RC8  RADL  0.125000000E-07", "DST RC8  DCEN  0.125000000E-07")),
         "137 DST.kind [RADL] the RADL distortion of camera RC8 is already given on line 8",
         "138 DST.kind [DCEN] the DCEN distortion of camera RC8 is already given on line 9",

@@ -167,8 +167,6 @@ SLIPS = {
     "add_equal_elevations('E').sigma: 1e-12 is next to nothing: 1e-09 m at least": lambda b: b.add_equal_elevations(
         "E", ["A", "B"], 1e-12
     ),
-    "add_camera('K2').focal_length: a focal length must be": lambda b: b.add_camera("K2", -3.0),
-    "add_photo('4').x_tilt: a tilt of 114.5916 degrees": lambda b: b.add_photo("4", "K", (0, 0, 99), (2.0, 0, 0)),
     "water().index: a refractive index of 3 is not within 1.3 to 1.4": lambda b: b.water(3.0),
     "add_air_base('1'): an air base needs two different photos": lambda b: b.add_air_base(("1", "1"), 1.0, 1.0),
     "add('fiducial'): nothing is called so; did you mean fiducials?": lambda b: b.add("fiducial", ids="A"),

@@ -1,5 +1,6 @@
 """Every check has a bad deck, which is reported exactly; any bytes and values give problems only."""
 
+import re
 import warnings
 from functools import cache
 
@@ -16,6 +17,7 @@ from formats.raw_deck_cases import RAW, RAW_CASES
 from musatpy.errors import DeckError, Problem
 from musatpy.formats import musat
 from musatpy.formats.cards.deck import read_cards
+from musatpy.formats.cards.spec import CardSpec
 from musatpy.formats.checks import CHECKS
 from musatpy.formats.checks.check import Check
 from musatpy.formats.draft import Draft, draft_of
@@ -59,6 +61,41 @@ def test_what_taking_in_shows_is_reported_at_its_card(name: str) -> None:
     assert len(problems) == len(expected), [str(problem) for problem in problems]
     for problem, one in zip(problems, expected, strict=True):
         one.check(problem)
+
+
+def problems_of(spec: CardSpec, *cards: str) -> dict[str, str]:
+    """Return the problems of the last of some cards: what stands in the columns that they name, by message."""
+    problems = musat.check_deck(deck(lines=[*cards, "END"]))[1]
+    return {
+        one.message: one.text[one.columns[0] - 1 : one.columns[1]].strip()
+        for one in problems
+        if one.line == len(cards) and one.card == spec.mnemonic and one.columns
+    }
+
+
+def cells(spec: CardSpec, name: str) -> list[str]:
+    """Return what the sample of a card says of an attribute, by its fields."""
+    fields = [one for one in spec.fields if re.fullmatch(rf"\w+\.{name}(\[\d\])?", one.target)]
+    return [spec.sample[one.first - 1 : one.last].strip() for one in fields]
+
+
+CARDS = card_family().cards.values()
+
+
+@pytest.mark.parametrize("spec", [one for one in CARDS if one.once], ids=lambda spec: spec.mnemonic)
+def test_what_a_card_gives_is_told_where_it_is_given_again(spec: CardSpec) -> None:
+    found = problems_of(spec, spec.sample, spec.sample)
+    for names, message in spec.once:
+        values = [cell for name in names.split() for cell in cells(spec, name)]
+        where = found[f"{message.format(*values)} on line 1"]
+        assert where.split() == cells(spec, names.split()[-1])
+
+
+@pytest.mark.parametrize("spec", [one for one in CARDS if one.two_ends], ids=lambda spec: spec.mnemonic)
+def test_two_ends_of_one_name_are_told(spec: CardSpec) -> None:
+    name, message = spec.two_ends
+    first, second = cells(spec, name)
+    assert problems_of(spec, spec.sample.replace(f" {second} ", f" {first} ", 1))[message].split() == [first, first]
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.find.__name__)

@@ -88,15 +88,6 @@ def assert_same(one: object, other: object, written: dict[str, list[Slot]], name
         np.testing.assert_array_equal(one, other, err_msg=name)
 
 
-@pytest.mark.parametrize("system", SYSTEMS)
-def test_a_good_block_of_each_system_is_read_back(system: CoordinateSystem) -> None:
-    block = in_system(system)
-    data = musat.deck_bytes(block)
-    again = musat.read_deck(data)
-    assert musat.deck_bytes(again) == data
-    assert_same(block, again, slots_of(block))
-
-
 def with_one_camera(block: model.Block) -> model.Block:
     """Return the block with its first camera in the place of all."""
     cameras = replace(
