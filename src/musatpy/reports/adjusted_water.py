@@ -156,8 +156,15 @@ def sections(statistics: Statistics) -> list[Section]:
     sections = [
         *([CORRECTIONS.section(statistics, note, worst=())] if len(water.correction) else []),
         *([Section(title=SURFACE.title, lines=lines)] if lines else []),
-        *([] if water.waves is None else _waves(water.waves)),
     ]
+    if (waves := water.waves) is not None:
+        note = (
+            "As on the cards, heights are from trough to crest, directions clockwise from true north, and crests "
+            "count from the origin of the waves at time 0. A parameter is determined where its sigma is at most "
+            "half of that given, and not where it keeps 0.95 of it."
+        )
+        sections += [WAVES.section(waves), PARAMETERS_OF_WAVES.section(waves, note)]
+        sections.append(CORRELATIONS.section(waves, worst=()))
     if (solution := statistics.solution).considered is not None:
         note = (
             "Their errors are not adjusted: they are in the sigmas of stations, points and depths, and the tests "
@@ -209,15 +216,6 @@ def _surface(content: Content) -> dict[str, Sequence[float | None]]:
 
 SURFACE = Labels("Water: Surface And Index", _surface)
 STATED = (CORRECTIONS, SURFACE, CONSIDERED, WAVES, PARAMETERS_OF_WAVES, CORRELATIONS)
-
-
-def _waves(waves: AdjustedWaves) -> list[Section]:
-    note = (
-        "As on the cards, heights are from trough to crest, directions clockwise from true north, and crests count "
-        "from the origin of the waves at time 0. A parameter is determined where its sigma is at most half of that "
-        "given, and not where it keeps 0.95 of it."
-    )
-    return [WAVES.section(waves), PARAMETERS_OF_WAVES.section(waves, note), CORRELATIONS.section(waves, worst=())]
 
 
 def _lines(statistics: Statistics, water: AdjustedWater) -> dict[str, str]:

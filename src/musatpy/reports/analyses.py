@@ -187,9 +187,8 @@ def brief(statistics: Statistics) -> list[Section]:
     return [*_analyses(statistics), BY_PHOTO.section(statistics)]
 
 
-def _analyses(statistics: Statistics) -> Iterator[Section]:
-    for number, report in enumerate(REPORTS):
-        yield analysis_section(report, statistics, new_page=number == 0)
+def _analyses(statistics: Statistics) -> list[Section]:
+    return [analysis_section(report, statistics, new_page=report is REPORTS[0]) for report in REPORTS]
 
 
 def analysis_section(report: Report[Statistics], statistics: Statistics, *, new_page: bool = False) -> Section:

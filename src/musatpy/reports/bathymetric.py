@@ -19,12 +19,8 @@ from musatpy.statistics.gates import FLAGS as TITLE
 from musatpy.statistics.gates import squares_choose
 
 _WIDTH = 18
+_GIVES = {kind: kind.name.lower() for kind in ControlKind if kind != NOT_GIVEN}
 _HEADINGS = ("No Refraction", "Predicted", "Refraction")
-
-
-def _given_heights(statistics: Statistics) -> list[str | None]:
-    kinds = statistics.sounding_kinds.tolist()
-    return [None if kind == NOT_GIVEN else ControlKind(kind).name.lower() for kind in kinds]
 
 
 BATHYMETRIC = Rows[Statistics, Statistics](
@@ -53,8 +49,9 @@ BATHYMETRIC = Rows[Statistics, Statistics](
         Field("depth_sigma", "number?", "of the depth", "solution.bathymetric.depth_sigma", "Sigma\nm", "F9.3"),
         Field("height", "number?", "of the adjusted point: water level minus depth", "solution.bathymetric.height",
               "Height\nm", "F9.3"),
-        Field("control", "string?", "kind of control that gives its height; null where none does", _given_heights,
-              "Ctrl", "A4", choices=("full", "vertical", "check"),
+        Field("control", "string?", "kind of control that gives its height; null where none does",
+              lambda s: [_GIVES.get(kind) for kind in s.sounding_kinds.tolist()], "Ctrl", "A4",
+              choices=("full", "vertical", "check"),
               words={"full": "F", "vertical": "V", "check": "C", None: ""}),
         Field("residual", "number?", "adjusted minus given depth", "sounding_residuals", "Residual\nm", "F8.3"),
     ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from operator import attrgetter
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from musatpy.statistics import Statistics
 from musatpy.statistics.quality import BETA, CommonErrors
 from musatpy.statistics.verdict import COMMON_ERRORS
 
+_errors = attrgetter("common_errors")
 MOVED = ("station", "point", "depth")  # what an error moves
 
 
@@ -24,13 +26,6 @@ def _moved_names(statistics: Statistics, kind: int) -> list[str]:
     ids = statistics.block.photos.ids if kind == 0 else statistics.block.points.ids
     rows: IntArray = _errors(statistics).held.moved[:, kind]
     return [str(ids[row]) if row >= 0 else "" for row in rows.tolist()]
-
-
-def _errors(statistics: Statistics) -> CommonErrors:
-    errors = statistics.common_errors
-    if errors is None:
-        raise ValueError("the solution says nothing of the parameters that it holds")
-    return errors
 
 
 def _moves(kind: int) -> tuple[Field[Statistics], ...]:

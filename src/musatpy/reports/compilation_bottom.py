@@ -24,7 +24,7 @@ Level = tuple[str, float, bool, int, float, float]
 
 SURFACES: Each[Compilation, tuple[str, Surface, Bottom]] = Each(
     "surfaces", "one row per surface of models that overlap, where depths or heights were asked for",
-    of=lambda c: _numbered(c), fields=(
+    of=lambda c: [(name, surface, bottom) for bottom in c.bottoms for name, surface in bottom.named], fields=(
         Field("surface", "string", "number, behind an H of heights", lambda s: s[0], "Surface", "A7", is_id=True),
         Field("of", "enum", "what it has at its points", lambda s: s[2].of, "Of", "A6",
               choices=("depth", "height")),
@@ -111,10 +111,6 @@ HEIGHT_CONTOURS: Each[Compilation, Level] = Each(
 RECORD = (SURFACES, EDGES, CONTOURS, HEIGHT_CONTOURS, GRIDS)
 
 
-def _numbered(done: Compilation) -> list[tuple[str, Surface, Bottom]]:
-    return [(name, surface, bottom) for bottom in done.bottoms for name, surface in bottom.named]
-
-
 def _value(surface: Surface, of: Any) -> float:
     return np.nan if surface.tin is None else float(of(surface.tin.z))
 
@@ -149,7 +145,8 @@ def sections_of(done: Compilation) -> list[Section]:
     """Return the tables; nothing of what was not asked for."""
     if not done.bottoms:
         return []
-    names = (f"{name}: models {', '.join(surface.models)}" for name, surface, _ in _numbered(done))
+    named = (pair for bottom in done.bottoms for pair in bottom.named)
+    names = (f"{name}: models {', '.join(surface.models)}" for name, surface in named)
     return [
         SURFACE_TABLE.section(done, new_page=True),
         Section(title="Surfaces And Their Models", lines=wrapped(names)),

@@ -183,15 +183,12 @@ def report_of(spec: CardSpec, unit: AngleUnit = AngleUnit.DMS, *, readings: bool
 
 def _record_of(table: str) -> Rows[Any, Any] | Group[Any, Any] | None:
     """Return what the record has of a table of the model, None where that is something else."""
-    home = job_record.called(f"{table}.")[0]
     if table == "wave_origin":
         return Group(table, "", (WAVE_ORIGIN,))
-    if table == "water_conditions":
-        return job_record.part(table, home, same)
-    kind = parts_of_block().get(table)
-    if kind is None or table == "equal_elevations":  # whose rows are groups
+    if table == "equal_elevations" or table not in ("water_conditions", *parts_of_block()):  # rows are groups
         return None
-    return job_record.table(table, home, same) if issubclass(kind, Table) else job_record.part(table, home, same)
+    stated = job_record.table if issubclass(mapping.TABLES[table], Table) else job_record.part
+    return stated(table, job_record.called(f"{table}.")[0], same)
 
 
 def card(mnemonic: str) -> Report[Any]:
@@ -243,10 +240,6 @@ def _called(slot: mapping.Slot) -> str:
     return "wave_origin" if slot.path == "wave_origin.position" else job_record.called(slot.path)[1]
 
 
-def _all_reports() -> tuple[Report[Any], ...]:
-    cards = [spec for spec in card_family().cards.values() if _is_echoed(spec)]
-    readings = [report_of(spec, readings=True) for spec in cards if _table(spec) in _READ]
-    return (*map(report_of, cards), *readings, REFINED)
-
-
-STATED = (*_all_reports(), SEA)
+_ECHOED = [spec for spec in card_family().cards.values() if _is_echoed(spec)]
+_READINGS_OF = [report_of(spec, readings=True) for spec in _ECHOED if _table(spec) in _READ]
+STATED = (*map(report_of, _ECHOED), *_READINGS_OF, REFINED, SEA)

@@ -120,11 +120,8 @@ def _images(about: About, axes: tuple[str, ...]) -> Iterator[str]:
     more = len(about.images.point) - len(rows)
     yield from ("", f"Images{f', the worst first, and {more} more' if more else ''}", "")
     images = about.images
-    of_submerged: list[tuple[str, str, Any]] = []
-    if images.submerged.any():
-        of_submerged = [("Refr.\num", "F6.1", images.refraction), ("Water\nm", "F7.3", images.tide)][
-            : 1 + (not about.is_photo)
-        ]
+    of_water = [("Refr.\num", "F6.1", images.refraction), ("Water\nm", "F7.3", images.tide)]
+    shown = (1 if about.is_photo else 2) if images.submerged.any() else 0
     columns = (
         ("Point", "A8", images.point) if about.is_photo else ("Photo", "A8", images.photo),
         ("", "A2", _flags(images)),
@@ -134,7 +131,7 @@ def _images(about: About, axes: tuple[str, ...]) -> Iterator[str]:
         (("Det x\num", "Det y\num"), "F6.1", images.detectable),
         ("Moves\nm", "F7.3", images.hidden),
         (_without_heads(axes), "F7.3", images.change),
-        *of_submerged,
+        *of_water[:shown],
     )
     yield from sheet(*((heading, edit, values[rows]) for heading, edit, values in columns)).text()
 

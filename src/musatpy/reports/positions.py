@@ -76,11 +76,6 @@ ATTITUDES = Report(
 )
 
 
-def _reasons(statistics: Statistics) -> list[str | None]:
-    reasons = statistics.solution.points.reasons
-    return [reasons.get(row) for row in range(len(statistics.block.points.ids))]
-
-
 POINTS = Rows[Statistics, Statistics](
     "points", "one row per ground point", (
         identity("point", "block.points.ids"),
@@ -90,8 +85,9 @@ POINTS = Rows[Statistics, Statistics](
         Field("status", "string", "what became of it", lambda s: names(PointStatus, s.solution.points.status),
               "Status", "A14", choices=("triangulated", "intersected", "not_determined"),
               words={"not_determined": "not determined"}),
-        Field("reason", "string?", "why it has no position, or took no part", _reasons, "Reason", "A80",
-              words={None: "no reason given"}),
+        Field("reason", "string?", "why it has no position, or took no part",
+              lambda s: [s.solution.points.reasons.get(row) for row in range(len(s.block.points.ids))], "Reason",
+              "A80", words={None: "no reason given"}),
         Field("rays", "integer", "plate measurements used for the position", "solution.points.rays", "Rays", "I4"),
         Field("position", "3 number?", "adjusted", "solution.points.position", position(3), unit=POSITION_UNIT),
         Field("sigma", "3 number?", f"a posteriori, {ENU}", "point_sigmas", along_axes("Sigma ")),

@@ -25,7 +25,7 @@ from musatpy.reports import job_record
 from musatpy.reports.editing import edited, number_text
 from musatpy.reports.fields import Each, Field, Group, Rows, flag, identity, of_job
 from musatpy.reports.pages import Section, labelled, wrapped
-from musatpy.reports.table import Content, Labels, Report, numbers_at
+from musatpy.reports.table import Labels, Report, numbers_at
 from musatpy.statistics import Statistics
 from musatpy.units import ARC_SECOND, MICROMETRE
 
@@ -226,13 +226,12 @@ def _limit(um: float) -> str:
 
 def _largest(reduced: Reduced) -> dict[str, str]:
     """Return the largest displacement of the job by each step that displaces."""
-    lines = {}
-    for name, what in DISPLACING.items():
-        largest = reduced.largest(name)
-        if largest is not None:
-            photo, moved = largest
-            lines[f"Largest displacement, {what}"] = f"{_given(moved / MICROMETRE, 'um')} on photo {photo}"
-    return lines
+    largest = {what: reduced.largest(name) for name, what in DISPLACING.items()}
+    return {
+        f"Largest displacement, {what}": f"{_given(found[1] / MICROMETRE, 'um')} on photo {found[0]}"
+        for what, found in largest.items()
+        if found is not None
+    }
 
 
 def _parameters(reduced: Reduced) -> Iterator[tuple[str, ...]]:
@@ -317,14 +316,11 @@ PARAMETERS: Report[Sequence[tuple[str, ...]]] = Report(
 SPREADS = _table("Repeated Readings", "spreads", "of", "freedom", "sigma", "probability", "largest", "unlikely")
 
 
-def _labels(content: Content) -> dict[str, Sequence[float | None]]:
-    """Return the numbers of the options by their labels, as a record has them."""
-    options = "reduction.options"
-    return {
-        "Limit of residuals of marks": numbers_at(content, f"{options}.residual_limit", unit=MICROMETRE),
-        "Mean height of the ground": numbers_at(content, f"{options}.ground_height"),
-    }
-
-
-OPTIONS = Labels(_TITLE, _labels)
+OPTIONS = Labels(
+    _TITLE,
+    lambda r: {
+        "Limit of residuals of marks": numbers_at(r, "reduction.options.residual_limit", unit=MICROMETRE),
+        "Mean height of the ground": numbers_at(r, "reduction.options.ground_height"),
+    },
+)
 STATED = (OPTIONS, PLATES, MARKS, DISTANCES, PARAMETERS, SPREADS)

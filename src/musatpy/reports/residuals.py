@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -55,16 +56,12 @@ class _Observed:
         return list(out.tolist())
 
 
-def _observed(statistics: Statistics) -> _Observed | None:
-    observed = statistics.solution.observed
-    return None if observed is None else _Observed(statistics, np.arange(len(observed.kind)))
-
-
-def _besides_images(statistics: Statistics) -> _Observed | None:
+def _observed(statistics: Statistics, *, besides_images: bool = False) -> _Observed | None:
     observed = statistics.solution.observed
     if observed is None:
         return None
-    return _Observed(statistics, np.flatnonzero(observed.kind != ObservationKind.PLATE))
+    is_image = observed.kind == ObservationKind.PLATE
+    return _Observed(statistics, np.flatnonzero(~(is_image & besides_images)))
 
 
 def _kinds(some: _Observed) -> TextArray:
@@ -147,7 +144,9 @@ OBSERVATIONS = Rows[Statistics, _Observed](
 )  # fmt: skip
 # As files have them: those of images stand in the table of plates.
 BESIDES_IMAGES = replace(
-    OBSERVATIONS, text=f"{OBSERVATIONS.text}; those of images are in `plates`", of=_besides_images
+    OBSERVATIONS,
+    text=f"{OBSERVATIONS.text}; those of images are in `plates`",
+    of=partial(_observed, besides_images=True),
 )
 
 
