@@ -203,15 +203,17 @@ def laid_out(
     """Return an analysis as Table 6-1 has it, with the lines below its title that say which run it was."""
     units = t.get("unit", ["m"] * t.count)
     numbers = {label: np.where(t["size"] == 0, np.nan, t[name]) for label, name in ROWS}
-    rows = {"Sample Size": list(map(str, t["size"]))}
-    rows |= {
-        label: [edited(edits[unit], [value])[0] for unit, value in zip(units, values, strict=True)]
-        for label, values in numbers.items()
+    table = {
+        "": [_HEADINGS.get(name, name) for name in t["component"]],
+        "Sample Size": list(map(str, t["size"])),
+        **{
+            label: [edited(edits[unit], [value])[0] for unit, value in zip(units, values, strict=True)]
+            for label, values in numbers.items()
+        },
+        str(report.stated()[-1].heading): _maximum(t, edits),
     }
-    rows[str(report.stated()[-1].heading)] = _maximum(t, edits)
     title = "\n".join((report.title, *runs, *(["(Degrees, Minutes, Seconds)"] if "rad" in units else [])))
-    heads = [_HEADINGS.get(name, name) for name in t["component"]]
-    return _across(title, {"": heads}, rows, (_LABEL_WIDTH, _CELL_WIDTH), **layout)
+    return _across(title, table, (_LABEL_WIDTH, _CELL_WIDTH), **layout)
 
 
 def _frames(statistics: Statistics) -> Iterator[Section]:
@@ -221,35 +223,20 @@ def _frames(statistics: Statistics) -> Iterator[Section]:
     columns = FRAMES_ACROSS.side_by_side(values)
     texts = {str(column.heading): edited(str(column.edit), column.printed(values)) for column in columns}
     for first in range(0, len(statistics.block.photos.ids), _ACROSS):
-        (head, *rows) = ((label, cells[first : first + _ACROSS]) for label, cells in texts.items())
+        table = {label: texts_of[first : first + _ACROSS] for label, texts_of in texts.items()}
         cells = (lambda: BY_PHOTO.cells(statistics)) if first == 0 else None
-        yield _across(title, dict([head]), dict(rows), (38, 9), values=cells, new_page=first == 0)
+        yield _across(title, table, (38, 9), values=cells, new_page=first == 0)
 
 
-def _across(
-    title: str,
-    head: Mapping[str, Sequence[str]],
-    rows: Mapping[str, Sequence[str]],
-    widths: tuple[int, int],
-    **layout: Any,
-) -> Section:
-    """Return a table whose rows are led by labels, below heads that stand between rules."""
-
-    def lines(texts: Mapping[str, Sequence[str]]) -> list[str]:
-        return [
-            (label.ljust(widths[0]) + "".join(cell.strip().rjust(widths[1]) for cell in cells)).rstrip()
-            for label, cells in texts.items()
-        ]
-
-    (heads,) = head.values()
-    width = widths[0] + widths[1] * len(heads)
-    return Section(
-        title=title,
-        head=["=" * width, *lines(head), "-" * width],
-        lines=[*lines(rows), "=" * width],
-        together=True,
-        **layout,
-    )
+def _across(title: str, table: Mapping[str, Sequence[str]], widths: tuple[int, int], **layout: Any) -> Section:
+    """Return a table whose rows are led by labels; the first, its heads, stands between rules."""
+    heads, *rows = [
+        (label.ljust(widths[0]) + "".join(cell.strip().rjust(widths[1]) for cell in cells)).rstrip()
+        for label, cells in table.items()
+    ]
+    width = widths[0] + widths[1] * len(next(iter(table.values())))
+    head = ["=" * width, heads, "-" * width]
+    return Section(title=title, head=head, lines=[*rows, "=" * width], together=True, **layout)
 
 
 def run_titles(block: Block) -> tuple[str, str]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -166,11 +167,7 @@ def place_sigma_columns(said: Said, local: str) -> Columns:
 def turn_columns(said: Said) -> Columns:
     """Return the columns of photos with their attitudes and sigmas: a line for each, three of matrices."""
     angles, of_system = _NAMES.get(said["angles"]), said["sigmas"] == "SYST"
-
-    def sigmas(t: Values) -> FloatArray:
-        values: FloatArray = sigmas_of(t["covariance"])[:, 3:] if of_system else t["attitude_sigma"]
-        return values
-
+    sigmas = (lambda t: sigmas_of(t["covariance"])[:, 3:]) if of_system else itemgetter("attitude_sigma")
     if angles is None:
         axes = ("First axis", "Second axis", "Third axis")
         return (
