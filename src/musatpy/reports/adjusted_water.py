@@ -10,6 +10,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.model import AdjustedWater, AdjustedWaves, ConsideredWater, WaterPrecision
 from musatpy.model.solution import WAVE_VALUES
+from musatpy.reports import echo
 from musatpy.reports.editing import number_text
 from musatpy.reports.fields import Field, Group, Rows
 from musatpy.reports.pages import Section, labelled, wrapped
@@ -28,12 +29,10 @@ _WAVES = Rows[AdjustedWaves, AdjustedWaves](
         Field("period", "number?", "length over speed; null where the wave stands still",
               lambda w: np.where(np.isinf(w.period), np.nan, w.period), "Period\ns", "F8.3"),
         Field("speed", "number", "of the crests", heading="Speed\nm/s", edit="F8.3"),
-        Field("height", "number", "from trough to crest", lambda w: w.value[:, 0], "Height\nm", "F8.3"),
+        echo.WAVES.column("height", values=lambda w: w.value[:, 0]),
         Field("length", "number", "from crest to crest", lambda w: w.value[:, 1], "Length\nm", "F9.3"),
-        Field("azimuth", "number", "direction it runs to, clockwise from true north (+Y in LOCL jobs)",
-              lambda w: w.value[:, 2], "Towards\ndegrees", "F9.3"),
-        Field("crest", "number", "distance from the origin, in that direction, of a crest at time 0",
-              lambda w: w.value[:, 3], "Crest\nm", "F10.3"),
+        echo.WAVES.column("azimuth", values=lambda w: w.value[:, 2]),
+        echo.WAVES.column("crest", values=lambda w: w.value[:, 3]),
         Field("crests_open", "number",
               "part of a length (1 sigma) that what was given leaves open of its crests, at the typical distance "
               "of the points from the origin", "open"),

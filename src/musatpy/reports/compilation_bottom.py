@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
-from musatpy.reports.compilation_points import Compilation
+from musatpy.reports.compilation_points import Compilation, extremes
 from musatpy.reports.fields import Each, Field, flag, identity
 from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report, filled
@@ -36,10 +35,7 @@ SURFACES: Each[Compilation, tuple[str, Surface, Bottom]] = Each(
               "I8"),
         Field("area", "number?", "in plan", lambda s: s[1].tin.area if s[1].tin else np.nan, "Area\nm2", "F14.1",
               unit="m2"),
-        Field("least", "number?", "depth below the datum, or height", lambda s: _value(s[1], np.min), "Least\nm",
-              "F9.3"),
-        Field("greatest", "number?", "depth below the datum, or height", lambda s: _value(s[1], np.max),
-              "Greatest\nm", "F9.3"),
+        *extremes(lambda s: s[1].tin.z if s[1].tin else np.zeros(0), "depth below the datum, or height", noun=""),
         Field("dropped", "integer", "pieces of contours that were too short", lambda s: s[2].dropped(s[1]),
               "Dropped", "I7"),
         Field("reason", "string", "why there is no surface; empty where there is", lambda s: s[1].reason,
@@ -70,17 +66,15 @@ GRIDS: Each[Compilation, PostGrid] = Each(
         Field("spacing", "number", "of the posts", heading="Spacing\nm", edit="F9.2"),
         Field("posts", "2 integer", "rows and columns", "depth.shape", ("Rows", "Columns"), "I7"),
         Field("empty", "integer", "posts without a surface", heading="Empty", edit="I9"),
-        Field("least", "number?", "depth below the datum", lambda g: _least(g.depth, np.nanmin), "Least depth\nm",
-              "F11.3"),
-        Field("greatest", "number?", "depth below the datum", lambda g: _least(g.depth, np.nanmax),
-              "Greatest depth\nm", "F14.3"),
+        *extremes(lambda g: g.depth),
         Field("collocated", "boolean", "predicted, not read off triangles", lambda g: g.validation is not None),
         Field("left_out_rms", "number?", "of points that were left out and predicted; null of triangles",
               lambda g: g.validation.rms if g.validation else np.nan, "RMS\nm", "F8.3"),
         Field("left_out_test", "number?", "the same over their sigmas: 1 where these are honest",
               lambda g: g.validation.standardised_rms if g.validation else np.nan, "over sigma", "F10.2"),
-        Field("mean_sigma", "number?", "of the posts", lambda g: _least(g.sigma, np.nanmean),
-              "Mean sigma of posts\nm", "F19.3"),
+        Field("mean_sigma", "number?", "of the posts",
+              lambda g: np.nanmean(g.sigma) if np.isfinite(g.sigma).any() else np.nan, "Mean sigma of posts\nm",
+              "F19.3"),
     ),
 )  # fmt: skip
 _DRAWN: tuple[Field[Level], ...] = (
@@ -109,14 +103,6 @@ HEIGHT_CONTOURS: Each[Compilation, Level] = Each(
     ),
 )  # fmt: skip
 RECORD = (SURFACES, EDGES, CONTOURS, HEIGHT_CONTOURS, GRIDS)
-
-
-def _value(surface: Surface, of: Any) -> float:
-    return np.nan if surface.tin is None else float(of(surface.tin.z))
-
-
-def _least(depth: FloatArray, of: Any) -> float:
-    return float(of(depth)) if np.isfinite(depth).any() else np.nan
 
 
 def _levels(done: Compilation, of: str) -> list[Level]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,6 +45,21 @@ class Compilation:
     scans: Sequence[ProfileScan] = ()
     bottoms: Sequence[Bottom] = ()
     set_up: Sequence[ModelSetUp] = ()  # the models, where they are set up alone
+
+
+def extremes(
+    values: Callable[[Any], FloatArray], text: str = "depth below the datum", noun: str = " depth"
+) -> list[Field[Any]]:
+    """Return the least and the greatest of the values (m) of a row; null where it has none."""
+
+    def extreme(of: Callable[[FloatArray], float], row: Any) -> float:
+        known = values(row)[np.isfinite(values(row))]
+        return float(of(known)) if len(known) else np.nan
+
+    return [
+        Field(name, "number?", text, partial(extreme, of), f"{name.capitalize()}{noun}\nm", "F9.3")
+        for name, of in (("least", np.min), ("greatest", np.max))
+    ]
 
 
 POINTS: Rows[Compilation, Compiled] = Rows(
@@ -145,10 +161,7 @@ PROFILES: Each[Compilation, CompiledProfile] = Each(
         Field("needed", "integer", "readings that thinning keeps", lambda p: _number(p, "kept"), "Needed", "I6"),
         Field("length", "number?", "from the first to the last reading",
               lambda p: float(np.ptp(p.profile.station)) if p.profile else np.nan, "Length\nm", "F10.2"),
-        Field("least", "number?", "depth below the datum", lambda p: _of_values(p, np.min), "Least depth\nm",
-              "F11.3"),
-        Field("greatest", "number?", "depth below the datum", lambda p: _of_values(p, np.max), "Greatest depth\nm",
-              "F14.3"),
+        *extremes(lambda p: p.profile.value[~p.profile.spike] if p.profile else np.zeros(0)),
         Field("timed", "integer", "readings with a time", lambda p: int(np.isfinite(p.time).sum()), "Timed", "I6"),
         Field("duration", "number?", "from the first time to the last", lambda p: p.pace[0], "Time\ns", "F9.2"),
         Field("speed", "number?", "mean, of the faster stage", lambda p: p.pace[1], "Mean speed\nmm/s", "F10.3",
@@ -175,11 +188,6 @@ SCANS: Each[Compilation, ProfileScan] = Each(
 
 def _number(part: CompiledProfile, name: str) -> int:
     return 0 if part.profile is None else int(getattr(part.profile, name).sum())
-
-
-def _of_values(part: CompiledProfile, of: Any) -> float:
-    values = np.zeros(0) if part.profile is None else part.profile.value[~part.profile.spike]
-    return float(of(values)) if len(values) else np.nan
 
 
 PROFILE_TABLE = Report(

@@ -116,22 +116,18 @@ HEIGHT_DIFFERENCES = _between(
     "height_differences", "one row per measured height difference, second point minus first", "points",
     "difference", _K.HEIGHT_DIFFERENCE,
 )  # fmt: skip
-# What is measured between two photos or points: title, table of the record, its ends, what it is.
-BETWEEN = (
-    ("Air Bases", AIR_BASES, "photos", "length"),
-    ("Distances", DISTANCES, "points", "length"),
-    ("Height Differences", HEIGHT_DIFFERENCES, "points", "difference"),
-)
 _COUNT: Field[Statistics] = Field(
     "count", heading="Points", edit="I6", shown=lambda t: [len(points) for points in t["points"]]
 )
 
 
-def _adjusted(title: str, table: Table, ends: str, what: str) -> Report[Statistics]:
+def _adjusted(title: str, table: Table) -> Report[Statistics]:
+    """Return what was measured between two photos or points, beside what is adjusted."""
+    ends, given, _, what = (field.name for field in table.fields)
     change: Field[Statistics] = Field(
-        "change", heading="Adjusted minus given\nm", edit="F10.4", shown=lambda t: t[what] - t[f"given_{what}"]
+        "change", heading="Adjusted minus given\nm", edit="F10.4", shown=lambda t: t[what] - t[given]
     )
-    return Report(title, table, (ends, f"given_{what}", what, change, "given_sigma"))
+    return Report(title, table, (ends, given, what, change, "given_sigma"))
 
 
 CONSTRAINTS: tuple[Report[Statistics], ...] = (
@@ -142,7 +138,9 @@ CONSTRAINTS: tuple[Report[Statistics], ...] = (
         "group points difference given_sigma",
         expand=("points", "difference"),
     ),
-    *(_adjusted(*kind) for kind in BETWEEN),
+    _adjusted("Air Bases", AIR_BASES),
+    _adjusted("Distances", DISTANCES),
+    _adjusted("Height Differences", HEIGHT_DIFFERENCES),
 )
 STATED = (RESIDUALS, DIFFERENCES, CHECK_POINTS, *CONSTRAINTS)
 
