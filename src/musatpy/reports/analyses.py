@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.model import Block, Refraction
 from musatpy.reports.editing import edited, prints_as_zero
-from musatpy.reports.fields import Each, Field, Group, Rows, identity, within
+from musatpy.reports.fields import Each, Field, Group, Rows, identity, unrecorded, within
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values
@@ -136,7 +136,7 @@ def _by_kind(kind: int, name: str) -> Iterator[Field[Statistics]]:
 
 def _rms(label: str, kind: int, axis: int) -> Field[Statistics]:
     """Return a row of Table 6-4; MUSAT printed .000 for a frame without points of the kind."""
-    return Field(label, heading=label, edit=_RMS, shown=lambda t: np.nan_to_num(t["rms"][:, kind, axis]))
+    return unrecorded(label, _RMS, lambda t: np.nan_to_num(t["rms"][:, kind, axis]))
 
 
 def _stars(label: str, kind: int) -> Field[Statistics]:
@@ -146,7 +146,7 @@ def _stars(label: str, kind: int) -> Field[Statistics]:
         rows = zip(t["photo"], t["largest"][:, kind], np.nan_to_num(t["rms"][:, kind]).max(axis=1), strict=True)
         return ["****" if photo == most and not prints_as_zero(_RMS, rms) else "" for photo, most, rms in rows]
 
-    return Field(label, heading=label, edit="A4", shown=shown)
+    return unrecorded(label, "A4", shown)
 
 
 BY_PHOTO = Report(

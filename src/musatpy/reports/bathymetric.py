@@ -19,7 +19,7 @@ from musatpy.statistics.gates import FLAGS as TITLE
 from musatpy.statistics.gates import squares_choose
 
 _WIDTH = 18
-_GIVES = {kind: kind.name.lower() for kind in ControlKind if kind != NOT_GIVEN}
+_GIVES = {kind: kind.name.lower() for kind in ControlKind}
 _HEADINGS = ("No Refraction", "Predicted", "Refraction")
 
 

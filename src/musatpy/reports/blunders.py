@@ -10,7 +10,7 @@ import numpy as np
 
 from musatpy.model import Cause, Editing, Finding, Solution
 from musatpy.reports.editing import printed_unit
-from musatpy.reports.fields import Each, Field
+from musatpy.reports.fields import Each, Field, unrecorded
 from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report
 from musatpy.statistics import Statistics
@@ -87,10 +87,8 @@ def _findings(statistics: Statistics, unit: str) -> Section:
 
     def component(axis: int) -> Field[Statistics]:
         heading = f"Size\n{unit}"
-        size = [_at(findings[row].size, axis) for row in rows]
-        return Field(
-            "size", heading=heading, edit=_EDITS[unit], shown=lambda t: np.array(size) * printed_unit(heading)
-        )
+        size = np.array([_at(findings[row].size, axis) for row in rows])
+        return unrecorded(heading, _EDITS[unit], lambda t: size * printed_unit(heading))
 
     numbers = [notes.get(findings[row].note, "") for row in rows]
     report = Report(
@@ -101,7 +99,7 @@ def _findings(statistics: Statistics, unit: str) -> Section:
             FINDINGS.column("test", "Test\nvalue", "F9.1"),
             *(component(axis) for axis in range(max(len(findings[row].size) for row in rows))),
             "action",
-            Field("note", heading="Note", edit="A4", shown=lambda t: numbers),
+            unrecorded("Note", "A4", lambda t: numbers),
         ),
         which=lambda t: np.array(rows),
     )
@@ -125,7 +123,7 @@ def _causes(statistics: Statistics) -> list[Section]:
 
     def each(heading: str, edit: str, value: Callable[[Cause, int], Any]) -> Field[Statistics]:
         values = [value(cause, axis) for cause, axis in zip(causes, largest, strict=True)]
-        return Field(heading, heading=heading, edit=edit, shown=lambda t: values)
+        return unrecorded(heading, edit, lambda t: values)
 
     columns = (
         "group rank cause",

@@ -12,7 +12,7 @@ from musatpy.model import ControlKind, ObservationKind
 from musatpy.model.tables import POSITION_UNIT
 from musatpy.reports.analyses import CHECK_POINTS, analysis_section
 from musatpy.reports.editing import along_axes
-from musatpy.reports.fields import ENU, Field, Rows, flag, identity
+from musatpy.reports.fields import ENU, Field, Rows, flag, identity, unrecorded
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report, filled, worst_first
 from musatpy.reports.values import names, plain
@@ -50,7 +50,7 @@ RESIDUALS = Report(
         "point kind fixed",
         CONTROL.column("difference", shown=lambda t: np.where(t["used"], t["difference"], np.nan)),
         "given_sigma test",
-        Field("fails", heading="Fails", edit="A5", shown=lambda t: _stars(t["test"])),
+        unrecorded("Fails", "A5", lambda t: _stars(t["test"])),
     ),
     which=lambda t: np.flatnonzero(t["kind"] != "check"),
     worst=lambda t: np.nan_to_num(np.abs(t["test"]), nan=-1.0).max(axis=1),
@@ -116,17 +116,13 @@ HEIGHT_DIFFERENCES = _between(
     "height_differences", "one row per measured height difference, second point minus first", "points",
     "difference", _K.HEIGHT_DIFFERENCE,
 )  # fmt: skip
-_COUNT: Field[Statistics] = Field(
-    "count", heading="Points", edit="I6", shown=lambda t: [len(points) for points in t["points"]]
-)
+_COUNT = unrecorded("Points", "I6", lambda t: [len(points) for points in t["points"]])
 
 
 def _adjusted(title: str, table: Table) -> Report[Statistics]:
     """Return what was measured between two photos or points, beside what is adjusted."""
     ends, given, _, what = (field.name for field in table.fields)
-    change: Field[Statistics] = Field(
-        "change", heading="Adjusted minus given\nm", edit="F10.4", shown=lambda t: t[what] - t[given]
-    )
+    change = unrecorded("Adjusted minus given\nm", "F10.4", lambda t: t[what] - t[given])
     return Report(title, table, (ends, given, what, change, "given_sigma"))
 
 

@@ -288,20 +288,15 @@ PLATES = _table(
     "Plates",
     "",
     of_job("Marks", "I5", lambda r: [plate.used for plate in r.plates]),
-    "missing",
-    "rms",
-    "sigma0",
-    "freedom",
+    "missing rms sigma0 freedom",
     _moved("Largest:\nfilm um", "reseau"),
     _moved("\nlens um", "lens"),
     _moved("\nrefr. um", "refraction"),
     _moved("\ncurv. um", "curvature"),
     "reason",
 )
-MARKS = _table(
-    "Residuals Of Fiducial Marks: Transformed Minus Calibrated", "marks", "mark", "residual", "normalized"
-)
-DISTANCES = _table("Residuals Of Distances Between Marks", "distances", "marks", "residual")
+MARKS = _table("Residuals Of Fiducial Marks: Transformed Minus Calibrated", "marks", "mark residual normalized")
+DISTANCES = _table("Residuals Of Distances Between Marks", "distances", "marks residual")
 PARAMETERS: Report[Sequence[tuple[str, ...]]] = Report(
     title=f"{_TITLE}: Steps And Parameters",
     columns=(
@@ -313,7 +308,7 @@ PARAMETERS: Report[Sequence[tuple[str, ...]]] = Report(
         of_job("Unit", "A14", partial(map, itemgetter(5))),
     ),
 )
-SPREADS = _table("Repeated Readings", "spreads", "of", "freedom", "sigma", "probability", "largest", "unlikely")
+SPREADS = _table("Repeated Readings", "spreads", "of freedom sigma probability largest unlikely")
 
 
 OPTIONS = Labels(

@@ -11,7 +11,7 @@ import numpy as np
 from musatpy import image_observations
 from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.model import ObservationKind
-from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows, identity, of_job
+from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows, identity, of_job, unrecorded
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
 from musatpy.reports.values import Json, Values, names
@@ -98,9 +98,7 @@ def _owner_texts(t: Values) -> list[str]:
     return [" ".join(f"{name:<8}" for name in names) if len(names) > 1 else "".join(names) for names in owners]
 
 
-UNIT: Field[Statistics] = Field(
-    "unit", heading="Unit", edit="A4", shown=lambda t: [kind.unit for kind in _kinds_of(t)]
-)
+UNIT = unrecorded("Unit", "A4", lambda t: [kind.unit for kind in _kinds_of(t)])
 OBSERVATIONS = Rows[Statistics, _Observed](
     "observations",
     "one row per scalar observation of the solution; residuals and errors in the unit of what was observed: plate "
@@ -195,11 +193,10 @@ RESIDUALS = Report(
         PLATES.column("refraction", shown=_refraction),
         of_job("Bath", "A4", lambda s: s.block.points.letters[s.block.plates.point[s.plate_order]]),
         "triangulated",
-        Field(
-            "large",
-            heading="Large",
-            edit="A5",
-            shown=lambda t: np.where((np.abs(t["residual"]) > LARGE_RESIDUAL * t["sigma"]).any(axis=1), "*", ""),
+        unrecorded(
+            "Large",
+            "A5",
+            lambda t: np.where((np.abs(t["residual"]) > LARGE_RESIDUAL * t["sigma"]).any(axis=1), "*", ""),
         ),
     ),
     which=lambda t: t.source.plate_order if t.source else np.arange(t.count),
