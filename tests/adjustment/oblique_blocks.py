@@ -12,7 +12,7 @@ from musatpy import model
 from musatpy.model.tables import empty
 from musatpy.units import DEGREE
 from orientation.flights import fly, spread
-from reference.networks import project_all
+from reference.networks import project_all, turned
 from reference.rays import angles_of, rotation
 
 TIDE = 0.4  # m
@@ -121,11 +121,6 @@ def _reach(plan: Oblique) -> float:
     return float(plan.height * np.tan(plan.tilt))
 
 
-def _turned(rows: np.ndarray, heading: float) -> np.ndarray:
-    c, s = np.cos(heading), np.sin(heading)
-    return rows @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
 def _flight(plan: Oblique, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return stations (n, 3), and (n, 3, 3) the matrices of photos whose axes look to the left of the flight."""
     along = (np.arange(plan.photos) - 0.5 * (plan.photos - 1)) * plan.base * plan.height
@@ -141,13 +136,8 @@ def _flight(plan: Oblique, rng: np.random.Generator) -> tuple[np.ndarray, np.nda
         level = np.stack([x, np.cross(-axis, x), -axis])
         for station in stations:
             C.append(station + rng.normal(0.0, 20.0, 3))
-            M.append(_small(rng) @ level)
-    turn = _turned(np.eye(3), plan.heading)
-    return _turned(np.array(C), plan.heading), np.array(M) @ turn
-
-
-def _small(rng: np.random.Generator) -> np.ndarray:
-    return rotation(rng.normal(0.0, 1.5 * DEGREE, 3))
+            M.append(rotation(rng.normal(0.0, 1.5 * DEGREE, 3)) @ level)
+    return turned(np.array(C), plan.heading), np.array(M) @ turned(np.eye(3), plan.heading)
 
 
 def _ground(plan: Oblique, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -165,7 +155,7 @@ def _ground(plan: Oblique, rng: np.random.Generator) -> tuple[np.ndarray, np.nda
     if plan.submerged:
         wet[1::2] = True
         X[wet, 2] = -rng.uniform(1.0, 15.0, wet.sum())
-    return _turned(X, plan.heading), wet
+    return turned(X, plan.heading), wet
 
 
 def _measured(

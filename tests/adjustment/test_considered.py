@@ -83,17 +83,12 @@ def assert_sigmas(solution: Solution, joint: finite_difference_bundle.Joint) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["known", "levels of groups", "tilt", "index", "all by days"])
-def test_sigmas_of_the_simultaneous_adjustment_are_those_of_the_dense_bundle(name: str) -> None:
-    solution = adjust(sea_block(**WATER[name]))
-    assert solution.converged, solution.reason
-    assert_sigmas(solution, dense(solution))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("program", list(_PROGRAMS))
-def test_sigmas_of_musat2a_are_those_of_the_dense_bundle(program: str) -> None:
-    solution = adjust(with_options(without_ties(sea_block()), **_PROGRAMS[program]))
+@pytest.mark.parametrize("name", ["known", "levels of groups", "tilt", "index", "all by days", *_PROGRAMS])
+def test_sigmas_are_those_of_the_dense_bundle(name: str) -> None:
+    """Of IIIA with what is known of the water, and of both ways of IIA."""
+    iia = name in _PROGRAMS
+    block = with_options(without_ties(sea_block()), **_PROGRAMS[name]) if iia else sea_block(**WATER[name])
+    solution = adjust(block)
     assert solution.converged, solution.reason
     assert_sigmas(solution, dense(solution))
 

@@ -54,25 +54,10 @@ def dense_cofactors(solution: model.Solution, defect: int) -> tuple[np.ndarray, 
     block = solution.block
     network = dense_bundle.Network(block, refraction=True)
     stations, points = solution.stations, solution.points
-    start = dense_bundle.Start(
-        position=stations.position, attitude=in_given_frame(solution), points=points.position
-    )
+    assert block.options.system is model.CoordinateSystem.LOCAL  # where attitudes need no turning
+    start = dense_bundle.Start(position=stations.position, attitude=stations.attitude, points=points.position)
     J = network.jacobian(dense_bundle.starting_state(network, start))
-    scale = np.linalg.norm(J, axis=0)
-    values, vectors = np.linalg.eigh((J / scale).T @ (J / scale))
-    assert values[defect] > 1e4 * abs(values[defect - 1])  # the defect is what it should be
-    H = vectors[:, :defect] / scale[:, None]
-    Q = (vectors[:, defect:] / values[defect:]) @ vectors[:, defect:].T / np.outer(scale, scale)
-    E = H.copy()
-    E[: 6 * len(block.photos.ids)] = 0.0
-    S = np.eye(len(Q)) - H @ np.linalg.solve(E.T @ H, E.T)
-    return S @ Q @ S.T, network
-
-
-def in_given_frame(solution: model.Solution) -> np.ndarray:
-    """Attitudes of a local job need no turning."""
-    assert solution.block.options.system is model.CoordinateSystem.LOCAL
-    return solution.stations.attitude
+    return compare.free_cofactors(J, np.s_[6 * len(block.photos.ids) :], defect), network
 
 
 @pytest.mark.parametrize(
@@ -136,21 +121,6 @@ def test_points_stay_about_where_the_given_stations_put_them() -> None:
     known = np.isfinite(free.points.position).all(axis=1)
     move = (shifted.points.position - free.points.position)[known]
     np.testing.assert_allclose(move, np.broadcast_to([30.0, -20.0, 5.0], move.shape), atol=1e-6)  # rounding
-
-
-def test_a_distance_gives_the_scale() -> None:
-    plan = Plan(photos_per_strip=4)
-    block = free_block(plan)
-    known = np.flatnonzero(np.isfinite(solved(plan).points.position).all(axis=1))
-    ends = solved(plan).points.position[known[[0, -1]]]
-    length = float(np.linalg.norm(ends[1] - ends[0])) * 1.001
-    measured = model.Distances(point=known[None, [0, -1]], length=[length], sigma=[0.01])
-    solution = adjust(replace(block, distances=measured))
-    assert solution.converged
-    assert solution.observations["inner constraints"] == 6
-    adjusted = solution.measured[model.ObservationKind.DISTANCE]
-    assert adjusted[0] == pytest.approx(length, abs=1e-6)  # nothing else speaks of the scale
-    assert solution.degrees_of_freedom == solved(plan).degrees_of_freedom
 
 
 def test_a_datum_by_control_of_a_free_block_is_refused() -> None:

@@ -33,7 +33,7 @@ from orientation.twomedia.geometries import (
     truth_of,
 )
 from orientation.twomedia.referee import block_of, level_of_origin
-from reference.compare import covariance_difference
+from reference.compare import covariance_difference, free_cofactors
 from reference.finite_difference_bundle import Problem, jacobian
 
 LAB = KINDS["lab"]
@@ -120,19 +120,9 @@ def dense_cofactors(solution: model.Solution) -> tuple[np.ndarray, dict[str, sli
     x = problem.start(solution.stations.position, solution.stations.attitude, solution.points.position)
     x[problem.part["tides"]] = water.tide[0] - solution.block.photos.tide[0]
     x[problem.part["tilt"]] = water.tilt
-    scale = np.full(problem.size, 1e-2)
-    J = jacobian(problem, x, scale)
-    size = np.linalg.norm(J, axis=0)
-    values, vectors = np.linalg.eigh((J / size).T @ (J / size))
-    defect = 7
-    assert values[defect] > 1e4 * abs(values[defect - 1])
-    scale = scale / size
-    H = vectors[:, :defect] * scale[:, None]
-    Q = (vectors[:, defect:] / values[defect:]) @ vectors[:, defect:].T * np.outer(scale, scale)
-    E = np.zeros_like(H)
-    E[problem.part["points"]] = H[problem.part["points"]]
-    S = np.eye(len(Q)) - H @ np.linalg.solve(E.T @ H, E.T)
-    return S @ Q @ S.T, problem.part
+    step = np.full(problem.size, 1e-2)
+    J = jacobian(problem, x, step) / step
+    return free_cofactors(J, problem.part["points"], 7), problem.part
 
 
 @pytest.mark.parametrize(

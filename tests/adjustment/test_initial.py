@@ -69,6 +69,13 @@ BLOCKS = {
         "water": {"tide_scatter": 0.2},
         "shoal": [{"share": 0.7, "depth": [1.0, 15.0]}],
     },
+    "shoal of IIIA": {  # its first stations bend the block: points are dry for them that later stand under water
+        "flight": {"strips": 5, "photos": 12, "height": 1500.0, **SCATTER},
+        "points": {"per_site": 1, "extra": [{"number": 240}]},
+        "water": {"tide_scatter": 0.2},
+        "shoal": [{"share": 0.5, "depth": [0.5, 15.0]}],
+        "options": {"program": "IIIA"},
+    },
     "local": {
         "job": {"system": "LOCL", "centre": [5000.0, 7000.0]},
         "flight": {"strips": 2, "photos": 6, **SCATTER},
@@ -86,25 +93,10 @@ BLOCKS = {
 @pytest.mark.slow
 def test_the_adjustment_without_stations_is_that_with_good_ones(name: str) -> None:
     block = tight(simulated(**BLOCKS[name]).block)
-    assert_same_solution(adjust(bare(block)), adjust(block))
-
-
-@pytest.mark.slow
-def test_submerged_points_of_a_computed_start_end_on_their_side_of_the_water() -> None:
-    """The first stations bend the block by metres: points are dry for them that later stand under water."""
-    simulation = simulated(
-        flight={"strips": 5, "photos": 12, "height": 1500.0, **SCATTER},
-        points={"per_site": 1, "extra": [{"number": 240}]},
-        water={"tide_scatter": 0.2},
-        shoal=[{"share": 0.5, "depth": [0.5, 15.0]}],
-        options={"program": "IIIA"},
-    )
-    block = tight(simulation.block)
     one, other = adjust(bare(block)), adjust(block)
     assert_same_solution(one, other)
-    heights = one.points.position[:, 2] - other.points.position[:, 2]
-    # both end at the minimum to the limits of the iteration, 10 um
-    assert np.nanmax(np.abs(heights)) < 1e-5
+    if name == "shoal of IIIA":  # both end at the minimum to the limits of the iteration, 10 um
+        assert np.nanmax(np.abs(one.points.position[:, 2] - other.points.position[:, 2])) < 1e-5
 
 
 @pytest.mark.parametrize(
@@ -263,12 +255,3 @@ def test_partial_control_of_a_geographic_job_follows_the_curved_earth(kinds: str
     position = np.where(partial.known, control.position, np.nan)
     block = tight(replace(simulation.block, control=replace(partial, position=position)))
     assert_same_solution(adjust(bare(block)), adjust(block))
-
-
-def test_a_single_photo_is_resected_from_its_control() -> None:
-    truth = oblique([strip(2, 0.0, (0.0, 0.0))], (0.0, 0.0), control=15)
-    plates = truth.block.plates
-    block = replace(truth.block, plates=replace(plates, triangulated=plates.photo == 0))
-    values = initial_photos(block)
-    assert values.found.tolist() == ["resection", ""]
-    assert np.linalg.norm(values.photos.position[0] - truth.C[0]) < 2e-3 * HEIGHT  # as above

@@ -226,23 +226,22 @@ def largest_errors(simulation: Simulation, solution: Solution) -> tuple[float, f
     return float(np.linalg.norm(stations, axis=1).max()), float(np.linalg.norm(points, axis=1).max())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["strip", "bad_start"])
-@pytest.mark.parametrize("refraction", [Refraction.WATPT, Refraction.RIGOROUS])
-def test_noise_free_strips_give_the_truth_below_a_millimetre(name: str, refraction: Refraction) -> None:
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        *(
+            pytest.param(name, {"refraction": refraction}, marks=pytest.mark.slow)
+            for name in ("strip", "bad_start")
+            for refraction in (Refraction.WATPT, Refraction.RIGOROUS)
+        ),
+        ("bad_start", {"weights": Weights.DIAGONAL}),
+        ("bad_start", {"weights": Weights.EQUAL}),
+    ],
+)
+def test_noise_free_strips_give_the_truth_below_a_millimetre(name: str, options: dict[str, Any]) -> None:
     """Starts of 100 m and 2 degrees among them. What is left is the rounding of the cards, 1e-6 mm of plate."""
     simulation = simulated(name)
-    solution = adjust(with_options(simulation.block, refraction=refraction))
-    assert solution.converged, solution.reason
-    stations, points = largest_errors(simulation, solution)
-    assert stations < 1e-3
-    assert points < 1e-3
-
-
-@pytest.mark.parametrize("weights", [Weights.DIAGONAL, Weights.EQUAL])
-def test_simple_weights_find_the_truth_of_noise_free_strips_from_bad_starts(weights: Weights) -> None:
-    simulation = simulated("bad_start")
-    solution = adjust(with_options(simulation.block, weights=weights))
+    solution = adjust(with_options(simulation.block, **options))
     assert solution.converged, solution.reason
     assert max(largest_errors(simulation, solution)) < 1e-3
 

@@ -59,6 +59,16 @@ def assert_like(a: np.ndarray, b: np.ndarray, share: float = 1e-12) -> None:
     np.testing.assert_allclose(a, b, rtol=0.0, atol=limit, equal_nan=True)
 
 
+def assert_same_equations(a: Linearisation, b: Linearisation, after_a: State, after_b: State) -> None:
+    """Normal equations, scaled alike, are the same, and so are points and squares of the states."""
+    scale = 1.0 / np.sqrt(b.matrix.diagonal())
+    assert_like(a.matrix.scaled(scale).blocks, b.matrix.scaled(scale).blocks, 1e-11)
+    assert_like(a.rhs * scale, b.rhs * scale, 1e-11)
+    assert a.objective == pytest.approx(b.objective, rel=1e-12)
+    assert_like(after_a.ground, after_b.ground)
+    assert_like(after_a.squares, after_b.squares, 1e-9)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("deck", DECKS)
 @settings(max_examples=15, deadline=None)
@@ -78,13 +88,8 @@ def test_both_have_the_same_normal_equations(deck: str, seed: int, shift: float,
     )
     with pytest.MonkeyPatch.context() as patch:
         (a, after_a), (b, after_b) = (linearised(patch, kind, network, state, options) for kind in BOTH)
-    scale = 1.0 / np.sqrt(b.matrix.diagonal())
-    assert_like(a.matrix.scaled(scale).blocks, b.matrix.scaled(scale).blocks, 1e-11)
-    assert_like(a.rhs * scale, b.rhs * scale, 1e-11)
-    assert a.objective == pytest.approx(b.objective, rel=1e-12)
+    assert_same_equations(a, b, after_a, after_b)
     assert a.of_points == pytest.approx(b.of_points, rel=1e-9)  # a difference of nearly equal numbers at the best
-    assert_like(after_a.ground, after_b.ground)
-    assert_like(after_a.squares, after_b.squares, 1e-9)
 
 
 @pytest.mark.slow
@@ -152,14 +157,9 @@ def test_both_have_the_same_normal_equations_with_a_level_of_each_photo(
         patch.setenv(kernels.VARIABLE, kernels.NUMBA)
         left = loops_of(network, network.groups).set_squares(state, state.squares.copy())
     assert all(group.known for group in left)  # those of equal elevations
-    scale = 1.0 / np.sqrt(b.matrix.diagonal())
     levels = b.matrix.of_single_photos()[:, 6]
     assert (np.abs(levels[:, :6]).max(axis=1) > 0.0).any()
-    assert_like(a.matrix.scaled(scale).blocks, b.matrix.scaled(scale).blocks, 1e-11)
-    assert_like(a.rhs * scale, b.rhs * scale, 1e-11)
-    assert a.objective == pytest.approx(b.objective, rel=1e-12)
-    assert_like(after_a.ground, after_b.ground)
-    assert_like(after_a.squares, after_b.squares, 1e-9)
+    assert_same_equations(a, b, after_a, after_b)
 
 
 @pytest.mark.slow

@@ -131,15 +131,6 @@ def repeated(level: WaterLevel) -> Errors:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("level", list(GROUPS))
-def test_the_variance_of_unit_weight_is_one(level: WaterLevel) -> None:
-    found = repeated(level)
-    error = np.sqrt(2.0 / (found.freedom * BLOCKS))  # of the mean of chi-square over its degrees of freedom
-    assert found.variance.mean() == pytest.approx(1.0, abs=LIMIT * error)
-    assert found.variance.std() == pytest.approx(np.sqrt(2.0 / found.freedom), rel=0.6)  # 30 are good to 13 %
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("level", list(GROUPS))
 def test_errors_of_the_water_have_unit_variance(level: WaterLevel) -> None:
     water = repeated(level).water
     assert np.abs(water.mean(axis=0)).max() < LIMIT / np.sqrt(BLOCKS)

@@ -9,7 +9,6 @@ from scipy.optimize import least_squares
 
 import musatpy
 from altered import altered, with_options
-from musatpy.adjustment import wave_search
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sightings import condition_rays, images
 from musatpy.adjustment.wavy_water import Sea, WorkingSea
@@ -288,21 +287,6 @@ def test_what_cannot_be_told_apart_is_named() -> None:
     waves = adjusted(at, replace(sea, sigma=wide)).water.waves
     assert waves.verdicts[0, 0] == "not determined: not apart from others"
     assert waves.verdicts[1, 0] == "determined"
-
-
-@pytest.mark.slow
-def test_another_start_is_found_where_the_first_misleads() -> None:
-    """Guessed far off, crests are caught by the wrong ones at the edge of the bay; other starts find theirs."""
-    at = scene(Strip(rows=4, columns=5, control=6))
-    sea = sea_of(at, [0.0, 0.0, 0.3, 0.0], sigma=np.array([[0.2, np.nan, 0.2, np.nan]]))
-    found = adjusted(at, sea, max_iterations=20)
-    waves = found.water.waves
-    off = (waves.value - Trains.of(at.waves).values)[0, [0, 2]] / waves.sigma[0, [0, 2]]
-    assert np.abs(off).max() < 5.0 and found.sigma0 < 1.3
-    with pytest.MonkeyPatch.context() as without:
-        without.setattr(wave_search, "STARTS", 0)
-        block = altered(at.block, options={"max_iterations": 20})
-        assert musatpy.adjust(block, sea=sea).sigma0 > 2.0
 
 
 def test_the_same_waves_by_other_numbers() -> None:

@@ -1,6 +1,7 @@
 """Simulated strips over water whose flags, tides or depths are out of the ordinary."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,11 @@ from musatpy.simulation import simulate, spec_from_table
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 
 
+def simulated(seed: int, **tables: Any) -> Block:
+    """A block of a specification, about 18 N, 65 W unless its job says something else."""
+    return simulate(spec_from_table({"seed": seed, "job": {"centre": [18.0, -65.0]}, **tables})).block
+
+
 def with_flags(block: Block, points: np.ndarray) -> Block:
     """The block with these points flagged as submerged besides."""
     return altered(block, points={"bathymetric": put(points, True)})
@@ -20,26 +26,24 @@ def with_flags(block: Block, points: np.ndarray) -> Block:
 def shore(seed: int) -> Block:
     """A strip with points about its water lines, a tide for each photo, and up to five land points flagged wet."""
     rng = np.random.default_rng(seed)
-    spec = {
-        "seed": seed,
-        "job": {"centre": [18.0, -65.0]},
-        "terrain": {"level": 12.0, "relief": 5.0},
-        "flight": {
+    block = simulated(
+        seed,
+        terrain={"level": 12.0, "relief": 5.0},
+        flight={
             "photos": int(rng.integers(3, 7)),
             "height": float(rng.choice([1000.0, 2000.0, 3000.0])),
             "forward_overlap": float(rng.choice([0.6, 0.75])),
         },
-        "water": {"tide_scatter": float(rng.choice([0.05, 0.2, 0.4]))},
-        "shoal": [{"share": 0.5, "depth": [0.0, float(rng.choice([0.5, 1.5, 6.0]))]}],
-        "points": {"extra": [{"number": int(rng.integers(10, 40))}]},
-        "control": [
+        water={"tide_scatter": float(rng.choice([0.05, 0.2, 0.4]))},
+        shoal=[{"share": 0.5, "depth": [0.0, float(rng.choice([0.5, 1.5, 6.0]))]}],
+        points={"extra": [{"number": int(rng.integers(10, 40))}]},
+        control=[
             {"kind": "full", "number": 6, "sigma": 0.05, "error": 0.05},
             {"kind": "vertical", "number": 2, "sigma": 0.05, "error": 0.05, "bathymetric": True},
         ],
-        "stations": {"position_error": 20.0, "attitude_error": 0.3},
-        "options": {"refraction": "RIGOROUS"},
-    }
-    block = simulate(spec_from_table(spec)).block
+        stations={"position_error": 20.0, "attitude_error": 0.3},
+        options={"refraction": "RIGOROUS"},
+    )
     land = np.flatnonzero(~block.points.bathymetric)
     return with_flags(block, rng.choice(land, size=int(rng.integers(0, 6)), replace=False))
 
@@ -55,60 +59,55 @@ def st_thomas(seed: int) -> Block:
 def deep(seed: int) -> Block:
     """A strip like that of the Cayman Islands, half of its points to a third of the flying height under water."""
     height = float(np.random.default_rng(seed).choice([1500.0, 3000.0, 6100.0]))
-    spec = {
-        "seed": seed,
-        "job": {"centre": [19.36, -81.29]},
-        "terrain": {"level": 14.0, "relief": 6.0, "wavelength": 2500.0},
-        "flight": {
+    return simulated(
+        seed,
+        job={"centre": [19.36, -81.29]},
+        terrain={"level": 14.0, "relief": 6.0, "wavelength": 2500.0},
+        flight={
             "photos": 10,
             "height": height,
             "forward_overlap": 0.6,
             "station_scatter": [60.0, 60.0, 30.0],
             "attitude_scatter": [0.6, 0.6, 1.0],
         },
-        "water": {"level": 5.6, "tide_trend": 0.02},
-        "shoal": [{"share": 0.5, "depth": [0.5, height / 3.0]}],
-        "points": {"scatter": 0.1, "extra": [{"number": 40}]},
-        "control": [
+        water={"level": 5.6, "tide_trend": 0.02},
+        shoal=[{"share": 0.5, "depth": [0.5, height / 3.0]}],
+        points={"scatter": 0.1, "extra": [{"number": 40}]},
+        control=[
             {"kind": "horizontal", "number": 7, "sigma": 0.1, "error": 0.1},
             {"kind": "vertical", "number": 20, "sigma": 0.1, "error": 0.1},
         ],
-        "stations": {"position_error": 20.0, "attitude_error": 0.3},
-        "options": {"refraction": "WATPT"},
-    }
-    return simulate(spec_from_table(spec)).block
+        stations={"position_error": 20.0, "attitude_error": 0.3},
+        options={"refraction": "WATPT"},
+    )
 
 
 def held_cameras(seed: int, height: float = 600.0) -> Block:
     """A strip of IIIA with stations observed to a tenth of a millimetre over deep water, without control."""
-    spec = {
-        "seed": seed,
-        "job": {"centre": [18.0, -65.0]},
-        "flight": {"photos": 4, "height": height},
-        "water": {"tide_scatter": 0.2},
-        "shoal": [{"share": 0.9, "depth": [0.5, height / 3.0]}],
-        "points": {"extra": [{"number": 40}]},
-        "stations": {
+    return simulated(
+        seed,
+        flight={"photos": 4, "height": height},
+        water={"tide_scatter": 0.2},
+        shoal=[{"share": 0.9, "depth": [0.5, height / 3.0]}],
+        points={"extra": [{"number": 40}]},
+        stations={
             "position_error": 0.05,
             "attitude_error": 0.005,
             "position_sigma": 0.0001,
             "attitude_sigma": 0.01,
         },
-        "options": {"program": "IIIA"},
-    }
-    return simulate(spec_from_table(spec)).block
+        options={"program": "IIIA"},
+    )
 
 
 def shallow(seed: int) -> Block:
     """Three photos, some points less than a metre under water, and an unknown refractive index."""
-    spec = {
-        "seed": seed,
-        "job": {"centre": [18.0, -65.0]},
-        "flight": {"photos": 3, "height": 3000.0},
-        "water": {"tide_scatter": 0.1},
-        "shoal": [{"share": 0.3, "depth": [0.1, 1.0]}],
-        "control": [{"kind": "full", "number": 6, "sigma": 0.1, "error": 0.1}],
-        "stations": {"position_error": 5.0, "attitude_error": 0.1},
-        "options": {"program": "IIIA", "water_index": "ADJUST"},
-    }
-    return simulate(spec_from_table(spec)).block
+    return simulated(
+        seed,
+        flight={"photos": 3, "height": 3000.0},
+        water={"tide_scatter": 0.1},
+        shoal=[{"share": 0.3, "depth": [0.1, 1.0]}],
+        control=[{"kind": "full", "number": 6, "sigma": 0.1, "error": 0.1}],
+        stations={"position_error": 5.0, "attitude_error": 0.1},
+        options={"program": "IIIA", "water_index": "ADJUST"},
+    )

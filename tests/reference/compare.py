@@ -48,6 +48,22 @@ def _points(solution: Solution, points: np.ndarray, covariance: np.ndarray) -> n
     return difference
 
 
+def free_cofactors(J: np.ndarray, points: np.ndarray | slice, defect: int) -> np.ndarray:
+    """Return Q (u, u) under inner constraints over the rows of points, from the eigenvectors of the dense normals.
+
+    `J` is the Jacobian (r, u) of whitened observations; asserts that as many motions are free as the defect says.
+    """
+    scale = np.linalg.norm(J, axis=0)
+    values, vectors = np.linalg.eigh((J / scale).T @ (J / scale))
+    assert values[defect] > 1e4 * abs(values[defect - 1])
+    H = vectors[:, :defect] / scale[:, None]
+    Q = (vectors[:, defect:] / values[defect:]) @ vectors[:, defect:].T / np.outer(scale, scale)
+    E = np.zeros_like(H)
+    E[points] = H[points]
+    S = np.eye(len(Q)) - H @ np.linalg.solve(E.T @ H, E.T)
+    return np.asarray(S @ Q @ S.T)
+
+
 def covariance_difference(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """(r, k, k) differences of covariances over the product of the sigmas of `other`."""
     sigma = sigmas(other)

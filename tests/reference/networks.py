@@ -90,10 +90,11 @@ def _flight(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     across = (np.arange(plan.strips) - 0.5 * (plan.strips - 1)) * 1.06 * plan.height
     rows = [[x, y, plan.height + 15.0 * np.sin(x)] for y in across for x in along]
     headings = [plan.heading + (np.pi if i % 2 else 0.0) for i in range(plan.strips) for _ in along]
-    return _turned(np.array(rows), plan.heading), np.array(headings)
+    return turned(np.array(rows), plan.heading), np.array(headings)
 
 
-def _turned(enu: np.ndarray, heading: float) -> np.ndarray:
+def turned(enu: np.ndarray, heading: float) -> np.ndarray:
+    """Return rows (k, 3) of a plan along x, turned to a heading (rad)."""
     c, s = np.cos(heading), np.sin(heading)
     return enu @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -114,7 +115,7 @@ def _terrain(plan: Plan, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarr
     shore = np.flatnonzero(~wet)[1::3]
     if plan.equal_elevation:
         grid[shore, 2] = 3.0
-    return _turned(grid, plan.heading), wet
+    return turned(grid, plan.heading), wet
 
 
 def _exact_block(plan: Plan, p: int, wet: np.ndarray, n: int) -> model.Block:
