@@ -200,16 +200,6 @@ def test_adjusted_water_is_the_one_that_counts() -> None:
     np.testing.assert_allclose(np.nanmax(points.water_sigma), solution.water.correction_sigma[0])
 
 
-def test_the_tilt_of_the_water_counts() -> None:
-    level, slope = adjust(st_thomas()).points, 2e-4
-    tilted = adjust(altered(st_thomas(), water={"tilt_east": slope})).points
-    latitude, longitude, _ = level.position.T
-    east = 6.378e6 * np.cos(latitude.mean()) * (longitude - longitude.mean())
-    for column in (0, 1):  # lowest and highest water, over the points of all photos
-        rise = np.polyfit(east, tilted.water[:, column] - level.water[:, column], 1)[0]
-        assert rise == pytest.approx(slope, rel=0.01)
-
-
 def test_flagged_points_without_refraction_are_doubtful() -> None:
     solution = adjust(with_options(st_thomas(), refraction=model.Refraction.NONE))
     (reason,) = verdict(solution).reasons

@@ -9,7 +9,6 @@ from musatpy.probability import probability_beyond, quantile
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import ellipses
 from musatpy.statistics.quality import ALPHA, BETA, DETECTABLE, TEST_LIMIT, check_test, chi_square
-from musatpy.statistics.verdict import sigma0_doubt
 from sample_solutions import sample_solution
 
 
@@ -83,11 +82,6 @@ def test_ellipses_have_the_axes_of_the_covariance() -> None:
     np.testing.assert_allclose([found.major[0], found.minor[0], found.bearing[0]], [a, b, angle])
     assert found.vertical[0] == 2.0
     assert np.isnan(ellipses(np.full((1, 3, 3), np.nan)).major[0])
-
-
-@pytest.mark.parametrize("freedom", [1, 7, 171, 2500])
-def test_sigma0_is_doubtful_once_in_a_thousand_runs(freedom: int) -> None:
-    assert stats.chi2.sf(freedom * sigma0_doubt(freedom) ** 2, freedom) == pytest.approx(1e-3)
 
 
 def test_control_has_the_tests_of_its_observations() -> None:

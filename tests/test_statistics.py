@@ -104,14 +104,6 @@ def test_ground_points_include_full_control():
     assert [found.size for found in Statistics(solution).ground_points.statistics] == [8, 8, 35]
 
 
-def test_metric_differences_are_the_same_in_every_system():
-    """The same ground in geographic and geocentric coordinates differs by the same metres east, north, up."""
-    geographic = Statistics(sample_solution(CoordinateSystem.GEOGRAPHIC)).check_points.differences
-    geocentric = Statistics(sample_solution(CoordinateSystem.GEOCENTRIC)).check_points.differences
-    # X, Y, Z of 6e6 m carry 1e-9 m, latitude and longitude as much.
-    np.testing.assert_allclose(geographic, geocentric, atol=1e-8)
-
-
 def test_metric_differences_are_those_of_proj():
     ellipsoid = Ellipsoid("clrk66")
     block = sample_solution().block
@@ -179,9 +171,13 @@ def test_a_kind_without_points_has_no_largest_frame():
     assert np.isnan(found.total_rms[1]).all()
 
 
-def test_bathymetric_points_of_a_geographic_job_are_geocentric():
-    geographic = Statistics(sample_solution(CoordinateSystem.GEOGRAPHIC)).bathymetric_xyz
-    geocentric = Statistics(sample_solution(CoordinateSystem.GEOCENTRIC)).bathymetric_xyz
+@pytest.mark.parametrize(
+    "of", [lambda one: one.check_points.differences, lambda one: one.bathymetric_xyz], ids=["metres", "XYZ"]
+)
+def test_metres_are_the_same_in_every_system(of):
+    """The same ground in geographic and geocentric coordinates; bathymetric points are geocentric in both."""
+    systems = (CoordinateSystem.GEOGRAPHIC, CoordinateSystem.GEOCENTRIC)
+    geographic, geocentric = (of(Statistics(sample_solution(system))) for system in systems)
     np.testing.assert_allclose(geographic, geocentric, atol=1e-8)  # 1e-9 m in coordinates of 6e6 m
 
 

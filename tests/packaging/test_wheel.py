@@ -93,12 +93,6 @@ def test_cards_are_read_with_the_formats_of_the_wheel(unpacked):
     assert int(cards) == len(list(ROOT.glob("card_formats/musat/*.toml")))
 
 
-def test_the_program_starts_from_the_wheel(unpacked):
-    ran = run(unpacked, "from musatpy.cli.main import main; main()", "--help")
-    assert ran.returncode == 0, ran.stderr
-    assert "check" in ran.stdout and "run" in ran.stdout
-
-
 @pytest.mark.slow
 def test_the_wheel_runs_a_deck(unpacked, tmp_path):
     deck = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
@@ -107,16 +101,3 @@ def test_the_wheel_runs_a_deck(unpacked, tmp_path):
     assert "ACCEPTED" in ran.stdout
     assert (tmp_path / "st_thomas.lst").read_bytes() == deck.with_suffix(".lst").read_bytes()
     assert json.loads((tmp_path / "st_thomas.json").read_text())["solution"]["converged"] is True
-
-
-@pytest.mark.slow
-def test_a_stranger_has_a_page_from_the_wheel(unpacked, tmp_path):
-    """With nothing but the wheel: an example, an option changed by its name, a page to open."""
-    main = "from musatpy.cli.main import main; main()"
-    made = run(unpacked, main, "example", "st_thomas", "-o", str(tmp_path))
-    assert made.returncode == 0, made.stderr
-    deck = tmp_path / "st_thomas.crd"
-    ran = run(unpacked, main, "run", str(deck), "--set", "OPT.program=IIIA", "--html", "-o", str(tmp_path / "out"))
-    assert ran.returncode == 0, ran.stderr
-    page = (tmp_path / "out" / "st_thomas.html").read_text()
-    assert "MUSAT-IIIA aerotriangulation" in page and "OPT.program=IIIA" in page and "<figure" in page
