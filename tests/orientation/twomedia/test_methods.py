@@ -13,7 +13,7 @@ from musatpy.geometry.similarity import fit
 from musatpy.orientation.twomedia import helmert
 from musatpy.orientation.twomedia.axes import paper_partials
 from musatpy.orientation.twomedia.conditions import Misclosure, fermat
-from musatpy.orientation.twomedia.helmert import Problem, adjust, refined
+from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, refined
 from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, Verdict, orient
 from musatpy.orientation.twomedia.rays import STATION, Orientation, Rays
 from musatpy.orientation.twomedia.sights import Plane, PlaneTreatment, Sights, problem_of, redundancy_of, without
@@ -271,6 +271,23 @@ def test_verdicts():
     prior = Plane(level=level, level_sigma=0.1, slope_sigma=0.0001, slope=(0.03, 0.02))
     result = orient(sights_of(geometry("aerial", "SINGLE-RAY"), 20), METHODS["SINGLE-RAY"], prior)
     assert result.verdict()[0] is Verdict.BY_PRIOR
+
+
+def test_an_index_of_one_takes_the_water_away():
+    """Relative orientation of straight rays: the three parameters of the plane leave a defect of three."""
+    sights = sights_of(geometry("lab", "PAIR-INDEPENDENT"))
+    problem = problem_of(replace(sights, wet=np.zeros(20, dtype=bool)), METHODS["PAIR-INDEPENDENT"], Plane())
+    result: Adjusted = adjust(problem, truth_of(geometry("lab", "PAIR-INDEPENDENT")))
+    assert np.linalg.matrix_rank(result.normals[0]) == 5
+
+
+def test_nine_equations_of_a_point_on_three_photos_have_rank_three():
+    """Of which two coplanarities and one scale are taken, so that A Q A' has full rank."""
+    true = geometry("lab", "TRIPLET")
+    problem = problem_of(sights_of(true), METHODS["TRIPLET"], Plane())
+    part = adjust(problem, truth_of(true)).linear[0]
+    spread = np.einsum("kqv,kv,kpv->kqp", part.by_values[0], part.variance, part.by_values[0])
+    assert (np.linalg.matrix_rank(spread) == 3).all()
 
 
 def test_too_few_equations_say_what_is_lacking():
