@@ -238,6 +238,7 @@ def test_numbers_that_do_not_fit_lose_decimals(edit, value, field):
         ("F7.5", 1e-7, ".10E-06"),
         ("F7.5", -1e-7, "-.1E-06"),
         ("F12.7", 1.23456e-8, ".00000001235"),
+        ("F9.8", -2.38788e-8, "-.239E-07"),
         ("F12.7", 0.0, "0.0000000"),
     ],
 )
@@ -248,7 +249,8 @@ def test_numbers_too_small_for_their_decimals_are_not_written_as_zero(edit, valu
 
 
 @pytest.mark.parametrize(
-    ("edit", "value"), [("F5.3", 1e-8), ("F7.5", 1e7), ("E9.4", -12.34), ("I4", 12345), ("F7.5", math.inf)]
+    ("edit", "value"),
+    [("F5.3", 1e-8), ("F7.5", 1e7), ("E9.4", -12.34), ("I4", 12345), ("F7.5", math.inf), ("F2.1", -0.3)],
 )
 def test_numbers_that_never_fit_are_refused(edit, value):
     with pytest.raises(FieldError, match="fits"):

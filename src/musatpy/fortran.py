@@ -185,32 +185,23 @@ def fit_number(value: float, edit: Edit, *, all_digits: bool = False) -> str:
     `all_digits` F has as many decimals as the value needs and the width holds: an explicit point beats the implied
     one. Raises `FieldError` where the value does not fit even so (its point is always written).
     """
-    if all_digits and edit.letter == "F" and math.isfinite(value) and value:
-        for decimals in range(min(decimals_of(value, edit.decimals), edit.width - 1), edit.decimals, -1):
-            text = write_number(value, Edit(letter="F", width=edit.width, decimals=decimals))
-            if text[-1] not in "*0":
-                return text
-    text = write_number(value, edit)
-    if edit.letter == "F" and value and not text.strip(" -.0"):
-        return _small_number(value, edit)
-    decimals = edit.decimals
-    while "*" in text and edit.letter == "F" and decimals:
-        decimals -= 1
-        text = write_number(value, Edit(letter="F", width=edit.width, decimals=decimals))
-    if "*" in text:
-        raise FieldError(repr(value), f"a number that fits {edit}")
-    return text
-
-
-def _small_number(value: float, edit: Edit) -> str:
-    """Return a number that rounds to zero under `edit`, with the decimals that its width can hold, or as E."""
-    if math.isnan(value):
-        return write_number(value, edit)
-    text = write_number(value, Edit(letter="F", width=edit.width, decimals=edit.width - 1 - (value < 0)))
-    for decimals in range(edit.width - 5, 0, -1):
-        if text.strip(" -.0*"):
-            break
-        text = write_number(value, Edit(letter="E", width=edit.width, decimals=decimals))
-    if not text.strip(" -.0*"):
-        raise FieldError(repr(value), f"a number that fits {edit}")
-    return text
+    if edit.letter != "F" or not math.isfinite(value) or not value:
+        text = write_number(value, edit)
+        if "*" in text:
+            raise FieldError(repr(value), f"a number that fits {edit}")
+        return text
+    width = edit.width
+    more = range(min(decimals_of(value, edit.decimals), width - 1), edit.decimals, -1) if all_digits else ()
+    for decimals in more:
+        text = write_number(value, Edit(letter="F", width=width, decimals=decimals))
+        if text[-1] not in "*0":
+            return text
+    forms: list[tuple[Letter, int]] = [("F", decimals) for decimals in range(edit.decimals, -1, -1)]
+    if abs(value) < 1.0:
+        forms.append(("F", max(width - 1 - (value < 0), 0)))
+        forms += [("E", decimals) for decimals in range(width - 5, 0, -1)]
+    for letter, decimals in forms:
+        text = write_number(value, Edit(letter=letter, width=width, decimals=decimals))
+        if "*" not in text and text.strip(" -.0"):
+            return text
+    raise FieldError(repr(value), f"a number that fits {edit}")

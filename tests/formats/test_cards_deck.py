@@ -63,9 +63,9 @@ def test_a_deck_becomes_tables(family):
     assert plates["bathymetric"].tolist() == ["B", "", ""]
     assert plates["not_triangulated"].tolist() == ["", "N", ""]
     assert deck.tables["TTL"]["text"].tolist() == ["A SMALL DECK"]
-    assert deck.text(2) == f"{CAMERA:72}00000002"
+    assert deck.images.text(2) == f"{CAMERA:72}00000002"
     with pytest.raises(IndexError):
-        deck.text(8)
+        deck.images.text(8)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_line_ends_and_trailing_blanks_do_not_matter(family, data):
     deck = read_cards(data, family)
     assert deck.problems == ()
     assert same_tables(deck, read_cards(numbered(DECK), family))
-    assert [deck.text(i + 1)[:72].rstrip() for i in range(len(DECK))] == DECK
+    assert [deck.images.text(i + 1)[:72].rstrip() for i in range(len(DECK))] == DECK
 
 
 @pytest.mark.parametrize("make", [numbered, bare])
@@ -194,7 +194,7 @@ def test_bad_characters_are_found_wherever_they_are(family, make, byte, message)
         changed = data.copy()
         changed[second + column - 1 : second + column] = byte
         deck = read_cards(bytes(changed), family, "deck.crd")
-        shown = deck.text(2)
+        shown = deck.images.text(2)
         assert [problem.headline() for problem in deck.problems] == [f"deck.crd:2 col {column}: {message}"]
         assert shown[column - 1] == "?" and shown.isprintable()
 

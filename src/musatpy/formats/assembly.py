@@ -199,16 +199,15 @@ def _equal_elevation_values(block: model.Block, spec: CardSpec) -> Table:
     """Return the groups, each on as many cards as its points need, one card for a group without points."""
     groups = block.equal_elevations
     width = sum(slot.path == "equal_elevations.point" for slot in mapping.slots(spec))
-    sizes = np.bincount(groups.group, minlength=len(groups.ids))
-    cards = np.maximum(1, -(-sizes // width))
-    first_card, first_member = np.cumsum(cards) - cards, np.cumsum(sizes) - sizes
-    order = np.argsort(groups.group, kind="stable")
-    group = groups.group[order]
-    rank = np.arange(len(order)) - first_member[group]
-    points = np.full((cards.sum(), width), "", dtype=block.points.ids.dtype)
-    points[first_card[group] + rank // width, rank % width] = block.points.ids[groups.point[order]]
+    of_cards: list[int] = []
+    points: list[list[str]] = []
+    for group in range(len(groups.ids)):
+        names = block.points.ids[groups.point[groups.group == group]].tolist()
+        for first in range(0, len(names) or 1, width):
+            of_cards.append(group)
+            points.append((names[first : first + width] + [""] * width)[:width])
     return {
-        "equal_elevations.ids": np.repeat(groups.ids, cards),
-        "equal_elevations.sigma": np.repeat(groups.sigma, cards),
-        "equal_elevations.point": points,
+        "equal_elevations.ids": groups.ids[of_cards],
+        "equal_elevations.sigma": groups.sigma[of_cards],
+        "equal_elevations.point": np.array(points, dtype=np.str_).reshape(-1, width),
     }

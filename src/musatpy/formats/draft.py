@@ -190,7 +190,7 @@ class Draft:
             columns=columns,
             card=spec.mnemonic,
             field=slots[0].name if len(slots) == 1 else None,
-            text=self.deck.text(line),
+            text=self.deck.images.text(line),
         )
 
 

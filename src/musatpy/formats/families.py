@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -138,11 +139,7 @@ class RecordSet:
 
     def _kind(self, path: Path) -> FileSpec | None:
         name = path.name.lower()
-        for file in self.files:
-            pattern = file.file.lower()
-            if name == pattern or (pattern.startswith("*") and name.endswith(pattern[1:])):
-                return file
-        return None
+        return next((file for file in self.files if fnmatchcase(name, file.file.lower())), None)
 
     def matches(self, path: Path) -> bool:
         """Return whether a file is named as one of the family, or a folder has such files."""

@@ -7,7 +7,7 @@ units. Decks, files of other agencies, calls and blocks come to such tables, and
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Self
@@ -117,10 +117,6 @@ class Rows:
 
     def __getitem__(self, path: str) -> Array:
         return self.values[path]
-
-    def with_values(self, values: Table) -> Rows:
-        """Return the same rows with other values of some attributes."""
-        return replace(self, values=self.values | values)
 
     def spec(self, row: int) -> CardSpec:
         """Return the card of a row."""

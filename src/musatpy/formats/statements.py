@@ -93,9 +93,9 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Probl
     new["control"] = {"control.position": control.position, "control.sigma": control.sigma}
     if job.wave_origin is not None:
         new["wave_origin"] = {"wave_origin.position": np.array([job.wave_origin.position])}
-    entered_rows = draft.rows | {role: draft.rows[role].with_values(table) for role, table in new.items()}
+    changed = {role: replace(draft.rows[role], values=draft.rows[role].values | new[role]) for role in new}
     job = replace(job, given_in=draft.given_in, stated_in=draft.stated_in)
-    return replace(draft, rows=entered_rows, options=job.options), job, problems
+    return replace(draft, rows=draft.rows | changed, options=job.options), job, problems
 
 
 def answer_problems(draft: Draft, block: Block) -> tuple[Problem, ...]:

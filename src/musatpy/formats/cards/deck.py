@@ -42,7 +42,7 @@ class CardImages:
         return len(self.cards)
 
     def text(self, line: int) -> str:
-        """Return line `line` (1-based) as text, without trailing blanks."""
+        """Return line `line` (1-based) as text, without trailing blanks; `?` for what is no card character."""
         if not 1 <= line <= self.count:
             raise IndexError(f"line {line} of {self.count}")
         return self.overlong.get(line) or self.cards[line - 1].tobytes().decode("ascii").rstrip(" ")
@@ -93,10 +93,6 @@ class CardDeck:
     lines: Mapping[str, IntArray]  # by mnemonic, (k,) 1-based
     problems: tuple[Problem, ...]  # by line
     images: CardImages
-
-    def text(self, line: int) -> str:
-        """Return the card image of a line (1-based) without trailing blanks; `?` for what is no card character."""
-        return self.images.text(line)
 
 
 def read_cards(source: Path | str | bytes, family: Family, name: str | None = None) -> CardDeck:

@@ -84,13 +84,13 @@ def common_rays(draft: Draft, wanted: BoolArray) -> tuple[IntArray, IntArray]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PhotoPairs:
-    """Photo pairs, and y = a x + b from plate coordinates of the first to those of the second (complex, mm)."""
+    """Pairs of photos, each both ways; y = a x + b from the first's plate coordinates to the second's, complex."""
 
     first: IntArray  # (k,) link to photos
     second: IntArray  # (k,)
     count: IntArray  # (k,) points in common
     a: ComplexArray  # (k,)
-    b: ComplexArray  # (k,)
+    b: ComplexArray  # (k,) mm
 
 
 def photo_pairs(draft: Draft, wanted: BoolArray) -> PhotoPairs:
@@ -109,7 +109,13 @@ def photo_pairs(draft: Draft, wanted: BoolArray) -> PhotoPairs:
     good = (first != second) & (spread > count * _SPREAD**2) & (np.abs(product) > 0)
     a = product[good] / spread[good]
     b = mean_y[good] - a * mean_x[good]
-    return PhotoPairs(first=first[good], second=second[good], count=count[good], a=a, b=b)
+    return PhotoPairs(
+        first=np.concatenate([first[good], second[good]]),
+        second=np.concatenate([second[good], first[good]]),
+        count=np.tile(count[good], 2),
+        a=np.concatenate([a, 1.0 / a]),
+        b=np.concatenate([b, -b / a]),
+    )
 
 
 def sums(values: ComplexArray, index: IntArray, size: int) -> ComplexArray:
@@ -163,23 +169,19 @@ def headings(draft: Draft) -> Iterator[Problem]:
 def _by_stations(draft: Draft, pairs: PhotoPairs, attitude: FloatArray) -> ComplexArray:
     """Return (photos,) unit vectors of the headings that the neighbours' nadirs and stations give, else 0."""
     ground = plan(draft, draft.by_photo("stations", "photos.position"))
-    photo = np.concatenate([pairs.first, pairs.second])
-    neighbour = np.concatenate([pairs.second, pairs.first])
-    nadir = np.concatenate([-pairs.b / pairs.a, pairs.b])  # of the other photo
+    neighbour, photo, nadir = pairs.first, pairs.second, pairs.b  # where the neighbour's is on the photo
     turn = (ground[neighbour] - ground[photo]) * np.conj(nadir)  # direction on the ground less that on the plate
     level = np.abs(attitude[:, :2]).max(axis=1, initial=0) < _STEEPEST
     good = level[photo] & level[neighbour] & (np.abs(nadir) > _BASE) & (np.abs(turn) > 0)
-    return _mean_directions(photo[good], turn[good], np.tile(pairs.count, 2)[good], len(attitude))
+    return _mean_directions(photo[good], turn[good], pairs.count[good], len(attitude))
 
 
 def _by_neighbours(pairs: PhotoPairs, heading: ComplexArray) -> ComplexArray:
     """Return (photos,) unit vectors of how far each heading is off if its neighbours' are right, else 0."""
     # y = a x turns by the heading of the first photo less that of the second.
     off = pairs.a * np.conj(heading[pairs.first]) * heading[pairs.second]
-    photo = np.concatenate([pairs.first, pairs.second])
-    both = np.concatenate([off, np.conj(off)])
-    good = np.abs(both) > 0
-    return _mean_directions(photo[good], both[good], np.tile(pairs.count, 2)[good], len(heading))
+    good = np.abs(off) > 0
+    return _mean_directions(pairs.first[good], off[good], pairs.count[good], len(heading))
 
 
 def _mean_directions(photo: IntArray, vectors: ComplexArray, weight: IntArray, photos: int) -> ComplexArray:

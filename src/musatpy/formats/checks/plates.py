@@ -107,29 +107,23 @@ def _distances(draft: Draft, zero: BoolArray) -> FloatArray:
     """Return how far (m,) mm from zero each image lies by another photo, the least; NaN where none tells."""
     photo, xy = draft.photo["plates"], draft.rows["plates"]["plates.xy"]
     image, sound, count = xy[:, 0] + 1j * xy[:, 1], rays_of(draft).sound, len(draft.photo_ids)
-    pairs, (one, other) = photo_pairs(draft, sound & ~zero), common_rays(draft, sound)
+    pairs, rays = photo_pairs(draft, sound & ~zero), np.array(common_rays(draft, sound))
+    one, other = np.concatenate([rays, rays[::-1]], axis=1)
     fits = {key: row for row, key in enumerate((pairs.first * count + pairs.second).tolist())}
     place = np.array([fits.get(key, -1) for key in (photo[one] * count + photo[other]).tolist()], dtype=np.int64)
-    one, other, place = one[place >= 0], other[place >= 0], place[place >= 0]
-    a, b = pairs.a[place], pairs.b[place]
-    out = np.full(len(photo), np.nan)
-    np.fmin.at(out, other, np.abs(a * image[one] + b))
-    np.fmin.at(out, one, np.abs((image[other] - b) / a))
+    known, out = place >= 0, np.full(len(photo), np.nan)
+    np.fmin.at(out, other[known], np.abs(pairs.a[place] * image[one] + pairs.b[place])[known])
     return out
 
 
 @check()
 def marks_at_zero(draft: Draft) -> Iterator[Problem]:
     """Yield the fiducial marks and crosses at 0/0 of which one camera, or photo, has several."""
-    for role, owners in (
-        ("fiducials", draft.camera),
-        ("fiducial_measurements", draft.photo),
-        ("reseau", draft.camera),
-        ("cross_measurements", draft.photo),
-    ):
+    for role in ("fiducials", "fiducial_measurements", "reseau", "cross_measurements"):
         rows, path = draft.rows[role], f"{role}.xy"
+        owners = draft.photo[role] if role in draft.photo else draft.camera[role]
         names = np.unique(rows[f"{role}.ids"], return_inverse=True)[1].reshape(-1)
-        several = _several(_at_zero(rows[path]), owners[role], names)
+        several = _several(_at_zero(rows[path]), owners, names)
         message = "x = y = 0, and so has another one: marks that were not punched read so"
         yield from draft.problems(role, several, message, path=path)
 

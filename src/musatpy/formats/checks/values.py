@@ -24,11 +24,6 @@ _WITHIN = {">": np.greater, ">=": np.greater_equal}
 _LARGEST = {"": 1e9, "m": 1e8, "mm": 1e8, "um": 1e9, "m/s": 1e4}  # by the unit of a field, whatever it means
 _SMALLEST_SIGMA = 1e-9  # in any unit: what is as good as that can only be a slip
 _ROUNDING = 1e-9  # of limits: they are not beyond themselves, whatever their unit
-_COMPONENTS = {
-    CoordinateSystem.GEOGRAPHIC: ("latitude", "longitude", "height"),
-    CoordinateSystem.GEOCENTRIC: ("X", "Y", "Z"),
-    CoordinateSystem.LOCAL: ("X", "Y", "Z"),
-}
 
 
 @check(of_card=True)
@@ -180,7 +175,8 @@ def control_components(draft: Draft) -> Iterator[Problem]:
     vertical = np.isin(kinds, (ControlKind.FULL, ControlKind.VERTICAL))
     needed = known = np.stack([horizontal, horizontal, vertical], axis=-1)
     rectangular = draft.given_in is not None and draft.given_in.kind not in list(CoordinateSystem)
-    names = _COMPONENTS[CoordinateSystem.LOCAL if rectangular else draft.system]
+    geographic = draft.system is CoordinateSystem.GEOGRAPHIC and not rectangular
+    names = ("latitude", "longitude", "height") if geographic else ("X", "Y", "Z")
     blank = [f"the {name} is known by the kind of the point, but blank" for name in names]
     if draft.system is CoordinateSystem.GEOCENTRIC:
         blank = [f"X, Y and Z hold a point only together, and {name} is blank" for name in names]

@@ -121,11 +121,10 @@ def tides(draft: Draft) -> Iterator[Problem]:
     """Yield the photos with submerged points but without tide, unless nothing is refracted or an ORI card asks."""
     submerged = _submerged(draft) if not draft.to_orient else np.zeros(0, dtype=np.int64)
     photos, first = np.unique(draft.photo["plates"][submerged], return_index=True)
-    known, with_tide = set(draft.photo["stations"].tolist()), set(draft.photo["tides"].tolist())
-    for photo, row in zip(photos.tolist(), submerged[first].tolist(), strict=True):
-        if photo >= 0 and (photo in known or draft.may_lack_station) and photo not in with_tide:
-            message = f"photo {draft.photo_ids[photo]} has submerged points but no {draft.card('tides')}"
-            yield draft.problem("plates", row, message, path="plates.photo")
+    known = draft.may_lack_station | np.isin(photos, draft.photo["stations"])
+    rows = submerged[first[(photos >= 0) & known & ~np.isin(photos, draft.photo["tides"])]]
+    message = f"photo {{}} has submerged points but no {draft.card('tides')}"
+    yield from draft.problems("plates", rows, message, draft.names("photos", "plates"), path="plates.photo")
 
 
 @check(of_job=True)
