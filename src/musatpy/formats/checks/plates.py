@@ -111,8 +111,9 @@ def _distances(draft: Draft, zero: BoolArray) -> FloatArray:
     one, other = np.concatenate([rays, rays[::-1]], axis=1)
     fits = {key: row for row, key in enumerate((pairs.first * count + pairs.second).tolist())}
     place = np.array([fits.get(key, -1) for key in (photo[one] * count + photo[other]).tolist()], dtype=np.int64)
-    known, out = place >= 0, np.full(len(photo), np.nan)
-    np.fmin.at(out, other[known], np.abs(pairs.a[place] * image[one] + pairs.b[place])[known])
+    one, other, place = one[place >= 0], other[place >= 0], place[place >= 0]
+    out = np.full(len(photo), np.nan)
+    np.fmin.at(out, other, np.abs(pairs.a[place] * image[one] + pairs.b[place]))
     return out
 
 
