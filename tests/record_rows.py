@@ -5,13 +5,20 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from json_schema import load_schema
+from json_schema import load_schema, violations
 from musatpy.listings.records import rows_in
 
 
 def read_rows(path: Path) -> Any:
     """Return what a JSON file says, its tables as lists of rows."""
     return with_rows(json.loads(path.read_text()))
+
+
+def valid_rows(path: Path, schema: Any) -> Any:
+    """Return what a JSON file says, its tables as lists of rows, after it was held against its schema."""
+    value = json.loads(path.read_text())
+    assert not list(violations(value, schema, schema))
+    return with_rows(value)
 
 
 def with_rows(value: Any) -> Any:

@@ -36,6 +36,17 @@ POINTING = 0.005  # mm, 1 sigma
 _INDEX = 1.34
 
 
+def changed(folder: Path, *changes: tuple[str, str]) -> Path:
+    """Return the deck of the fixture with texts replaced, wherever they stand."""
+    text = DECK.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    deck = folder / "changed.crd"
+    deck.write_text(text)
+    return deck
+
+
 def bottom(number: int = 120) -> FloatArray:
     """Return latitude, longitude (rad), height (m) of points on a bottom that falls from the shore to 25 m."""
     draws = np.random.default_rng(1811)

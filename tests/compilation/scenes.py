@@ -1,20 +1,27 @@
 """Pairs of vertical photographs over flat and curved water, with images traced without what is tested."""
 
+from typing import Any
+
 import numpy as np
 
 from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.compiled import Compiled, compiled
+from musatpy.compilation.joined_surfaces import BottomPoints, Surface
 from musatpy.compilation.stereomodels import Stereomodel
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.compilation.true_points import Readings
+from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
 from musatpy.model.tables import empty
 from musatpy.refraction.flat import air_tangent
 from musatpy.simulation.raytrace import trace
+from musatpy.soundings.sounding_files import Soundings
+from musatpy.surfaces.tin import Tin
 
 SPHERE = model.EllipsoidSpec(semi_major_axis=6_371_000.0, inverse_flattening=0.0)
 INDEX = 1.34
+MODEL = "MDL 1        1        2                                          5.00"
 
 
 def pair(
@@ -134,3 +141,44 @@ def compiled_again(
         ),
     )  # fmt: skip
     return compiled(of_solution(solution), deck), left
+
+
+def stage_card(name: str, flags: str, stages: FloatArray) -> str:
+    """Return the card of a reading in model 1, of four stage coordinates (mm)."""
+    return f"STG 1        {name:<8} {flags}" + "".join(f"{value:11.6f}" for value in stages.ravel())
+
+
+def deck_of_cards(*cards: str) -> Compilation:
+    """Return the compilation deck of cards, which is read without a warning and written as it was read."""
+    deck, warnings = read_compilation("\n".join([*cards, "END", ""]).encode())
+    data = compilation_bytes(deck)
+    assert not warnings and compilation_bytes(read_compilation(data)[0]) == data
+    return deck
+
+
+def surface_of(
+    xyz: FloatArray, sigma: float = 0.0, water: float = 0.0, longest: float = np.inf, plan: Any = None
+) -> Surface:
+    """Return the bottom of points (k, 3), their third coordinate a depth, all of one sigma and below one water."""
+    sigmas = np.full(len(xyz), sigma)
+    points = BottomPoints(xy=xyz[:, :2], depth=xyz[:, 2], sigma=sigmas, water=np.full(len(xyz), water))
+    return Surface(models=("M",), points=points, tin=Tin.of(xyz, sigmas, longest), plan=plan)
+
+
+def soundings_at(
+    place: FloatArray,
+    depth: FloatArray,
+    dates: list[str] | None = None,
+    *,
+    angular: bool = False,
+    sigma: float = np.nan,
+) -> Soundings:
+    """Return soundings at places (k, 2), without dates where none are given."""
+    return Soundings(
+        names=np.arange(len(depth)).astype(np.str_),
+        place=place,
+        angular=angular,
+        depth=depth,
+        sigma=np.full(len(depth), sigma),
+        date=np.array(dates or ["NaT"] * len(depth), dtype="datetime64[D]"),
+    )

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compilation.scenes import flat_images, grid, pair
+from compilation.scenes import MODEL, deck_of_cards, flat_images, grid, pair, stage_card, surface_of
 from musatpy import adjust, read_deck
 from musatpy.arrays import FloatArray
 from musatpy.compilation.bottom import Bottom, bottom_of, bottoms_of
@@ -14,7 +14,7 @@ from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.datums import Datum
 from musatpy.compilation.file_places import places_of
 from musatpy.compilation.grids import grids_of
-from musatpy.compilation.joined_surfaces import BottomPoints, Surface
+from musatpy.compilation.joined_surfaces import Surface
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.errors import CompilationError
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
@@ -28,7 +28,6 @@ from musatpy.model.compilation import (
 )
 from musatpy.model.tables import empty
 from musatpy.reports.compilation_bottom import contours_csv
-from musatpy.surfaces.tin import Tin
 from musatpy.units import DEGREE
 from stage_readings import FIXTURES, compilation
 
@@ -178,10 +177,7 @@ def noisy(seed: int, number: int = 150, sigma: float = 0.2) -> Surface:
     """Return the surface of points of the rolling bottom with errors."""
     draws = np.random.default_rng(seed)
     xy = draws.uniform(0.0, 1000.0, (number, 2))
-    depth, sigmas = rolling(xy) + sigma * draws.normal(size=number), np.full(number, sigma)
-    points = BottomPoints(xy=xy, depth=depth, sigma=sigmas, water=np.zeros(number))
-    tin = Tin.of(np.column_stack([xy, depth]), sigmas)
-    return Surface(models=("M",), points=points, tin=tin, plan=None)
+    return surface_of(np.column_stack([xy, rolling(xy) + sigma * draws.normal(size=number)]), sigma)
 
 
 @pytest.mark.slow
@@ -232,15 +228,8 @@ def beach(*cards: str) -> Compiled:
         flat_images(run, np.column_stack([xy, height])),
         straight_images(run, np.column_stack([xy, height])),
     )
-    lines = ["MDL 1        1        2                                          5.00", *cards]
-    for row, stages in enumerate(images.reshape(-1, 4)):
-        flag = "B" if wet[row] else " "
-        lines.append(f"STG 1        {row:<8} G{flag}" + "".join(f"{value:11.6f}" for value in stages))
-    deck, warnings = read_compilation("\n".join([*lines, "END", ""]).encode())
-    assert not warnings and compilation_bytes(read_compilation(compilation_bytes(deck))[0]) == compilation_bytes(
-        deck
-    )
-    return compiled(run, deck)
+    readings = [stage_card(str(row), "GB" if wet[row] else "G ", stages) for row, stages in enumerate(images)]
+    return compiled(run, deck_of_cards(MODEL, *cards, *readings))
 
 
 def straight_images(run: Triangulation, points: FloatArray) -> FloatArray:
@@ -340,15 +329,11 @@ def st_thomas() -> Triangulation:
     return of_solution(adjust(read_deck(FIXTURES / "st_thomas/st_thomas.crd")))
 
 
-def with_datum(spec: SoundingDatum) -> Compilation:
-    return replace(compilation(), datum=spec)
-
-
 @pytest.mark.slow
 def test_depths_below_a_datum_in_a_grid_file(st_thomas: Triangulation, tmp_path: Path) -> None:
     """Depths by the surface at each point, contours at its height there less their depth."""
     spec = SoundingDatum(name="MLLW", height=0.02, sigma=0.05, geoid=str(tilted_datum(tmp_path)))
-    result = compiled(st_thomas, with_datum(spec))
+    result = compiled(st_thomas, replace(compilation(), datum=spec))
     position = result.gathered("position")
     surface = 0.02 - 0.15 + 4.0 * (position[:, 1] / DEGREE + 64.93)
     np.testing.assert_allclose(result.datum_depth[0], surface - position[:, 2], rtol=0, atol=1e-6)  # file: float32
@@ -371,7 +356,8 @@ def test_points_outside_the_grid_of_a_datum_have_no_depth_below_it(
     data = bytearray(path.read_bytes())
     data[8:16] = np.array(-64.935).astype(">f8").tobytes()  # it begins farther east
     path.write_bytes(data)
-    result = compiled(st_thomas, with_datum(SoundingDatum(name="MLLW", geoid=str(path))))
+    spec = SoundingDatum(name="MLLW", geoid=str(path))
+    result = compiled(st_thomas, replace(compilation(), datum=spec))
     west = result.gathered("position")[:, 1] < -64.935 * DEGREE
     np.testing.assert_array_equal(np.isnan(result.datum_depth[0]), west)
     assert f"{west.sum()} points lie outside the grid of the datum MLLW" in list(result.warnings())
@@ -387,15 +373,14 @@ def test_a_local_job_has_no_grid_of_heights() -> None:
 
 
 @pytest.mark.parametrize(
-    ("height", "side"), [(-0.15, ""), (19.0, ""), (21.0, "20.8 m above"), (-42.0, "42.2 m below")]
+    ("height", "side"), [(None, ""), (-0.15, ""), (19.0, ""), (21.0, "20.8 m above"), (-42.0, "42.2 m below")]
 )
-def test_a_sounding_datum_far_from_the_water_is_told(st_thomas: Triangulation, height: float, side: str) -> None:
-    result = compiled(st_thomas, with_datum(SoundingDatum(name="MLLW", height=height)))
+def test_a_sounding_datum_far_from_the_water_is_told(
+    st_thomas: Triangulation, height: float | None, side: str
+) -> None:
+    """The height 0 of a job without a datum is none."""
+    datum = None if height is None else SoundingDatum(name="MLLW", height=height)
+    result = compiled(st_thomas, replace(compilation(), datum=datum))
     told = [text for text in result.warnings() if text.startswith("the sounding datum is")]
     assert len(told) == bool(side)
     assert side in "".join(told)
-
-
-def test_the_height_0_of_a_job_is_no_sounding_datum(st_thomas: Triangulation) -> None:
-    result = compiled(st_thomas, with_datum(None))
-    assert not any("sounding datum" in text for text in result.warnings())

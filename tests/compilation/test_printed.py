@@ -9,11 +9,11 @@ import math
 import numpy as np
 import pytest
 
-from compilation.scenes import at_depth, curved_images, flat_images, grid, pair
+from compilation.scenes import at_depth, curved_images, flat_images, grid, pair, readings_at
 from musatpy.arrays import FloatArray
 from musatpy.compilation.printed import AS_1983, Printed, printed_points, true_coordinates
 from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
-from musatpy.compilation.true_points import Readings, true_points
+from musatpy.compilation.true_points import true_points
 from musatpy.errors import CompilationError
 
 PLACES = grid((200.0, 1600.0), 1700.0)
@@ -85,13 +85,7 @@ def test_one_vertical_for_a_model_is_wrong_at_its_edge(
         error = np.linalg.norm(errors(model, points, xy, Printed(model_vertical=True)), axis=1)
         assert error.max() == pytest.approx(largest, rel=0.05)
         assert np.sqrt(np.mean(np.square(error))) == pytest.approx(rms, rel=0.05)
-        readings = Readings(
-            ids=np.arange(len(xy)).astype(np.str_),
-            submerged=np.ones(len(xy), dtype=bool),
-            xy=xy,
-            sigma=np.full(xy.shape, 0.005),
-        )
-        image = true_points(model.run, model.photos, readings)
+        image = true_points(model.run, model.photos, readings_at(xy))
         assert np.abs(model.run.frame.working(image.position) - points).max() < 1.3e-4
 
 
@@ -124,14 +118,7 @@ def test_sigmas_of_two_thousand_pointings() -> None:
     places = np.column_stack([draws.uniform(200.0, 1600.0, 2000), draws.uniform(-1700.0, 1700.0, 2000)])
     points = np.column_stack([places, -draws.uniform(1.0, 30.0, 2000)])
     xy = flat_images(run, points)
-    sigma = np.full(xy.shape, 0.005)
-    readings = Readings(
-        ids=np.arange(2000).astype(np.str_),
-        submerged=np.ones(2000, dtype=bool),
-        xy=xy + sigma * draws.normal(size=xy.shape),
-        sigma=sigma,
-    )
-    compiled = true_points(run, (0, 1), readings)
+    compiled = true_points(run, (0, 1), readings_at(xy + 0.005 * draws.normal(size=xy.shape)))
     scaled = (compiled.position - points) / np.sqrt(np.diagonal(compiled.covariance, axis1=1, axis2=2))
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(scaled), axis=0)), 1.0, atol=0.05)
     depth = (compiled.depth - (0.05 - points[:, 2])) / compiled.depth_sigma

@@ -1,6 +1,5 @@
 """Profiles by the coordinates of their ends, scans of lines side by side, and how fast they were read."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,13 +7,13 @@ import numpy as np
 import pytest
 
 from cli.commands import musat
-from compilation.scenes import flat_images, pair
-from json_schema import violations
+from compilation.scenes import MODEL, deck_of_cards, flat_images, pair, stage_card
 from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.profiles import profiles_of, scans_of
-from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
+from musatpy.formats.compilation_deck import compilation_bytes
 from musatpy.reports.compilation import DOCUMENT
+from record_rows import valid_rows
 from stage_readings import compilation
 
 _RATE = 2.0  # s between readings
@@ -29,21 +28,14 @@ def deck_of(xy: FloatArray, *cards: str, times: bool = True) -> Compiled:
     """Return the compilation of a profile's readings."""
     run = pair(3000.0, 1810.0)
     images = flat_images(run, np.column_stack([xy, -depth(xy)]))
-    lines = ["MDL 1        1        2                                          5.00", *cards]
-    lines += [
-        "STG 1        A        PB" + "".join(f"{value:11.6f}" for value in stages)
-        for stages in images.reshape(-1, 4)
-    ]
+    lines = [MODEL, *cards, *(stage_card("A", "PB", stages) for stages in images)]
     if times:
         clock = _RATE * np.arange(len(xy))
         lines += [
             f"PTM 1        A       {first + 1:6d}" + "".join(f"{t:9.3f}" for t in clock[first : first + 5])
             for first in range(0, len(xy), 5)
         ]
-    deck, warnings = read_compilation("\n".join([*lines, "END", ""]).encode())
-    data = compilation_bytes(deck)
-    assert not warnings and compilation_bytes(read_compilation(data)[0]) == data
-    return compiled(run, deck)
+    return compiled(run, deck_of_cards(*lines))
 
 
 def card(ends: str, *, step: float = 20.0, scan: str = "", name: str = "A") -> tuple[str, ...]:
@@ -152,11 +144,6 @@ def test_without_times_there_is_no_pace() -> None:
     assert np.isnan(part.pace).all() and part.turns == 0
 
 
-def test_times_are_those_of_the_readings_in_the_order_of_their_cards() -> None:
-    result = deck_of(line(), *card(ends("J", 200.0, 50.0, 1600.0, 50.0)))
-    np.testing.assert_allclose(result.deck.stages.time, _RATE * np.arange(41), atol=1e-9)
-
-
 def timed(deck_folder: Path) -> Path:
     """Return the deck of the fixture with times of its readings along NS, and a scan of its bottom."""
     deck = compilation()
@@ -176,9 +163,7 @@ def test_the_listing_has_the_pace_and_the_file_the_posts(run_record: Path, tmp_p
     assert result.exit_code == 0, result.output
     listing = (tmp_path / "timed.lst").read_text()
     assert "Pace Of Profiles" in listing
-    record = json.loads((tmp_path / "timed.json").read_text())
-    assert not list(violations(record, DOCUMENT.schema(), DOCUMENT.schema()))
-    row = record["profiles"][0]
+    row = valid_rows(tmp_path / "timed.json", DOCUMENT.schema())["profiles"][0]
     assert (row["profile"], row["timed"], row["duration"]) == ("NS", 31, 30.0) and row["turns"] > 10
     rows = [line.split(",") for line in (tmp_path / "timed.profiles.csv").read_text().splitlines()]
     posts = [dict(zip(rows[0], cells, strict=True)) for cells in rows if cells[:3] == ["post", "2122", "NS"]]

@@ -12,6 +12,7 @@ from click.testing import Result
 from scipy.interpolate import LinearNDInterpolator
 
 from cli.commands import musat
+from compilation.scenes import soundings_at
 from musatpy.arrays import FloatArray
 from musatpy.as11_runs import compiled_deck
 from musatpy.compilation.contoured import NOT_IN_OTHER, contoured
@@ -23,7 +24,6 @@ from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.interchange.any_file import write_layers
 from musatpy.interchange.layers import Grid
 from musatpy.soundings.contour_files import ContourLines
-from musatpy.soundings.sounding_files import Soundings
 from musatpy.surfaces.tin import EMPTY, INSIDE, OUTSIDE, REASONS
 from musatpy.units import DEGREE
 
@@ -76,10 +76,7 @@ def test_soundings_find_their_places_on_the_globe(tmp_path: Path, definition: st
         place = zone.level(np.array([[EAST + 17.5, NORTH + 35.0, 0.0]]))[:, :2]
         # 5 m on the map are 5 m over its scale, by .05 %, on the ellipsoid.
         north = 5.0
-    soundings = Soundings(
-        names=np.array(["A"]), place=place, angular=True, depth=np.array([13.0]), sigma=np.array([0.1]),
-        date=np.array(["NaT"], dtype="datetime64[D]"),
-    )  # fmt: skip
+    soundings = soundings_at(place, np.array([13.0]), angular=True, sigma=0.1)
     compared = sounded([bottom], soundings, Matching(plan_sigma=2.0))
     assert compared.differences.difference[0] == pytest.approx(0.5, abs=1e-6)
     expected = np.sqrt(0.2**2 + 0.1**2 + (2.0 * 0.5 / north) ** 2)
@@ -88,11 +85,8 @@ def test_soundings_find_their_places_on_the_globe(tmp_path: Path, definition: st
 
 def test_reasons_of_a_raster_are_told(tmp_path: Path) -> None:
     bottom = read_raster_bottom(raster(tmp_path / "a.tif", None), None)
-    soundings = Soundings(
-        names=np.array(["A", "B", "C"]), angular=False, depth=np.full(3, 10.0), sigma=np.full(3, np.nan),
-        place=np.array([[50.0, 50.0], [500.0, 0.0], [20.0, 20.0]]) + CORNER,
-        date=np.array(["NaT"] * 3, dtype="datetime64[D]"),
-    )  # fmt: skip
+    place = np.array([[50.0, 50.0], [500.0, 0.0], [20.0, 20.0]]) + CORNER
+    soundings = soundings_at(place, np.full(3, 10.0))
     compared = sounded([bottom], soundings, Matching())
     assert compared.reasons == {0: REASONS[EMPTY], 1: REASONS[OUTSIDE]} and compared.rows.tolist() == [2]
 
@@ -176,8 +170,7 @@ sounding_error = 0.1
 
 
 def compare(folder: Path, bottom: str, *options: str) -> tuple[Result, dict[str, object]]:
-    words = ["as11", "compare-soundings", "old.json", bottom, "old.soundings.csv", "-o", "out", *options]
-    result = musat(*words)
+    result = musat("as11", "compare-soundings", "old.json", bottom, "old.soundings.csv", "-o", "out", *options)
     path = folder / "out/old.soundings.soundings.json"
     return result, json.loads(path.read_text()) if path.exists() else {}
 

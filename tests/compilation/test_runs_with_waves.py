@@ -195,13 +195,11 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the record, the punched results and a compilation deck of the strip through waves."""
     folder = tmp_path_factory.mktemp("runs")
     deck = FIXTURES / "waves" / "strip.crd"
-    words = ["run", "-q", str(deck), "-o", str(folder), "--punch", "result"]
-    assert musat(*words).exit_code == 0
+    assert musat("run", "-q", deck, "-o", folder, "--punch", "result").exit_code == 0
     block = read_deck(deck)
     readings = pointed(read_again(block, 0, "837", "838"), 3, 0.0)
     for name, mode in (("image", "IMAGE"), ("printed", "PRINTED")):
-        of_models = models(("A", "837", "838"))
-        of_models = replace(of_models, mode=np.array([mode]))
+        of_models = replace(models(("A", "837", "838")), mode=np.array([mode]))
         contents = Compilation(titles=("WAVES",), models=of_models, stages=readings)
         (folder / f"{name}.crd").write_bytes(compilation_bytes(contents))
     return folder
@@ -210,16 +208,11 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_the_commands_go_through_the_waves_of_the_run(runs: Path, tmp_path: Path) -> None:
     for command in ("compile", "setup", "compare-points"):
-        words = ["as11", command, str(runs / "strip.json"), str(runs / "image.crd"), "-o", str(tmp_path)]
-        result = musat(*words)
+        result = musat("as11", command, runs / "strip.json", runs / "image.crd", "-o", tmp_path)
         assert result.exit_code == 0, result.output
     for listing in ("image.lst", "image.setup.lst"):
         text = (tmp_path / listing).read_text()
         assert "Through the waves of the run (SW, CHOP), as they stood at each exposure." in text
-    path = tmp_path / "path.csv"
-    path.write_text("t,X,Y,Z\n0,0,0,-5\n0.1,10,0,-5\n")
-    result = musat("as11", "drive", runs / "strip.json", "837", "838", path)
-    assert result.exit_code == 0 and "6 cycles at 50 Hz" in result.output
 
 
 def test_a_punched_deck_has_its_waves(runs: Path) -> None:
@@ -233,8 +226,7 @@ def test_a_punched_deck_has_its_waves(runs: Path) -> None:
 
 
 def test_the_formulas_of_1983_are_of_still_water(runs: Path) -> None:
-    words = ["as11", "compile", str(runs / "strip.json"), str(runs / "printed.crd"), "-o", str(runs)]
-    result = musat(*words)
+    result = musat("as11", "compile", runs / "strip.json", runs / "printed.crd", "-o", runs)
     assert result.exit_code == 1 and "model A: the run has waves, and PRINTED is of still water" in result.output
 
 
@@ -258,6 +250,5 @@ def test_waves_without_the_time_of_an_exposure_are_refused(runs: Path, tmp_path:
     ]
     deck = tmp_path / "timeless.pun"
     deck.write_text("\n".join(lines))
-    words = ["as11", "compile", str(deck), str(runs / "image.crd"), "-o", str(tmp_path)]
-    result = musat(*words)
+    result = musat("as11", "compile", deck, runs / "image.crd", "-o", tmp_path)
     assert result.exit_code == 1 and "time" in result.output and "838" in result.output

@@ -6,18 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from altered import altered
 from cli.commands import musat
-from compilation.scenes import at_depth, flat_images, grid, pair
-from json_schema import violations
+from compilation.scenes import MODEL, at_depth, deck_of_cards, flat_images, grid, pair, stage_card
 from musatpy import model
 from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import compiled
 from musatpy.compilation.setups import ModelSetUp, model_set_up
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation
-from musatpy.formats.compilation_deck import read_compilation
 from musatpy.reports.compilation import SET_UP
-from record_rows import read_rows, with_columns
+from record_rows import valid_rows
 
 _H, _BASE, _F, _POINTING = 3000.0, 1810.0, 152.4, 0.005
 
@@ -31,8 +30,7 @@ def with_points(run: Triangulation, points: FloatArray) -> Triangulation:
 
 
 def set_up_of(run: Triangulation, *cards: str) -> ModelSetUp:
-    lines = ["MDL 1        1        2                                          5.00", *cards, "END", ""]
-    deck, _ = read_compilation("\n".join(lines).encode())
+    deck = deck_of_cards(MODEL, *cards)
     result = compiled(run, deck)
     return model_set_up(result.models[0], deck.stages.kind)
 
@@ -41,8 +39,7 @@ def test_the_run_predicts_the_stages_and_the_parallax_of_straight_rays() -> None
     points = at_depth(grid((200.0, 1600.0), 1700.0), 30.0)
     run = with_points(pair(_H, _BASE), points)
     xy = flat_images(run, points)
-    cards = [f"STG 1        P{row:<7} RB" + "".join(f"{v:11.6f}" for v in xy[row].ravel()) for row in (0, 7)]
-    again = set_up_of(run, *cards).again
+    again = set_up_of(run, *(stage_card(f"P{row}", "RB", xy[row]) for row in (0, 7))).again
     # "Noise-free readings: below .001 um"; the cards have six decimals, rounded to half of that.
     assert np.abs(again.predicted - xy).max() < 1e-6
     assert np.abs(again.read - again.predicted)[[0, 7]].max() < 1e-6
@@ -54,9 +51,8 @@ def test_the_run_predicts_the_stages_and_the_parallax_of_straight_rays() -> None
 
 def test_points_that_a_photo_does_not_show_are_not_in_the_model() -> None:
     run = pair(_H, _BASE)
-    cameras = replace(run.block.cameras, format_size=np.full((1, 2), 228.6))
     points = at_depth(np.array([[900.0, 0.0], [-1500.0, 0.0], [900.0, 2500.0]]), 5.0)
-    run = with_points(replace(run, block=replace(run.block, cameras=cameras)), points)
+    run = with_points(altered(run, block={"cameras": {"format_size": np.full((1, 2), 228.6)}}), points)
     assert set_up_of(run).again.points.tolist() == [0]
 
 
@@ -78,9 +74,9 @@ def test_standard_errors_to_expect_are_those_of_the_normal_case() -> None:
 def test_a_model_without_water_stands_on_the_mean_ground() -> None:
     """Points at 40 and 60 m: the model begins at 50 m, and that is where errors are expected."""
     wet = pair(_H, _BASE)
-    dry = replace(wet.block, water=None, photos=replace(wet.block.photos, tide=np.full(2, np.nan)))
+    dry = altered(wet, block={"water": None, "photos": {"tide": np.full(2, np.nan)}})
     points = np.array([[700.0, 100.0, 40.0], [1100.0, -200.0, 60.0], [np.nan] * 3])
-    run = with_points(replace(wet, block=dry), points)
+    run = with_points(dry, points)
     expected = set_up_of(run).expected
     assert set_up(run, "1", "2").height == pytest.approx(_H - 50.0, abs=1e-9)
     middle = (np.abs(expected.place) < 1.0).all(axis=1)
@@ -100,8 +96,7 @@ def test_the_command_lists_the_models_before_anything_is_read(run_record: Path, 
     for title in ("Options", "Model Set-Up", "Scales, And", "Model Axes", "Points Of The Run", "Standard Errors"):
         assert f"\n{title}" in listing
     assert max(map(len, listing.splitlines())) <= 132
-    values = read_rows(tmp_path / "models.setup.json")
-    assert not list(violations(with_columns(values, SET_UP.schema()), SET_UP.schema(), SET_UP.schema()))
+    values = valid_rows(tmp_path / "models.setup.json", SET_UP.schema())
     # 5 um at H/B of 1.68 and a scale of 1 to 15,740 make .187 m in height; stations add what the run says.
     middle = next(row for row in values["expected"] if row["depth"] == 0.0 and max(map(abs, row["place"])) < 1.0)
     ratio = values["models"][0]["height"] / values["models"][0]["base"]

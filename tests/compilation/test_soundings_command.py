@@ -12,19 +12,17 @@ from click.testing import Result
 
 import stage_readings
 from cli.commands import musat
-from json_schema import violations
-from musatpy.arrays import FloatArray
+from compilation.scenes import soundings_at, surface_of
 from musatpy.compilation.compiled import compiled
-from musatpy.compilation.joined_surfaces import BottomPoints, Surface, surfaces_of
+from musatpy.compilation.joined_surfaces import Surface, surfaces_of
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.sounded import DRY, STEEP, UNDATED, Matching, sounded
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.interchange import las
 from musatpy.interchange.layers import Points
 from musatpy.reports.soundings import DOCUMENT
-from musatpy.soundings.sounding_files import Soundings
-from musatpy.surfaces.tin import FEW, LONG_EDGE, OUTSIDE, REASONS, Tin
-from record_rows import read_rows, with_columns
+from musatpy.surfaces.tin import FEW, LONG_EDGE, OUTSIDE, REASONS
+from record_rows import read_rows, valid_rows
 
 SLOPE, WATER = 0.1, 1.0  # the datum is 1 m above the water
 
@@ -32,30 +30,14 @@ SLOPE, WATER = 0.1, 1.0  # the datum is 1 m above the water
 def surface(shift: float = 0.0, sigma: float = 0.2, longest: float = np.inf) -> Surface:
     """Return a bottom that falls towards east from 0 to 10 m below the datum, x and y 0 to 100 m."""
     x, y = (part.ravel() for part in np.meshgrid(np.linspace(0.0, 100.0, 11), np.linspace(0.0, 100.0, 11)))
-    points = BottomPoints(
-        xy=np.column_stack([x, y]), depth=SLOPE * x + shift, sigma=np.full(121, sigma), water=np.full(121, WATER)
-    )
-    tin = Tin.of(np.column_stack([points.xy, points.depth]), points.sigma, longest)
-    return Surface(models=("M",), points=points, tin=tin, plan=None)
-
-
-def soundings(place: FloatArray, depth: FloatArray, dates: list[str] | None = None) -> Soundings:
-    n = len(depth)
-    return Soundings(
-        names=np.arange(n).astype(np.str_),
-        place=place,
-        angular=False,
-        depth=depth,
-        sigma=np.full(n, np.nan),
-        date=np.array(dates or ["NaT"] * n, dtype="datetime64[D]"),
-    )
+    return surface_of(np.column_stack([x, y, SLOPE * x + shift]), sigma, WATER, longest)
 
 
 @pytest.mark.parametrize("radius", [np.inf, 25.0])
 def test_depths_and_sigmas_of_triangles_and_of_planes(radius: float) -> None:
     place = np.array([[50.0, 50.0], [30.0, 70.0]])
     how = Matching(datum=0.3, datum_sigma=0.04, sigma=0.1, plan_sigma=2.0, radius=radius)
-    compared = sounded([surface()], soundings(place, np.array([4.5, 3.2])), how)
+    compared = sounded([surface()], soundings_at(place, np.array([4.5, 3.2])), how)
     differences = compared.differences
     np.testing.assert_allclose(differences.compiled, [5.0, 3.0])
     np.testing.assert_allclose(differences.difference, [5.0 - 4.8, 3.0 - 3.5])
@@ -67,16 +49,16 @@ def test_depths_and_sigmas_of_triangles_and_of_planes(radius: float) -> None:
 def test_what_is_above_the_water_is_dry() -> None:
     """The water is 1 m below the datum: at x 10."""
     place = np.array([[9.0, 50.0], [11.0, 50.0]])
-    compared = sounded([surface()], soundings(place, np.array([0.9, 1.1])), Matching())
+    compared = sounded([surface()], soundings_at(place, np.array([0.9, 1.1])), Matching())
     assert compared.reasons == {0: DRY} and compared.rows.tolist() == [1]
-    covered = sounded([surface(), surface(2.0, 0.5)], soundings(place, np.array([0.9, 1.1])), Matching())
+    covered = sounded([surface(), surface(2.0, 0.5)], soundings_at(place, np.array([0.9, 1.1])), Matching())
     assert not covered.reasons
     np.testing.assert_allclose(covered.differences.compiled, [2.9, 1.1])  # the surer one where both are
 
 
 def test_every_reason() -> None:
     place = np.array([[500.0, 0.0], [5.0, 50.0], [50.0, 50.0], [60.0, 50.0], [70.0, 50.0]])
-    data = soundings(place, np.full(5, 5.0), ["1985-01-01", "1985-01-01", "1979-12-31", "NaT", "1980-01-01"])
+    data = soundings_at(place, np.full(5, 5.0), ["1985-01-01", "1985-01-01", "1979-12-31", "NaT", "1980-01-01"])
     how = Matching(not_before=datetime.date(1980, 1, 1))
     compared = sounded([surface()], data, how)
     assert compared.reasons == {0: REASONS[OUTSIDE], 1: DRY, 2: "older than 1980-01-01", 3: UNDATED}
@@ -89,12 +71,11 @@ def test_every_reason() -> None:
 
 
 def test_the_reason_of_the_model_that_covers_a_place_counts() -> None:
-    far = surface()
-    shifted = replace(far.points, xy=far.points.xy + 5000.0)
-    far = replace(far, points=shifted, tin=Tin.of(np.column_stack([shifted.xy, shifted.depth]), shifted.sigma))
+    points = surface().points
+    far = surface_of(np.column_stack([points.xy + 5000.0, points.depth]), 0.2, WATER)
     place = np.array([[5.0, 50.0], [50.0, 50.0]])
     for surfaces in ([surface(), far], [far, surface()]):
-        assert sounded(surfaces, soundings(place, np.full(2, 5.0)), Matching()).reasons == {0: DRY}
+        assert sounded(surfaces, soundings_at(place, np.full(2, 5.0)), Matching()).reasons == {0: DRY}
 
 
 def compared(run: Path, folder: Path, text: str, *options: str) -> Result:
@@ -112,16 +93,11 @@ def scaled(factor: float, shift: float = 0.0) -> str:
     )
 
 
-def test_the_soundings_of_the_fixture_are_what_its_generator_writes() -> None:
-    assert stage_readings.SOUNDINGS.read_text() == stage_readings.soundings()
-
-
 def test_soundings_of_the_bottom(run_record: Path, tmp_path: Path) -> None:
     """No refraction is left (b), the datum is right (a); the scatter is that of bottom and points, .4 m."""
     result = compared(run_record, tmp_path, stage_readings.soundings(), "--plan-sigma", "1")
     assert result.exit_code == 0 and "of 200 soundings, median" in result.output
-    record, of_record = read_rows(tmp_path / "s.soundings.json"), DOCUMENT.schema()
-    assert not list(violations(with_columns(record, of_record), of_record, of_record))
+    record = valid_rows(tmp_path / "s.soundings.json", DOCUMENT.schema())
     line = record["regression"]
     assert abs(line["b"]) < 3.0 * line["b_sigma"] and line["b_sigma"] < 0.01 and abs(line["a"]) < 0.25
     good = record["samples"][1]
@@ -149,8 +125,7 @@ def test_the_water_over_the_points_of_a_bottom(run_record: Path) -> None:
 def test_planes_about_soundings_agree_with_triangles(run_record: Path, tmp_path: Path) -> None:
     """To the scatter of the points; soundings without points within the radius say so, and the record says how."""
     assert compared(run_record, tmp_path, stage_readings.soundings(), "--radius", "200").exit_code == 0
-    record, of_record = read_rows(tmp_path / "s.soundings.json"), DOCUMENT.schema()
-    assert not list(violations(with_columns(record, of_record), of_record, of_record))
+    record = valid_rows(tmp_path / "s.soundings.json", DOCUMENT.schema())
     assert record["matching"]["radius"] == 200.0 and "within 200 m" in (tmp_path / "s.soundings.lst").read_text()
     assert abs(record["samples"][1]["median"]) < 0.3 and record["samples"][1]["rms"] < 0.6
     assert abs(record["regression"]["b"]) < 0.02
@@ -178,8 +153,8 @@ def test_a_las_file_on_a_map_says_what_the_csv_file_says(run_record: Path, tmp_p
     east, north = pyproj.Transformer.from_crs(zone.geodetic_crs, zone, always_xy=True).transform(lon, lat)
     cloud = tmp_path / "cloud.las"
     las.write(cloud, Points(xyz=np.column_stack([east, north, -depth]), crs=zone))
-    command = ["as11", "compare-soundings", str(run_record), str(stage_readings.DECK), str(cloud), "--sigma", "0.1"]
-    assert musat(*command).exit_code == 0
+    words = ("as11", "compare-soundings", run_record, stage_readings.DECK, cloud, "--sigma", "0.1")
+    assert musat(*words).exit_code == 0
     compared(run_record, tmp_path, stage_readings.soundings())
     of_las, of_csv = (read_rows(tmp_path / f"{name}.soundings.json") for name in ("cloud", "s"))
     pairs = list(zip(of_las["differences"], of_csv["differences"], strict=True))
@@ -197,11 +172,10 @@ def test_a_datum_shows_in_a_and_an_option_takes_it_away(run_record: Path, tmp_pa
     assert shifted - right == pytest.approx(0.5, abs=0.01)  # and b times the shift
 
 
-@pytest.mark.parametrize(("factor", "unit"), [(3.2808, "feet"), (100.0, "centimetres: divide them by 100")])
-def test_soundings_in_other_units_are_named(run_record: Path, tmp_path: Path, factor: float, unit: str) -> None:
-    result = compared(run_record, tmp_path, scaled(factor))
-    assert result.exit_code == 0 and f"they look like {unit}" in result.output
-    assert f"they look like {unit}" in " ".join((tmp_path / "s.soundings.lst").read_text().split())
+def test_soundings_in_another_unit_are_named(run_record: Path, tmp_path: Path) -> None:
+    result, named = compared(run_record, tmp_path, scaled(100.0)), "they look like centimetres: divide them by 100"
+    assert result.exit_code == 0 and named in result.output
+    assert named in " ".join((tmp_path / "s.soundings.lst").read_text().split())
 
 
 @pytest.mark.parametrize(("shift", "words", "datum"), [(2.5, "deeper", -2.5), (-2.5, "less deep", 2.5)])
@@ -216,14 +190,7 @@ def test_a_constant_offset_is_named_with_the_datum_that_takes_it_away(
     assert right.exit_code == 0 and "than the bottom" not in right.output
 
 
-def west_positive() -> str:
-    """Return the soundings with longitudes that are positive to the west."""
-    return stage_readings.soundings().replace(",-64.", ",64.")
-
-
-def exchanged() -> str:
-    """Return the soundings with latitudes for longitudes."""
-    return stage_readings.soundings().replace("name,lat,lon", "name,lon,lat", 1)
+WEST_POSITIVE = stage_readings.soundings().replace(",-64.", ",64.")
 
 
 def test_soundings_that_are_there_twice_are_told(run_record: Path, tmp_path: Path) -> None:
@@ -237,17 +204,9 @@ def test_soundings_that_are_there_twice_are_told(run_record: Path, tmp_path: Pat
     ("text", "options", "message"),
     [
         ("x,y,depth\n1,2,3\n", (), "give the soundings in these, or name the system of x and y (--crs"),
-        (exchanged(), (), "of them would with lat and lon exchanged"),
-        (
-            west_positive(),
-            (),
-            "with the other sign of lon: they look like longitudes that are positive to the west",
-        ),
-        (
-            west_positive().replace("lat,lon", "lon,lat"),
-            (),
-            "lat and lon exchanged, and the other sign of lon: they",
-        ),
+        (stage_readings.soundings().replace("lat,lon", "lon,lat"), (), "would with lat and lon exchanged"),
+        (WEST_POSITIVE, (), "other sign of lon: they look like longitudes that are positive to the west"),
+        (WEST_POSITIVE.replace("lat,lon", "lon,lat"), (), "lat and lon exchanged, and the other sign of lon: they"),
         ("lat,lon,depth\n10,20,3\n", (), "no sounding meets the bottom: outside the surface"),
         (stage_readings.soundings(), ("--steepest", "0"), "the bottom is steeper there than the limit"),
     ],

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from compilation.scenes import INDEX, at_depth, flat_images, grid, pair
+from altered import altered, with_options
+from compilation.scenes import INDEX, at_depth, compiled_again, flat_images, grid, pair, readings_at
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import FloatArray
-from musatpy.compilation.compiled import Compiled, CompiledModel, compiled
+from musatpy.compilation.compiled import Compiled, CompiledModel
 from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.parallax_tests import parallax_tests
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
-from musatpy.compilation.true_points import Readings, true_points
+from musatpy.compilation.true_points import true_points
 from musatpy.geometry.collinearity import attitude_matrix
-from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
 from musatpy.probability import student_as_normal
 from musatpy.refraction.flat import air_tangent
 from musatpy.simulation import simulate
@@ -41,13 +41,9 @@ def strip() -> Triangulation:
         "measurement": {"noise": 4.0},
         "options": {"program": "IIIA"},
     }
-    block = simulate(spec_from_table(spec)).block
-    assert block.water is not None
-    groups = np.array(["A", "A", "B"])
-    photos = replace(block.photos, tide_sigma=np.array([0.1, 0.2, 0.15]), tide_group=groups)
-    water = replace(block.water, sigma=0.002, tilt_sigma=5e-5)
-    block = replace(block, photos=photos, water=water)
-    solution = adjust(block)
+    photos = {"tide_sigma": np.array([0.1, 0.2, 0.15]), "tide_group": np.array(["A", "A", "B"])}
+    water = {"sigma": 0.002, "tilt_sigma": 5e-5}
+    solution = adjust(altered(simulate(spec_from_table(spec)).block, photos=photos, water=water))
     assert solution.converged
     return of_solution(solution)
 
@@ -58,18 +54,14 @@ def test_points_of_the_stages_of_marks_are_the_marks() -> None:
     stereo = set_up(run, *run.block.photos.ids[1:].tolist())
     marks = np.column_stack([grid((-300.0, 300.0), 500.0, 5), np.linspace(-20.0, -2.0, 25)])
     xy = Loop(stereo=stereo).stages(marks).xy
-    sigma, ids = np.full(xy.shape, 0.005), np.arange(25).astype(np.str_)
-    points = true_points(run, (1, 2), Readings(ids=ids, submerged=np.ones(25, dtype=bool), xy=xy, sigma=sigma))
+    points = true_points(run, (1, 2), readings_at(xy))
     np.testing.assert_allclose(stereo.model(run.frame.working(points.position)), marks, rtol=0.0, atol=1e-9)
 
 
 def test_points_are_the_same_whatever_the_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
     run = pair(3000.0, 1810.0, (0.4, -0.3))
     places = at_depth(grid((200.0, 1600.0), 1700.0, 5), 5.0)
-    xy = flat_images(run, places)
-    readings = Readings(
-        ids=np.arange(25).astype(np.str_), submerged=np.ones(25, dtype=bool), xy=xy, sigma=np.full(xy.shape, 0.005)
-    )
+    readings = readings_at(flat_images(run, places))
     whole = true_points(run, (0, 1), readings)
     monkeypatch.setattr("musatpy.compilation.true_points._CHUNK", 7)
     parts = true_points(run, (0, 1), readings)
@@ -139,13 +131,7 @@ def test_the_test_value_has_the_variance_one(submerged: bool) -> None:
     errors = COMMON * draws.normal(size=(number, 1, 6)) + OWN * draws.normal(size=(number, 2, 6))
     index = INDEX + INDEX_SIGMA * draws.normal(size=number)
     xy = images(run, points, errors, index if submerged else np.ones(number)).reshape(-1, 2, 2)
-    sigma = np.full(xy.shape, POINTING)
-    readings = Readings(
-        ids=np.arange(len(xy)).astype(np.str_),
-        submerged=np.full(len(xy), submerged),
-        xy=xy + sigma * draws.normal(size=xy.shape),
-        sigma=sigma,
-    )
+    readings = readings_at(xy + POINTING * draws.normal(size=xy.shape), submerged, POINTING)
     found = true_points(run, (0, 1), readings)
     test = (found.y_parallax / found.y_parallax_sigma).reshape(number, 4)
     assert np.mean(found.pointing_share) < 0.7  # or the stations would not be tested
@@ -198,28 +184,15 @@ def again(solution: model.Solution, pointing: float, shift: float = 0.0) -> tupl
     """
     block = solution.block
     rays = np.bincount(block.plates.point, minlength=len(block.points.ids))
-    rows = [np.flatnonzero(block.plates.photo == photo) for photo in (0, 1)]
-    common, left, right = np.intersect1d(*(block.plates.point[of] for of in rows), return_indices=True)
-    two = ((rays == 2) & ~of_solution(solution).control)[common]
-    common, left, right = common[two], rows[0][left[two]], rows[1][right[two]]
-    deck = Compilation(
-        titles=(),
-        models=StereomodelSpecs(ids=["M"], left=["21"], right=["22"], pointing=[pointing]),
-        stages=StageReadings(
-            model=np.zeros(len(common), dtype=int), ids=block.points.ids[common],
-            kind=np.full(len(common), "R"), submerged=block.points.bathymetric[common],
-            xy=np.stack([block.plates.xy[left], block.plates.xy[right]], axis=1) + shift,
-        ),
-    )  # fmt: skip
-    return compiled(of_solution(solution), deck), left
+    two = (rays == 2) & ~of_solution(solution).control
+    return compiled_again(solution, block.plates.xy + shift, pointing, two)
 
 
 @pytest.mark.parametrize("pointing", [np.nan, 0.003])
 def test_readings_that_made_the_stations_are_tested_as_residuals_of_the_run(pointing: float) -> None:
     """A point of two rays has one redundancy: its y-parallax is in the adjustment what every residual of it is."""
     block = read_deck(FIXTURES / "st_thomas/st_thomas.crd")
-    options = replace(block.options, program=model.Program.IIIA, refraction=model.Refraction.RIGOROUS)
-    solution = adjust(replace(block, options=options))
+    solution = adjust(with_options(block, program=model.Program.IIIA, refraction=model.Refraction.RIGOROUS))
     result, plates = again(solution, pointing)
     observed = solution.observed
     assert observed is not None
