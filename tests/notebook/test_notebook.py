@@ -6,7 +6,6 @@ import re
 import sys
 from dataclasses import replace
 from functools import cache
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from musatpy.errors import MusatError
 from musatpy.model.tables import Table, empty, stacked
 from musatpy.reports.record import record, record_of
 from musatpy.statistics import Statistics
+from page.pages import Reader
 from record_rows import with_rows
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
@@ -215,33 +215,13 @@ def test_no_table_prints_its_numbers():
     assert repr(empty(musatpy.model.Photos)).startswith("Photos(0: ids, camera")
 
 
-class Tags(HTMLParser):
-    """The tags of a page, and its texts."""
-
-    def __init__(self, page):
-        super().__init__()
-        self.open, self.names, self.texts = [], set(), []
-        self.feed(page)
-        self.close()
-
-    def handle_starttag(self, tag, attrs):
-        self.names.add(tag)
-        if tag != "br":
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.texts.append(data)
-
-
 def test_a_notebook_shows_verdict_stations_and_depths():
-    page = Tags(to_html(solution_of(DECKS[0])))
-    assert not page.open
-    assert {"ACCEPTED", "Adjusted Exposure Stations: Positions", "Depths Of Bathymetric Points"} <= set(page.texts)
-    assert "-64 56 36.59240" in page.texts and "5.349" in page.texts
-    assert "22 rows, of which 12 are shown" in page.texts
+    page = Reader(to_html(solution_of(DECKS[0])))
+    cells = {cell for rows in page.tables.values() for row in rows for cell in row}
+    for said in ("ACCEPTED", "Adjusted Exposure Stations: Positions", "Depths Of Bathymetric Points"):
+        assert said in page.text
+    assert {"-64 56 36.59240", "5.349"} <= cells
+    assert "22 rows, of which 12 are shown" in page.text
 
 
 def test_names_of_a_deck_are_no_tags_and_a_page_is_small():
@@ -252,6 +232,6 @@ def test_names_of_a_deck_are_no_tags_and_a_page_is_small():
     doubtful = altered(hostile, warnings=tuple("<b>" * 1000 + str(n) for n in range(50)))
     page = to_html(doubtful)
     in_tables = {"table", "caption", "thead", "tbody", "tr", "th", "td"}
-    assert Tags(page).names <= {"p", "strong", "br", "ul", "li"} | in_tables
+    assert {tag for tag, _ in Reader(page).tags} <= {"p", "strong", "br", "ul", "li"} | in_tables
     assert len(page) < 50_000
     assert len(to_html(large(solution.block, 1000))) < 50_000

@@ -18,6 +18,7 @@ ROOT = Path(__file__).parents[2]
 ST_THOMAS = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
 COMPILATION = ROOT / "fixtures" / "st_thomas_as11" / "st_thomas_as11.crd"
 SOUNDINGS = COMPILATION.with_name("soundings.csv")
+_VOID = {"br", "img", "link", "meta"}  # tags that have no end
 
 
 @cache
@@ -64,7 +65,7 @@ def record() -> dict[str, Any]:
 
 
 class Reader(HTMLParser):
-    """Tables by their titles, with heads and rows; links, ids and texts."""
+    """Tables by their titles, with heads and rows; links, ids and texts; every tag ends where it must."""
 
     def __init__(self, html: str) -> None:
         super().__init__()
@@ -77,6 +78,8 @@ class Reader(HTMLParser):
         self._title = self._cell = ""
         self._inside: list[str] = []
         self.feed(html)
+        self.close()
+        assert not self._inside
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         given = dict(attrs)
@@ -91,13 +94,13 @@ class Reader(HTMLParser):
             self._rows.append([])
         if tag in ("td", "th"):
             self._cell = ""
-        self._inside.append(tag)
+        if tag not in _VOID:
+            self._inside.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
         if tag in ("td", "th"):
             self._rows[-1].append(" ".join(self._cell.split()))
-        while self._inside and self._inside.pop() != tag:
-            pass
+        assert self._inside.pop() == tag
 
     def handle_data(self, data: str) -> None:
         if not {"style", "title"} & set(self._inside):

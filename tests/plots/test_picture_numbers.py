@@ -7,7 +7,7 @@ from scipy import stats
 
 from musatpy.geometry.collinearity import attitude_matrix, image
 from musatpy.plots.correlations import correlated, joined
-from musatpy.plots.maps import confidence_ellipses, free_sides, largest_of_cells, magnification, spacing, view_of
+from musatpy.plots.maps import confidence_ellipses, free_sides, largest_of_cells, spacing, view_of
 from musatpy.plots.normalised import thinned
 from musatpy.plots.plane import footprints, frames, plane_of, turned
 from musatpy.plots.point_quality import graded, steps
@@ -43,13 +43,6 @@ def test_a_direction_is_turned_by_the_angle_of_the_plane() -> None:
     """True east is grid azimuth 80 degrees where grid north stands 10 degrees clockwise of true north."""
     x, y = turned(np.array([[1.0, 0.0]]), np.radians([10.0]))[0]
     assert np.degrees(np.arctan2(x, y)) == pytest.approx(80.0)
-
-
-def test_nine_in_ten_are_drawn_within_a_fifth_of_the_spacing() -> None:
-    sizes = np.append(RNG.uniform(0.1, 1.0, 99), 50.0)
-    factor = magnification(sizes, 100.0)
-    assert np.percentile(factor * sizes, 90.0) == pytest.approx(20.0) and (factor * sizes).max() > 20.0
-    assert magnification(np.array([np.nan, 0.0]), 100.0) == 0.0
 
 
 def test_places_of_a_grid_are_as_far_apart_as_its_cells() -> None:
