@@ -4,6 +4,7 @@
 scipy's least squares of the image residuals.
 """
 
+import csv
 import math
 from pathlib import Path
 
@@ -107,6 +108,12 @@ def files() -> dict[str, str]:
         truth.append(f"{name},{','.join(f'{v:.3f}' for v in place)},{' '.join(photos)}")
     named = {"cameras.csv": cameras, "points.csv": points, "truth.csv": truth}
     return {name: "\n".join(lines) + "\n" for name, lines in named.items()}
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    """The rows of a CSV file, by the names of their columns."""
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def main() -> None:

@@ -1,6 +1,5 @@
 """Points of the lagoon corrected: against the truth, in every format, and files that cannot be used."""
 
-import csv
 import datetime
 import uuid
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 
 from depth import lagoon
+from depth.lagoon import rows
 from musatpy.depth.cameras import Cameras, read_cameras
 from musatpy.depth.correction import Correction
 from musatpy.depth.csv_points import ADDED, correct_csv
@@ -29,11 +29,6 @@ NEAR = 5.0e-4
 
 def correction() -> Correction:
     return Correction(cameras=read_cameras(FOLDER / "cameras.csv", camera=CAMERA), index=lagoon.INDEX)
-
-
-def rows(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.fixture(scope="module")

@@ -69,17 +69,6 @@ def test_what_a_file_cannot_hold(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_files_that_are_none(tmp_path: Path) -> None:
-    path = tmp_path / "a.las"
-    for content, words in ((b"", "the file is empty"), (b"LASF" + bytes(900), "is no LAS file")):
-        path.write_bytes(content)
-        with pytest.raises(InterchangeError, match=words):
-            las.read(path)
-    las.write(path, replace(points(), xyz=np.empty((0, 3)), columns={"depth": Column.of(np.empty(0))}))
-    with pytest.raises(InterchangeError, match="there are no points"):
-        las.read(path)
-
-
 def test_named_columns_are_read_by_csv(tmp_path: Path) -> None:
     given = points()
     given = replace(given, columns=given.columns | {"why": Column.of(['dry, or "wet"'] * len(given.xyz))})
@@ -130,16 +119,6 @@ def test_names_of_coordinates_go_with_their_system(tmp_path: Path) -> None:
     for crs in (pyproj.CRS(LOCAL), UTM):
         with pytest.raises(InterchangeError, match=r"no column x \[m\] among lon, lat, z"):
             xyz.read(tmp_path / "a.csv", crs=crs)
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [("", "the file is empty"), ("x,y,z\n", "there are no points"), ("1 2 3\n1 2 nan\n", ":2 cols 5-7 z: 'nan'")],
-)
-def test_files_without_points(tmp_path: Path, content: str, message: str) -> None:
-    (tmp_path / "a.csv").write_text(content)
-    with pytest.raises(InterchangeError, match=message):
-        xyz.read(tmp_path / "a.csv")
 
 
 def test_texts_do_not_go_among_bare_numbers(tmp_path: Path) -> None:

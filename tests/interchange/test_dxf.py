@@ -171,38 +171,13 @@ def test_drawings_without_what_is_needed(tmp_path: Path, kinds: tuple[str, ...],
     assert Counter(problem.message for problem in caught.value.problems) == Counter(words)
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"", "the file is empty"),
-        (b"nothing\n", "is no DXF file"),
-        (b"0\nSECTION\n2\nENTITIES\n0\nPOI", "no DXF file"),
-    ],
-)
-def test_files_that_are_none(tmp_path: Path, content: bytes, words: str) -> None:
-    (tmp_path / "a.dxf").write_bytes(content)
-    with pytest.raises(InterchangeError, match=words):
-        dxf.read(tmp_path / "a.dxf")
-
-
-@pytest.mark.parametrize(
-    ("number", "words"), [("nan", "layer SPOTS: a coordinate is no number"), ("12x4", "is no DXF file")]
-)
-def test_coordinates_that_are_no_numbers(tmp_path: Path, number: str, words: str) -> None:
+def test_coordinates_that_are_no_numbers(tmp_path: Path) -> None:
     dxf.write(tmp_path / "a.dxf", {"spots": replace(points(), columns={})})
     text = (tmp_path / "a.dxf").read_text()
     x = f"{points().xyz[0, 0]:.4f}".rstrip("0")
     assert x in text
-    (tmp_path / "a.dxf").write_text(text.replace(x, number, 1))
-    with pytest.raises(InterchangeError, match=words):
-        dxf.read(tmp_path / "a.dxf")
-
-
-def test_a_drawing_that_breaks_off(tmp_path: Path) -> None:
-    dxf.write(tmp_path / "a.dxf", {"contours": lines()})
-    text = (tmp_path / "a.dxf").read_text()
-    (tmp_path / "a.dxf").write_text(text[: text.rindex("POLYLINE")])
-    with pytest.raises(InterchangeError, match="is no DXF file"):
+    (tmp_path / "a.dxf").write_text(text.replace(x, "nan", 1))
+    with pytest.raises(InterchangeError, match="layer SPOTS: a coordinate is no number"):
         dxf.read(tmp_path / "a.dxf")
 
 

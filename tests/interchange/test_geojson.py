@@ -117,17 +117,6 @@ def test_systems_that_have_no_way_to_wgs_84(tmp_path: Path, crs: pyproj.CRS | No
     assert not list(tmp_path.iterdir())
 
 
-def test_a_datum_is_shifted(tmp_path: Path) -> None:
-    """NAD27 as PROJ's own definition has it: by tens of metres, the file says by what."""
-    crs = pyproj.CRS("+proj=utm +zone=20 +datum=NAD27")
-    geojson.write(tmp_path / "a.geojson", points(crs))
-    geojson.write(tmp_path / "b.geojson", points(UTM))
-    first, second = (json.loads((tmp_path / f"{name}.geojson").read_text()) for name in "ab")
-    assert "NAD27 to WGS 84" in first["transformation"]
-    latitudes = [content["features"][0]["geometry"]["coordinates"][1] for content in (first, second)]
-    assert 1e-4 < abs(latitudes[0] - latitudes[1]) < 3e-3  # degrees
-
-
 def test_heights_along_a_line_need_a_datum(tmp_path: Path) -> None:
     slope = [line + np.arange(9)[:, None] * (0.0, 0.0, 1.0) for line in lines().vertices]
     with pytest.raises(InterchangeError, match="line 1: heights above a datum that the system does not say"):
@@ -250,16 +239,6 @@ def test_features_that_cannot_be_read(tmp_path: Path, content: Any, words: list[
         geojson.read(tmp_path / "a.geojson")
     assert [problem.message for problem in caught.value.problems] == words
     assert {problem.file for problem in caught.value.problems} == {str(tmp_path / "a.geojson")}
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [(b"", "the file is empty"), (b'{"features": [', "is no GeoJSON"), (b"[" * 99999, "is no GeoJSON")],
-)
-def test_files_that_are_none(tmp_path: Path, content: bytes, words: str) -> None:
-    (tmp_path / "a.geojson").write_bytes(content)
-    with pytest.raises(InterchangeError, match=words):
-        geojson.read(tmp_path / "a.geojson")
 
 
 def test_properties_that_are_missing(tmp_path: Path) -> None:

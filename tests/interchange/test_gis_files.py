@@ -4,7 +4,6 @@ import sqlite3
 import struct
 import zlib
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -134,20 +133,6 @@ def test_geometries_that_are_none_of_ours(tmp_path: Path) -> None:
     assert [line[0].tolist() for line in parts.vertices] == [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [5.0, 5.0, 1.0]]
 
 
-def test_files_that_are_none(tmp_path: Path) -> None:
-    path = tmp_path / "a.gpkg"
-    with pytest.raises(FileNotFoundError):
-        geopackage.read(path)
-    for content, words in ((b"", "the file is empty"), (b"SQLite format 3\0" + bytes(900), "is no GeoPackage")):
-        path.write_bytes(content)
-        with pytest.raises(InterchangeError, match=words) as caught:
-            geopackage.read(path)
-        assert caught.value.problems[0].file == str(path)
-    geopackage.write(path, {"none": replace(points(), xyz=np.empty((0, 3)), columns={})})
-    with pytest.raises(InterchangeError, match="layer none: it has no features"):
-        geopackage.read(path)
-
-
 def test_the_settings_of_gdal_are_as_they_were(tmp_path: Path) -> None:
     geopackage.write(tmp_path / "a.gpkg", {"spots": points()})
     assert pyogrio.get_gdal_config_option("OGR_CURRENT_DATE") is None
@@ -265,10 +250,3 @@ def test_the_caller_says_the_system_of_a_raster_without_one(tmp_path: Path) -> N
     path = raster(tmp_path / "a.tif", None, (10, 0, 1000, 0, -10, 2000))
     assert geotiff.read(path, crs=UTM).crs == UTM
     assert geotiff.read(path, crs=pyproj.CRS.from_wkt(LOCAL)).crs is None
-
-
-@pytest.mark.parametrize("content", [b"", b"II*\0" + bytes(60), b"nothing"])
-def test_files_that_are_no_rasters(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "a.tif").write_bytes(content)
-    with pytest.raises(InterchangeError, match=r"is no raster that GDAL reads|the file is empty"):
-        geotiff.read(tmp_path / "a.tif")

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -29,6 +30,8 @@ READERS: dict[str, Callable[[Path], object]] = {
     "a.dxf": dxf.read,
     "a.tif": geotiff.read,
     "a.las": las.read,
+    "a.csv": xyz.read,
+    "a.geojson": geojson.read,
 }
 
 
@@ -67,6 +70,41 @@ def test_a_full_disk_leaves_the_old_file(tmp_path: Path, name: str) -> None:
     assert ran.stdout.startswith(("OSError", "InterchangeError")) and str(tmp_path / name) in ran.stdout
     assert [left.name for left in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_bytes() == b"of an earlier run"
+
+
+NONE = replace(points(), xyz=np.empty((0, 3)), columns={})
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        *((name, b"", "the file is empty") for name in FILES),
+        ("a.gpkg", b"SQLite format 3\0" + bytes(900), "is no GeoPackage"),
+        ("a.gpkg", partial(geopackage.write, layers={"none": NONE}), "layer none: it has no features"),
+        ("a.dxf", b"nothing\n", "is no DXF file"),
+        ("a.dxf", b"0\nSECTION\n2\nENTITIES\n0\nPOI", "is no DXF file"),
+        ("a.tif", b"II*\0" + bytes(60), "is no raster that GDAL reads"),
+        ("a.las", b"LASF" + bytes(900), "is no LAS file"),
+        ("a.las", partial(las.write, points=NONE), "there are no points"),
+        ("a.csv", b"x,y,z\n", "there are no points"),
+        ("a.csv", b"1 2 3\n1 2 nan\n", ":2 cols 5-7 z: 'nan'"),
+        ("a.geojson", b'{"features": [', "is no GeoJSON"),
+        ("a.geojson", b"[" * 99999, "is no GeoJSON"),
+    ],
+)
+def test_files_that_are_none(
+    tmp_path: Path, name: str, content: bytes | Callable[[Path], None], words: str
+) -> None:
+    path = tmp_path / name
+    with pytest.raises(FileNotFoundError):
+        READERS[name](path)
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    else:
+        content(path)
+    with pytest.raises(InterchangeError, match=words) as caught:
+        READERS[name](path)
+    assert caught.value.problems[0].file == str(path)
 
 
 @pytest.mark.parametrize("name", FILES)

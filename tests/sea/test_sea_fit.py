@@ -337,14 +337,6 @@ def test_good_points_stay() -> None:
         (
             SurfacePoints(
                 ids=tuple("abcdefghi"),
-                position=np.column_stack([np.arange(9.0), np.zeros(9), np.zeros(9)]),
-                covariance=np.tile(np.eye(3), (9, 1, 1)),
-            ),
-            "the surface points lie in a line",
-        ),
-        (
-            SurfacePoints(
-                ids=tuple("abcdefghi"),
                 position=np.column_stack([np.arange(9.0), 5.0 - 2.0 * np.arange(9.0), np.zeros(9)]),
                 covariance=np.tile(np.eye(3), (9, 1, 1)),
             ),
@@ -358,12 +350,9 @@ def test_too_few_points_are_an_error(points: SurfacePoints, message: str) -> Non
             model(points)
 
 
-def test_impossible_wishes_are_errors() -> None:
-    points = points_on(SEA, 50)
-    with pytest.raises(ValueError, match=r"no wave is shorter than 20\.0 m and longer than 50\.0 m"):
-        fit_fourier(points, shortest=50.0, longest=20.0)
+def test_a_grid_of_too_many_nodes_is_an_error() -> None:
     with pytest.raises(ValueError, match="at most 3000 are estimated"):
-        fit_grid(points, spacing=2.0)
+        fit_grid(points_on(SEA, 50), spacing=2.0)
 
 
 # --- the points themselves ---

@@ -11,7 +11,7 @@ import pytest
 from musatpy.errors import SpecError
 from musatpy.reports.sea import points_csv, waves_text
 from musatpy.sea.experiment import run
-from musatpy.sea.experiment_spec import WaveSpec, load_spec
+from musatpy.sea.experiment_spec import WaveSpec
 from musatpy.sea.study import experiment, flying_height, lengths_and_speeds, study, surface_of, theory_of
 from musatpy.specs import spec_of
 from studies import okamoto
@@ -186,11 +186,3 @@ def test_what_is_wrong_in_a_spec_is_said(changes: dict[str, Any], message: str) 
 def test_what_cannot_be_run_is_said(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(SpecError, match=message):
         study(sea(**changes))
-
-
-def test_a_file_that_cannot_be_read_is_said(tmp_path) -> None:
-    with pytest.raises(SpecError, match="cannot be read: No such file"):
-        load_spec(tmp_path / "none.toml")
-    (tmp_path / "bad.toml").write_text("title = [")
-    with pytest.raises(SpecError, match=r"bad\.toml: cannot be read"):
-        load_spec(tmp_path / "bad.toml")

@@ -226,9 +226,6 @@ def test_systems_and_layers_that_do_not_fit(tmp_path: Path) -> None:
         read_contours(file, None)
     with pytest.raises(ProblemsError, match="ellipsoid"):
         read_contours(file, Ellipsoid("", 6378206.4, 294.978698214))
-    (tmp_path / "a.xyz").write_text("1 2 3 1\n4 5 3 1\n")
-    with pytest.raises(ProblemsError, match="EPSG:1 is no coordinate system that PROJ knows"):
-        read_contours(tmp_path / "a.xyz", WGS84, crs="EPSG:1")
     geopackage.write(tmp_path / "b.gpkg", {"points": Points(xyz=PATHS[0])})
     with pytest.raises(ProblemsError, match="it has points"):
         read_contours(tmp_path / "b.gpkg", None)

@@ -183,12 +183,6 @@ def test_lines_end_where_there_is_no_surface_and_short_ones_are_left_out() -> No
     assert grid_contours(np.full((1, 5), 2.0), (0.0, 0.0), 1.0, [2.0]).lines == ()
 
 
-def test_a_ring_is_never_too_short() -> None:
-    at = posts(1.0, -20.0, -20.0, 40.0)
-    drawn = grid_contours(np.linalg.norm(at, axis=-1), (-20.0, -20.0), 1.0, [3.3, 22.0], shortest=100.0)
-    assert [line.level for line in drawn.lines] == [3.3] and drawn.dropped == 4
-
-
 def test_the_direction_of_a_line_in_cut_cells_is_that_of_their_three_posts() -> None:
     values = np.array([[0.0, 1.0], [0.0, np.nan]])
     (line,) = grid_contours(values, (0.0, 0.0), 1.0, [0.5]).lines
