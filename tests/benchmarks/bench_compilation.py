@@ -146,7 +146,7 @@ def raster(stereo: Stereomodel, record: Path, folder: Path, posts: int) -> None:
     source, target = folder / "apparent.tif", folder / "true.tif"
     geotiff.write(source, grid)
     said, spent = measured("as11", "correct", str(record), "21", "22", str(source), "-o", str(target))
-    print(f"{said[0]}\nas11 correct, {rows * columns:,} posts: {spent} (asked: 90 s on two cores, 500 MB)")
+    print(f"{said[0]}\nas11 correct, {rows * columns:,} posts: {spent}")
 
 
 def text_file(record: Path, folder: Path, points: int) -> None:

@@ -14,18 +14,19 @@ from musatpy.adjustment.wavy_water import CREST, Sea, sea_of
 from musatpy.arrays import FloatArray
 from musatpy.as11_runs import run_of
 from musatpy.compilation.compiled import compiled
-from musatpy.compilation.correcting import REASONS, Correction
-from musatpy.compilation.correction_fields import smooth
 from musatpy.compilation.loop import Drive, Loop
+from musatpy.compilation.point_errors import ThroughWaves
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.compilation.true_points import NOT_FOLLOWED, true_points
 from musatpy.errors import CompilationError
 from musatpy.formats.compilation_deck import compilation_bytes
-from musatpy.geometry.systems import LocalRectangular
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model.compilation import Compilation
 from musatpy.model.tables import empty
 from musatpy.refraction import bending
+from musatpy.refraction.apparent import Fault, Stations, TruePoints
+from musatpy.refraction.apparent import true_points as true_points_of_apparent
 from musatpy.refraction.surface import Gridded
 from musatpy.refraction.waves import sinusoidal
 from musatpy.simulation import simulate
@@ -156,22 +157,28 @@ def test_a_mark_goes_through_a_wave_without_a_jump(sea: Stereomodel) -> None:
     assert np.abs(jump).max() < 1e-9
 
 
+def corrected(run: Triangulation, apparent: FloatArray) -> TruePoints:
+    """Return the true points of apparent ones (k, 3) of both photos."""
+    photos = run.block.photos
+    stations = Stations(position=photos.position, level=photos.tide, axis=-attitude_matrix(photos.attitude)[:, 2])
+    through = ThroughWaves(run=run, photos=np.arange(2))
+    assert run.block.water is not None
+    return true_points_of_apparent(apparent, stations, run.block.water.index, through=through)
+
+
 def test_apparent_points_become_the_true_ones_through_waves(sea: Stereomodel) -> None:
     true = at_depth(PLACES, 8.0)
     apparent = sea.working(Loop(stereo=sea, drive=Drive.AIR).mark(Loop(stereo=sea).stages(in_model(sea, true)).xy))
-    correction = Correction(stereo=sea, system=LocalRectangular(), pointing=0.005)
-    done = correction(sea.run.frame.system(apparent))
-    np.testing.assert_allclose(done.xyz, true, rtol=0.0, atol=1e-6)
-    assert smooth(correction, (-30.0, -1.0)) is None
+    done = corrected(sea.run, sea.run.frame.system(apparent))
+    np.testing.assert_allclose(done.position, true, rtol=0.0, atol=1e-6)
 
 
 def test_under_waves_short_beside_the_depth_points_are_lost_with_a_reason(sea: Stereomodel) -> None:
     """An apparent place that no point is seen at, and one 20 m down between thousands of waves."""
     ripples = sinusoidal(amplitude=0.12, length=2.0, azimuth=0.3)
     stereo = set_up(wavy(replace(swell(), surface=ripples)), "1", "2")
-    correction = Correction(stereo=stereo, system=LocalRectangular(), pointing=0.005)
-    done = correction(np.array([[300.0, 200.0, -15.0], [300.0, 200.0, 4.0]]))
-    assert [REASONS[row] for row in done.reason] == [NOT_FOLLOWED, ""]
+    done = corrected(stereo.run, np.array([[300.0, 200.0, -15.0], [300.0, 200.0, 4.0]]))
+    assert done.fault.tolist() == [Fault.NO_CONVERGENCE, Fault.ABOVE_WATER]
 
 
 @pytest.mark.slow

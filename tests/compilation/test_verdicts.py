@@ -15,6 +15,7 @@ from cli.commands import musat
 from musatpy.compilation.run_records import of_record
 from musatpy.errors import DeckError
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
+from musatpy.interchange.xyz import read as read_points
 from musatpy.model import CoordinateSystem
 from record_rows import read_rows, with_columns
 from stage_readings import changed
@@ -275,17 +276,16 @@ def test_where_nothing_is_compiled_the_status_is_not_0(local_run: Path, tmp_path
     assert "rejected: none of 30 readings makes a point: nothing is compiled (it is submerged" in result.stderr
     points = TRUST / "local_points.csv"
     result = musat("as11", "correct", tmp_path / "run.json", "1", "2", points, "-o", tmp_path / "true.csv")
-    assert result.exit_code == 4 and "rejected: nothing has a position: nothing is corrected" in result.stderr
+    assert result.exit_code == 1 and "no tide of photo 1, 2, 3" in result.stderr
 
 
 def test_a_table_is_corrected_in_a_local_job(local_run: Path, tmp_path: Path) -> None:
     """It was refused: the run is a local job, and the file is in local."""
     result = musat("as11", "correct", local_run, "1", "2", TRUST / "local_points.csv", "-o", tmp_path / "true.csv")
     assert result.exit_code == 0, result.output
-    assert "true.csv: ACCEPTED, points: 2 of 2 with a position, 2 under water" in result.stdout
-    assert "taken as local rectangular" in result.stdout
+    assert "true.csv: 2 points, 2 corrected" in result.stdout
     # depths by the index at first: 3 and 4 m of apparent depth below the water
-    heights = [float(line.split(",")[2]) for line in (tmp_path / "true.csv").read_text().splitlines()[1:]]
+    heights = read_points(tmp_path / "true.csv").columns["true_z"].values.tolist()
     assert heights == pytest.approx([-4.08, -5.47], abs=0.01)
     table = musat("as11", "correct", local_run, "1", "2", TRUST / "local_points.csv", "-o", tmp_path / "true.xyz")
     assert table.exit_code == 0, table.output
@@ -301,5 +301,5 @@ def test_a_doubt_about_the_run_is_one_about_what_is_corrected(local_run: Path, t
     words = ("as11", "correct", tmp_path / "run.json", "1", "2", TRUST / "local_points.csv", "-o")
     result = musat(*words, tmp_path / "true.csv")
     assert result.exit_code == 0 and "doubtful: the run is doubtful: so" in result.stderr
-    assert "DOUBTFUL, points: 2 of 2" in result.stdout
+    assert "true.csv: 2 points, 2 corrected" in result.stdout
     assert musat(*words, tmp_path / "strict.csv", "--strict").exit_code == 4

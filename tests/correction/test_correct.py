@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 
 from cli.commands import musat
+from compilation.scenes import readings_at
 from musatpy import model
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.compilation.correcting import Correction as ModelCorrection
+from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.point_errors import PointErrors
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import of_solution
+from musatpy.compilation.true_points import true_points as points_of_readings
 from musatpy.correction.photographs import of_table
 from musatpy.depth.cameras import read_cameras
 from musatpy.depth.correction import Correction
@@ -256,7 +258,7 @@ def test_nothing_corrected_is_no_success(tmp_path: Path) -> None:
 
 
 def test_points_below_waves_are_those_of_their_model(tmp_path: Path) -> None:
-    """By two photographs as by the loop of their model, which looks for images of true points; by all too."""
+    """By two photographs: straight rays of the images of true points meet in the given ones; by all too."""
     deck = Path(__file__).parents[2] / "fixtures/waves/strip.crd"
     assert musat("run", "-q", str(deck), "-o", str(tmp_path)).exit_code == 0
     draws = np.random.default_rng(2)
@@ -269,14 +271,18 @@ def test_points_below_waves_are_those_of_their_model(tmp_path: Path) -> None:
     triangulation = of_record(Path(run))
     assert triangulation.sea is not None and triangulation.ellipsoid is not None
     pointing = triangulation.block.options.plate_sigma * triangulation.unit_sigma
-    system = LongitudeLatitude(triangulation.ellipsoid)
-    model_of = ModelCorrection(stereo=set_up(triangulation, "837", "838"), system=system, pointing=pointing)
-    expected = model_of(np.array([[float(row[axis]) for axis in "xyz"] for row in rows]))
+    system, stereo = LongitudeLatitude(triangulation.ellipsoid), set_up(triangulation, "837", "838")
     true = np.array([[float(row[f"true_{axis}"]) for axis in "xyz"] for row in rows])
-    np.testing.assert_allclose(true[:, :2], expected.xyz[:, :2], rtol=0.0, atol=2e-9)  # a degree is 111 km
-    np.testing.assert_allclose(true[:, 2], expected.xyz[:, 2], rtol=0.0, atol=1e-4)
+    xy = Loop(stereo=stereo).stages(stereo.model(triangulation.frame.from_level(system.level(true)))).xy
+    back = system.coordinates(
+        triangulation.frame.level(stereo.working(Loop(stereo=stereo, drive=Drive.AIR).mark(xy)))
+    )
+    given_places = np.array([[float(row[axis]) for axis in "xyz"] for row in rows])
+    np.testing.assert_allclose(back[:, :2], given_places[:, :2], rtol=0.0, atol=2e-9)  # a degree is 111 km
+    np.testing.assert_allclose(back[:, 2], given_places[:, 2], rtol=0.0, atol=1e-4)
+    points = points_of_readings(triangulation, stereo.photos, readings_at(xy, sigma=pointing))
     depth_sigma = [float(row["sigma_depth"]) for row in rows]
-    np.testing.assert_allclose(depth_sigma, expected.depth_sigma, rtol=0.0, atol=6e-5)
+    np.testing.assert_allclose(depth_sigma, points.depth_sigma, rtol=0.0, atol=6e-5)
     assert musat(*given).exit_code == 0
     by_all = rows_of(target)
     assert {row["reason"] for row in by_all} == {""} and max(len(row["cameras"].split()) for row in by_all) > 2

@@ -136,7 +136,7 @@ def test_points_that_no_camera_sees_are_an_error_together(tmp_path: Path) -> Non
     assert message.startswith(
         "no camera sees any of its 2 points: are they in the system of the job? They were taken"
     )
-    assert "as local rectangular, in which the middle of the stations is X 806.8452, Y 449.5122, Z 899" in message
+    assert "as local rectangular. The middle of the stations is X 806.8452, Y 449.5122, Z 899" in message
     assert not list(tmp_path.glob("*out.csv*"))
     source.write_text("x,y,z\n9000,300,-3\n700,300,-4\n")
     assert correct_csv(source, out, correction()).seen == 1

@@ -38,7 +38,7 @@ def command(
     datum: float | None,
     crs: str,
 ) -> None:
-    """Draw contours of RASTER, as `musat as11 correct` and the grids of `musat as11 compile` have them.
+    """Draw contours of RASTER, as `musat correct --surface` and the grids of `musat as11 compile` have them.
 
     Lines are 3-D, at the heights of their depths, with these as a column or, in DXF, as layers.
     """

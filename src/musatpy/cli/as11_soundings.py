@@ -49,9 +49,9 @@ def command(
     """Hold soundings of the CSV, LAS or LAZ file SOUNDINGS against BOTTOM, in the system of RUN.json.
 
     BOTTOM is a deck, which is compiled in stereomodels of the run, or a GeoTIFF with bands depth and sigma, as
-    `musat as11 correct` and the grids of `musat as11 compile` are. Columns of a CSV file are lat and lon (degrees)
-    or x and y, depth or height, and sigma, name and date as known. The listing goes to SOUNDINGS.soundings.lst,
-    the record to SOUNDINGS.soundings.json.
+    `musat correct --surface` and the grids of `musat as11 compile` are. Columns of a CSV file are lat and lon
+    (degrees) or x and y, depth or height, and sigma, name and date as known. The listing goes to
+    SOUNDINGS.soundings.lst, the record to SOUNDINGS.soundings.json.
     """
     import math
 

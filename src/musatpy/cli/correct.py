@@ -25,12 +25,13 @@ from musatpy.cli.options import (
     options_of,
     quiet_option,
     refuse_overwriting,
+    strict_option,
 )
 
 if TYPE_CHECKING:
     from musatpy.correction.photographs import Photographs
 
-_CLOUDS, _RASTERS = (".las", ".laz"), (".tif", ".tiff")
+_TABLES_AND_CLOUDS = (".csv", ".xyz", ".txt", ".las", ".laz")
 correction_options = options_of(
     click.option("-o", "--out", required=True, type=NamedPath(), help="The file of true points."),
     click.option(
@@ -46,7 +47,10 @@ correction_options = options_of(
     index_options,
     camera_options,
     columns_option,
+    click.option("--layer", default="", help="Of a GeoPackage of several."),
     click.option("--band", default="", help="Band of a raster that has the heights, if it has several."),
+    click.option("--surface", is_flag=True, help="Of a raster: true heights, depths and sigmas at its posts."),
+    strict_option,
     click.option(
         "-j", "--jobs", type=click.IntRange(min=1), help="Processes; as many as there are cores where not given."
     ),
@@ -61,17 +65,21 @@ correction_options = options_of(
 @correction_options
 @click.pass_context
 def command(ctx: click.Context, /, points: Path, run: Path | None, stations: Path | None, **given: Any) -> None:
-    """Correct the apparent points of POINTS (.csv, .las, .laz, .tif) for refraction, by all photos that see them.
+    """Correct the apparent points of POINTS for refraction, by all photos that see them.
+
+    Formats: .csv, .xyz, .las, .laz, .tif; points and 3-D lines of .gpkg, .geojson, .dxf; the suffix of the result
+    says its format.
 
     A camera sees a point that lies in its format, which needs attitudes, focal length and format, and within
     --angle of the vertical; one of the two rules is needed. Points are in the system of the stations, metres with Z
     up; those of a run on the ellipsoid in any (--crs, a LAS file's own, or that of the run): x east or longitude in
     degrees, y north or latitude, heights above the ellipsoid unless --geoid says another.
 
-    A point that cannot be corrected keeps its apparent place, has no true place, and has a reason. Sigmas are along
-    east, north and up, and of the depth, where the stations have any: from the run, or from columns of the table.
+    A point that cannot be corrected keeps its apparent place, has no true place, and has a reason; lines are cut
+    there, unless it is above the water. Sigmas are along east, north and up, and of the depth, where the stations
+    have any: from the run, or from columns of the table.
 
-    Exit status: 0 corrected, 1 a file cannot be used, 4 no point is corrected.
+    Exit status: 0 corrected, 1 a file cannot be used, 4 no point is corrected (with --strict: or doubtful).
     """
     if (run is None) == (stations is None):
         raise click.UsageError("--run or --stations is needed, and not both")
@@ -86,7 +94,10 @@ def correct(
     is_run: bool,
     out: Path,
     columns: tuple[str, ...],
+    layer: str,
     band: str,
+    surface: bool,
+    strict: bool,
     jobs: int | None,
     quiet: bool,
     **given: Any,
@@ -96,23 +107,26 @@ def correct(
     from musatpy.runs import ExitStatus
 
     refuse_overwriting([out], [points, source])
-    if any((points.suffix.lower() in kind) != (out.suffix.lower() in kind) for kind in (_CLOUDS, _RASTERS)):
-        raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
     names = columns_of(points, columns)
     photographs, index = _photographs(source, is_run, given)
     if not photographs.cameras.has_rule:
         message = "what a camera sees is not known: attitudes, focal length and format are needed, or --angle"
         raise click.UsageError(message)
-    with progress_through(points, quiet or points.suffix.lower() in _RASTERS) as progress:
+    with progress_through(
+        points, quiet or not {points.suffix.lower(), out.suffix.lower()} <= {*_TABLES_AND_CLOUDS}
+    ) as progress:
         done = correct_file(
-            points, out, photographs, index, crs=given["crs"], geoid=given["geoid"], columns=names, band=band,
-            jobs=jobs or _cores(), progress=progress,
+            points, out, photographs, index, crs=given["crs"], geoid=given["geoid"], columns=names, layer=layer,
+            band=band, surface=surface, jobs=jobs or _cores(), progress=progress,
         )  # fmt: skip
     if not quiet:
         first, *more = done.lines()
         tell("\n".join([f"{name_of(out)}: {first}", *more]))
-    if not done.tally.corrected:
-        complain(f"{name_of(points)}: no point is corrected")
+    for doubt in done.doubts:
+        complain(f"{name_of(points)}: doubtful: {doubt}")
+    if done.rejection:
+        complain(f"{name_of(points)}: {done.rejection}")
+    if done.rejection or (strict and done.doubts):
         ctx.exit(ExitStatus.REJECTED)
 
 

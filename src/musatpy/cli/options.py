@@ -110,7 +110,8 @@ def columns_of(points: Path, columns: tuple[str, ...]) -> tuple[str, ...]:
 
 
 _COORDINATES = ("x", "y", "z")
-_NAMELESS = (".json", ".las", ".laz")  # records of runs, and clouds of points
+# records of runs, clouds of points, rasters, and files of GIS and CAD
+_NAMELESS = (".json", ".las", ".laz", ".tif", ".tiff", ".gpkg", ".geojson", ".dxf")
 
 columns_option = click.option(
     "--columns",

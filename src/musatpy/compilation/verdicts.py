@@ -1,22 +1,20 @@
-"""What a compilation, or a correction of an old one, is worth: as the verdict on a run, with its reasons."""
+"""What a compilation is worth: as the verdict on a run, with its reasons."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation.against_run import AgainstRun
 from musatpy.compilation.compiled import Compiled
-from musatpy.compilation.correction_layers import Tally
 from musatpy.compilation.triangulation import PUNCHED, Triangulation
 from musatpy.model import Concern, Grade, Reason, Verdict
 from musatpy.model.findings import GRADES
 from musatpy.probability import test_limit
 
 _HALF = 5.0  # sigmas that half of the y-parallaxes of a model are beyond: no errors of run and pointing do that
-_DEEPEST = 80.0  # m, beyond what light comes back from in the clearest water
 _POINTS = "Point Compilation"  # beginning of titles of the listing
 
 
@@ -35,24 +33,6 @@ def verdict_of(compiled: Compiled, against: Sequence[AgainstRun]) -> Verdict:
         *(_doubt(Concern.GIVEN_STATIONS, text, "Recoverability") for text in recovery),
     ]
     return _ranked(reasons, compiled.run)
-
-
-def verdict_of_correction(layers: Mapping[str, Tally], run: Triangulation) -> Verdict:
-    """Return what a corrected file is worth, by what came of its layers."""
-    reasons = list(_of_run(run))
-    if not any(done.known for done in layers.values()):
-        reasons.append(_rejection(Concern.DISTANCE, "nothing has a position: nothing is corrected"))
-    elif not any(done.wet for done in layers.values()):
-        text = "nothing is under water: heights are positive up; nothing is corrected"
-        reasons.append(_rejection(Concern.STATION, text))
-    for name, done in layers.items():
-        if done.deepest > _DEEPEST:
-            text = (
-                f"{name}: down to {done.deepest:.0f} m, where no photo shows the bottom: are there values of empty "
-                "posts or points among the heights, or heights in another unit?"
-            )
-            reasons.append(_doubt(Concern.UNIT, text))
-    return _ranked(reasons, run)
 
 
 def _of_run(run: Triangulation) -> Iterator[Reason]:

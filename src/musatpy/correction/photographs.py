@@ -18,11 +18,15 @@ from musatpy.model import Water
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Photographs:
-    """The cameras, what makes sigmas of what they see, or why there are none, and the waves on their water."""
+    """The cameras, what makes sigmas of what they see, or why there are none, and the waves on their water.
+
+    `caution`: what speaks against the run.
+    """
 
     cameras: Cameras
     errors: PointErrors | None
     without: str = ""
+    caution: str = ""
     through: ThroughWaves | None = None
 
 
@@ -50,6 +54,7 @@ def of_run(
     return Photographs(
         cameras=cameras.only(rows),
         errors=PointErrors(run=run, photos=np.array(rows), pointing=sigma),
+        caution=": ".join(part for part in (run.caution, run.because) if part),
         through=None if run.sea is None else ThroughWaves(run=run, photos=np.array(rows)),
     )
 

@@ -5,18 +5,22 @@ A post that cannot be corrected has its apparent height, no true place, and the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
+from itertools import tee
 from pathlib import Path
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.depth.correction import NO_POINTS, Correction, Progress, Tally, in_order, unreached
+from musatpy.depth.correction import NO_POINTS, Correction, Progress, Tally, in_order
 from musatpy.depth.csv_points import SIGMAS
-from musatpy.errors import DepthError, Problem, SystemsError
+from musatpy.depth.misplaced_points import attempted, require_sight
+from musatpy.errors import DepthError, Problem
 from musatpy.interchange import geotiff
 from musatpy.interchange.geotiff import Raster
-from musatpy.refraction.apparent import TruePoints
+from musatpy.interchange.layers import Grid
 
 _POSTS = 16384  # at a time
 _BANDS = {"apparent": "m", "true_x": "", "true_y": "", "true_z": "", "depth": "m", "cameras": "", "reason": ""}
@@ -24,10 +28,20 @@ _BANDS = {"apparent": "m", "true_x": "", "true_y": "", "true_z": "", "depth": "m
 
 def band_of(raster: Raster, wanted: str) -> str:
     """Return the band of heights: the one that is wanted, or the only one. Raises `DepthError`."""
-    if wanted in raster.names or (not wanted and len(raster.names) == 1):
-        return wanted or raster.names[0]
-    message = f"which band has the heights? --band is one of {', '.join(raster.names)}"
-    raise DepthError([Problem(file=str(raster.path), message=message)])
+    return _band(raster.path, raster.names, wanted)
+
+
+def only_band(source: Path, grid: Grid, wanted: str) -> Grid:
+    """Return a grid of the heights alone. Raises `DepthError`."""
+    name = _band(source, tuple(grid.bands), wanted)
+    return replace(grid, bands={name: grid.bands[name]}, units={})
+
+
+def _band(source: Path, names: Sequence[str], wanted: str) -> str:
+    if wanted in names or (not wanted and len(names) == 1):
+        return wanted or names[0]
+    message = f"which band has the heights? --band is one of {', '.join(names)}"
+    raise DepthError([Problem(file=str(source), message=message)])
 
 
 def correct_raster(
@@ -53,31 +67,21 @@ def correct_raster(
         return np.column_stack([posts.places(first, last), raster.rows(band, first, last).ravel()])
 
     bands = _BANDS | ({} if correction.errors is None else dict.fromkeys(SIGMAS, "m"))
-    source = str(raster.path)
     with geotiff.written(target, posts, bands) as writer:
-        work = in_order(partial(_corrected, correction, source), map(apparent, range(0, rows, step)), jobs)
-        for first, done in zip(range(0, rows, step), work, strict=True):
+        given, waiting = tee(map(apparent, range(0, rows, step)))
+        work = in_order(partial(attempted, correction, str(raster.path)), waiting, jobs)
+        for first, here, done in zip(range(0, rows, step), given, work, strict=True):
             if isinstance(done, Problem):
                 raise DepthError([done])
-            height, points = done
+            points, _ = done
             values = (
-                height, *points.position.T, points.depth, points.cameras, points.fault, *points.sigma.T,
+                here[:, 2], *points.position.T, points.depth, points.cameras, points.fault, *points.sigma.T,
                 points.depth_sigma,
             )  # fmt: skip
             shaped = (np.asarray(column, dtype=float).reshape(-1, columns) for column in values)
             writer.put(first, dict(zip(bands, shaped, strict=False)))
             tally = tally + Tally.of(points)
             if progress:
-                progress(len(height))
-        correction.require_sight(tally, raster.path)
+                progress(len(here))
+        require_sight(correction, tally, raster.path, apparent(0))
     return tally
-
-
-def _corrected(
-    correction: Correction, source: str, apparent: FloatArray
-) -> tuple[FloatArray, TruePoints] | Problem:
-    """Return the heights of posts and their true points; a function of the module: other processes call it."""
-    try:
-        return apparent[:, 2], correction(apparent)[0]
-    except SystemsError as error:
-        return unreached(source, error)

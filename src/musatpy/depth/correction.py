@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.depth.cameras import Cameras
 from musatpy.depth.point_positions import Ground
-from musatpy.errors import DepthError, Problem, SystemsError
+from musatpy.errors import DepthError, Problem
 from musatpy.geometry.systems import System
 from musatpy.refraction.apparent import REASONS, Fault, Through, TruePoints, true_points
 
@@ -91,19 +90,6 @@ class Correction:
         """(3,) of the stations, in the system of the points."""
         return self.ground.coordinates(self.cameras.stations.position.mean(axis=0))
 
-    def require_sight(self, tally: Tally, source: Path) -> None:
-        """Raise `DepthError` where there are points, and no camera sees any of them."""
-        count = int(tally.faults.sum() - tally.faults[Fault.NOT_FINITE])
-        if not count or tally.seen:
-            return
-        places = zip(self.ground.system.names, self.middle.tolist(), self.ground.system.decimals, strict=True)
-        middle = ", ".join(f"{name} {value:.{min(decimals, 6)}f}" for name, value, decimals in places)
-        message = (
-            f"no camera sees any of its {count} points: are they in the system of the job? They were taken as "
-            f"{self.ground.system.text}, in which the middle of the stations is {middle}"
-        )
-        raise DepthError([Problem(file=str(source), message=message)])
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tally:
@@ -164,12 +150,6 @@ class Tally:
 
 
 NO_POINTS = Tally(faults=np.zeros(len(Fault), dtype=np.int64))
-
-
-def unreached(source: str, error: SystemsError) -> Problem:
-    """Return the problem of a file with points that their system does not reach: errors do not leave a process."""
-    what = "; ".join(problem.message for problem in error.problems)
-    return Problem(file=source, message=f"{what}: are the points in this system?")
 
 
 def in_order(function: Callable[[Task], Done], tasks: Iterable[Task], jobs: int) -> Iterator[Done]:

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.depth.correction import NO_POINTS, Correction, Progress, Tally, in_order, unreached
-from musatpy.errors import DepthError, Problem, SystemsError
+from musatpy.depth.correction import NO_POINTS, Correction, Progress, Tally, in_order
+from musatpy.depth.misplaced_points import attempted, require_sight
+from musatpy.errors import DepthError, Problem
 from musatpy.files import whole_file
 from musatpy.pointfiles.columns import AXES, Wanted, place_columns
 from musatpy.pointfiles.point_tables import ENCODING, Layout, read_chunks
@@ -58,7 +59,7 @@ def correct_csv(
             tally = tally + part
             if progress:
                 progress(size)
-        correction.require_sight(tally, source)
+        require_sight(correction, tally, source, first.numbers(*names))
     return tally
 
 
@@ -67,10 +68,10 @@ def _correct_rows(correction: Correction, task: _Task) -> _Corrected | Problem:
     layout, rows, apparent, size = task
     if not rows:
         return "", NO_POINTS, size
-    try:
-        points, seen = correction(apparent)
-    except SystemsError as error:
-        return unreached(layout.source, error)
+    done = attempted(correction, layout.source, apparent)
+    if isinstance(done, Problem):
+        return done
+    points, seen = done
     names = _names(correction.cameras.names, seen)
     texts = _values(names, points, correction.ground.system.decimals, correction.errors is not None)
     values = zip(*texts, strict=True)

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.depth.correction import NO_POINTS, Correction, Progress, Tally, in_order, unreached
-from musatpy.errors import DepthError, Problem, SystemsError
+from musatpy.depth.correction import NO_POINTS, Correction, Progress, Tally, in_order
+from musatpy.depth.misplaced_points import attempted, require_sight
+from musatpy.errors import DepthError, Problem
 from musatpy.pointfiles.las_files import coordinates, rewritten
 from musatpy.refraction.apparent import Fault, TruePoints
 from musatpy.units import DEGREE
@@ -56,7 +57,7 @@ def correct_las(
     """
     count = -(-len(correction.cameras.names) // _WORD)
     bits = {f"camera_bits_{word}": ("u8", "which see it, in their order") for word in range(count)}
-    tally = NO_POINTS
+    tally, some = NO_POINTS, np.empty((0, 3))
     sigmas = {} if correction.errors is None else _SIGMAS
     with rewritten(source, target, _ADDED | sigmas | bits) as (chunks, write):
         given, waiting = tee(chunks)  # these stay in this process
@@ -64,23 +65,23 @@ def correct_las(
         for points, done in zip(given, work, strict=True):
             if isinstance(done, Problem):
                 raise DepthError([done])
-            tally = tally + Tally.of(done[0])
+            tally, some = tally + Tally.of(done[0]), coordinates(points) if not tally.seen else some
             values = _values(points, *done)
             if sigmas:
                 values |= zip(sigmas, (*done[0].sigma.T, done[0].depth_sigma), strict=True)
             write(points, values)
             if progress:
                 progress(len(points))
-        correction.require_sight(tally, source)
+        require_sight(correction, tally, source, some)
     return tally
 
 
 def _correct_points(correction: Correction, count: int, source: str, apparent: FloatArray) -> _Corrected | Problem:
     """Return what comes of some points; a function of the module, because other processes call it."""
-    try:
-        points, seen = correction(apparent)
-    except SystemsError as error:
-        return unreached(source, error)
+    done = attempted(correction, source, apparent)
+    if isinstance(done, Problem):
+        return done
+    points, seen = done
     full = np.zeros((len(seen), count * _WORD), dtype=bool)
     full[:, : seen.shape[1]] = seen
     return points, np.packbits(full, axis=1, bitorder="little").view("<u8")

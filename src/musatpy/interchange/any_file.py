@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pyproj
 
 from musatpy.errors import InterchangeError
 from musatpy.interchange import dxf, geojson, geopackage, geotiff, las, xyz
-from musatpy.interchange.layers import Grid, Lines, Points, with_numbers
+from musatpy.interchange.layers import Grid, Lines, Points
 from musatpy.interchange.packages import refuse
+from musatpy.pointfiles.columns import AXES
 
 Layers = dict[str, Points | Lines | Grid]
 
 TEXTS, CLOUDS, RASTERS = (".csv", ".xyz", ".txt"), (".las", ".laz"), (".tif", ".tiff")
 GEOPACKAGES, GEOJSONS, DRAWINGS = (".gpkg",), (".geojson", ".json"), (".dxf",)
-POINT_FILES = (*TEXTS, *CLOUDS)
 SUFFIXES = (*TEXTS, *CLOUDS, *RASTERS, *GEOPACKAGES, *GEOJSONS, *DRAWINGS)
 
 
-def read_layers(path: Path, crs: pyproj.CRS | None = None, layer: str = "") -> Layers:
+def read_layers(
+    path: Path, crs: pyproj.CRS | None = None, layer: str = "", columns: Sequence[str] = AXES
+) -> Layers:
     """Return what is in a file, by the names of its layers; `crs` stands in where the file says none.
 
-    `layer`: that of a GeoPackage of several. Raises `InterchangeError` for a file that cannot be used, `OSError`.
+    `layer`: that of a GeoPackage of several; `columns`: names of coordinates in a text file. Raises
+    `InterchangeError` for a file that cannot be used, `OSError`.
     """
     suffix = path.suffix.lower()
     if suffix in TEXTS:
-        return {"points": xyz.read(path, crs=crs)}
+        return {"points": xyz.read(path, columns, crs)}
     if suffix in CLOUDS:
         return {"points": las.read(path, crs)}
     if suffix in RASTERS:
@@ -43,28 +46,6 @@ def read_layers(path: Path, crs: pyproj.CRS | None = None, layer: str = "") -> L
         parts: Layers = {"points": points} if len(points.xyz) else {}
         return parts | ({"lines": lines} if lines.vertices else {})
     raise _no_format(path)
-
-
-def read_points(path: Path, crs: pyproj.CRS | None = None, *, alone: bool = False) -> Iterator[Points]:
-    """Yield the points of a file of points alone (`POINT_FILES`) in chunks, with the columns that it has.
-
-    Further columns of text files are texts; `alone` may leave them out. Raises `InterchangeError`, of a text file
-    after its last chunk; `OSError`.
-    """
-    if path.suffix.lower() in CLOUDS:
-        return las.read_chunks(path, crs)
-    return xyz.read_chunks(path, crs=crs, alone=alone)
-
-
-def write_points(path: Path, chunks: Iterable[Points]) -> None:
-    """Write points that come in chunks, one or more, of the same columns, to a file of points alone.
-
-    Columns of texts become numbers where the file holds nothing else. Raises `InterchangeError`; `OSError`.
-    """
-    if path.suffix.lower() in CLOUDS:
-        las.write_chunks(path, map(with_numbers, chunks))
-    else:
-        xyz.write_chunks(path, chunks if path.suffix.lower() == ".csv" else map(with_numbers, chunks))
 
 
 def write_layers(path: Path, layers: Mapping[str, Points | Lines | Grid]) -> None:

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import datetime
 import uuid
-from collections.abc import Iterable, Iterator
-from itertools import chain
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,23 +30,15 @@ def write(path: Path, points: Points) -> None:
 
     Raises `InterchangeError` without laspy, for columns of texts and for what a file cannot hold; `OSError`.
     """
-    write_chunks(path, [points])
-
-
-def write_chunks(path: Path, parts: Iterable[Points]) -> None:
-    """Write points that come in chunks, one or more, of the same columns, as `write` does."""
-    rest = iter(parts)
-    first = next(rest)
-    header = _header(path, first)
+    header = _header(path, points)
     with whole_file(path) as file, written(file, header, path) as writer:
-        for points in chain([first], rest):
-            with upsets(path, "cannot hold the points"):
-                record = package().ScaleAwarePointRecord.zeros(len(points.xyz), header=header)
-                record.x, record.y, record.z = points.xyz.T
-                for name, column in points.columns.items():
-                    record[name] = column.values
-                record["return_number"] = record["number_of_returns"] = np.ones(len(points.xyz), dtype=np.uint8)
-            writer.write_points(record)
+        with upsets(path, "cannot hold the points"):
+            record = package().ScaleAwarePointRecord.zeros(len(points.xyz), header=header)
+            record.x, record.y, record.z = points.xyz.T
+            for name, column in points.columns.items():
+                record[name] = column.values
+            record["return_number"] = record["number_of_returns"] = np.ones(len(points.xyz), dtype=np.uint8)
+        writer.write_points(record)
 
 
 def _header(path: Path, points: Points) -> Any:

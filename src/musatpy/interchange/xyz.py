@@ -7,7 +7,7 @@ their places: `column4` and so on. Neither form says its coordinate system. File
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from io import StringIO
 from pathlib import Path
 
@@ -32,15 +32,8 @@ def write(path: Path, points: Points) -> None:
 
     Raises `InterchangeError` for texts in the bare form; `OSError`.
     """
-    write_chunks(path, [points])
-
-
-def write_chunks(path: Path, chunks: Iterable[Points]) -> None:
-    """Write points that come in chunks of the same columns, as `write` does."""
-    named = path.suffix.lower() == _NAMED
     with whole_file(path) as file:
-        for position, points in enumerate(chunks):
-            file.write(_text(path, points, named, with_names=named and position == 0).encode(**ENCODING))
+        file.write(_text(path, points, path.suffix.lower() == _NAMED).encode(**ENCODING))
 
 
 def read(path: Path, columns: Sequence[str] = AXES, crs: pyproj.CRS | None = None, heights: str = "") -> Points:
@@ -52,17 +45,11 @@ def read(path: Path, columns: Sequence[str] = AXES, crs: pyproj.CRS | None = Non
 
 
 def read_chunks(
-    path: Path,
-    columns: Sequence[str] = AXES,
-    crs: pyproj.CRS | None = None,
-    heights: str = "",
-    *,
-    alone: bool = False,
+    path: Path, columns: Sequence[str] = AXES, crs: pyproj.CRS | None = None, heights: str = ""
 ) -> Iterator[Points]:
     """Yield the points of a file in chunks; their further columns are texts, as they stand in the file.
 
-    `alone` leaves these out, for who needs coordinates only. Raises `InterchangeError` after the last chunk with
-    every line that cannot be read; `OSError`.
+    Raises `InterchangeError` after the last chunk with every line that cannot be read; `OSError`.
     """
     require_content(path)
     unit = "" if crs is None else crs.axis_info[0].unit_name  # degrees are no eastings, metres no longitudes
@@ -72,7 +59,7 @@ def read_chunks(
         if not table.rows:
             continue
         count += len(table.rows)
-        others = {} if alone else table.others()
+        others = table.others()
         yield Points(
             xyz=table.numbers(*(place.name for place in places)),
             columns={
@@ -85,7 +72,7 @@ def read_chunks(
         raise refuse(path, "", "there are no points", "a line of each point")
 
 
-def _text(path: Path, points: Points, named: bool, with_names: bool) -> str:
+def _text(path: Path, points: Points, named: bool) -> str:
     """Return the lines of points. Raises `InterchangeError`."""
     texts = [name for name, column in points.columns.items() if column.is_text]
     if texts and not named:
@@ -95,7 +82,7 @@ def _text(path: Path, points: Points, named: bool, with_names: bool) -> str:
     values += [_texts(column, empty="" if named else "nan") for column in points.columns.values()]
     out = StringIO()
     writer = csv.writer(out, delimiter="," if named else " ", lineterminator="\n")
-    if with_names:
+    if named:
         units = [f"{name} [{column.unit}]" if column.unit else name for name, column in points.columns.items()]
         writer.writerow([*AXES, *units])
     writer.writerows(zip(*values, strict=True))
