@@ -182,3 +182,13 @@ def test_a_missing_package_is_named(tmp_path: Path, name: str, extra: str, monke
 def test_layers_of_wrong_shapes(make: Callable[[], object]) -> None:
     with pytest.raises(ValueError, match=r"shape|rows|closed|spacing|no number"):
         make()
+
+
+def test_a_raster_that_is_not_read_as_it_was_written_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a file system loses without a word shows when the file is read again."""
+    monkeypatch.setattr(geotiff, "_sum", lambda *_: 0)
+    with pytest.raises(InterchangeError, match="what is read is not what was written"):
+        geotiff.write(tmp_path / "a.tif", grid())
+    assert not list(tmp_path.iterdir())
