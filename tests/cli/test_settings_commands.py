@@ -128,7 +128,7 @@ def test_a_baseline_keeps_its_settings_and_tries_others(deck, tmp_path, monkeypa
     assert again.exit_code == 1 and "only decks are added" in again.stderr
     spoiled = json.loads(Path("kept/baseline.json").read_text()) | {"settings": [1]}
     Path("kept/baseline.json").write_text(json.dumps(spoiled))
-    assert "(settings)" in musat("baseline", "check", "kept").stderr
+    assert "settings[1]: a text is expected" in musat("baseline", "check", "kept").stderr
 
 
 def test_cards_are_listed_explained_and_made():
