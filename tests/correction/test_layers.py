@@ -101,7 +101,7 @@ def test_points_of_a_model_are_those_of_its_compilation(run_record: Path, tmp_pa
     assert (np.abs(found - true) < [1e-9, 1e-9, 1e-4]).all()  # written to 0.1 mm
     run = of_record(run_record)
     stereo = set_up(run, "21", "22")
-    level = LongitudeLatitude(run.ellipsoid).level(true)  # type: ignore[arg-type]
+    level = LongitudeLatitude(run.ellipsoid).level(true)
     xy = Loop(stereo=stereo).stages(stereo.model(run.frame.from_level(level))).xy
     pointing = run.block.options.plate_sigma * run.unit_sigma
     points = true_points(run, stereo.photos, readings_at(xy, sigma=pointing))
@@ -123,7 +123,7 @@ def test_sigmas_of_two_photographs_are_those_of_a_compilation() -> None:
 
 def test_contours_of_a_map_go_through_a_geopackage(run_record: Path, tmp_path: Path) -> None:
     """Lines in UTM, zone 20 north, of NAD 27, which stands on the ellipsoid of the run; GDAL reads the result."""
-    true, apparent = bottom_of(run_record, system_of("EPSG:26720", of_record(run_record).ellipsoid))  # type: ignore[arg-type]
+    true, apparent = bottom_of(run_record, system_of("EPSG:26720", of_record(run_record).ellipsoid))
     lines = Lines(
         vertices=[apparent[:20], apparent[20:]], closed=np.zeros(2, bool), crs=pyproj.CRS.from_epsg(26720),
         columns={"depth": Column.of(np.array([5.0, 10.0]), "m")},
@@ -185,7 +185,7 @@ def test_points_go_from_one_format_into_another(stations: Path, tmp_path: Path, 
 @pytest.mark.parametrize("suffix", ["gpkg", "tif"])
 def test_results_state_the_system_that_was_named(run_record: Path, tmp_path: Path, suffix: str) -> None:
     """A file in zone 20 that says zone 19, or nothing: it is read, and written, by the name that is right."""
-    _, apparent = bottom_of(run_record, system_of("EPSG:26720", of_record(run_record).ellipsoid))  # type: ignore[arg-type]
+    _, apparent = bottom_of(run_record, system_of("EPSG:26720", of_record(run_record).ellipsoid))
     for stated in (pyproj.CRS("EPSG:26719"), None):
         layers: Layers = {"points": Points(xyz=apparent, crs=stated)}
         if suffix == "tif":

@@ -11,7 +11,8 @@ from musatpy.depth.factor_tables import factor_table
 from musatpy.depth.picture import contour_picture
 from musatpy.depth.views import Pair, Places, factors, model_of, normalised, read_places, single_value
 from musatpy.errors import DepthError
-from musatpy.refraction.apparent import Stations, model_factor
+from musatpy.refraction.apparent import Stations
+from musatpy.refraction.depth_factor import model_factor
 
 PAPER = Pair(height=2500.0, base=1126.0, index=1.35)  # feet
 DEPTHS = np.array([0.0, 10.0, 25.0, 50.0, 100.0])

@@ -166,7 +166,7 @@ def test_where_iiia_does_not_hold_the_plane_there_are_no_sigmas(
     fit, water = dict(values["fit"]), dict(values["plane"])
     assert fit["adjusted"] is False and why in str(fit["unadjusted"]) and not values["against_iiia"]
     assert water["verdict"] == "not determined" and water["level_sigma"] is None
-    assert water["slope_sigma"] == [None, None]  # type: ignore[comparison-overlap]
+    assert water["slope_sigma"] == [None, None]
     for row in values["stations"]:
         assert row["position_sigma"] == row["attitude_sigma"] == [None] * 3
     assert all(row["sigma"] == [None] * 3 for row in values["points"])
@@ -202,8 +202,8 @@ def test_a_strip_without_control_is_a_model(tmp_path: Path) -> None:
     result = run(tmp_path, strip_block("lab", 6, control=False)[0])
     assert result.exit_code == 0 and "ACCEPTED" in result.output
     values = record_in(tmp_path)
-    assert dict(values["job"])["system"] == "MODEL" and not values["control"]  # type: ignore[arg-type]
-    assert 0.0 < max(np.abs(row["position"]).max() for row in values["against_iiia"]) < 0.02  # type: ignore[call-overload]
+    assert dict(values["job"])["system"] == "MODEL" and not values["control"]
+    assert 0.0 < max(np.abs(row["position"]).max() for row in values["against_iiia"]) < 0.02
 
 
 @pytest.mark.slow

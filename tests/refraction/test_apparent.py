@@ -13,11 +13,9 @@ from musatpy.refraction.apparent import (
     Fault,
     Stations,
     apparent_points,
-    departure,
-    model_factor,
-    pair_factor,
     true_points,
 )
+from musatpy.refraction.depth_factor import departure, model_factor, pair_factor
 from refraction.bisection import incidence_distance
 
 FOOT = 0.3048

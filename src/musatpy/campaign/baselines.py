@@ -88,10 +88,10 @@ def save(
     root = _root_of(folder, decks if run is None else [*decks, run])
     fresh = Baseline(folder=folder, root=_seen_from(folder, root), records=records, settings=settings, entries={})
     fresh = fresh if formats is None else replace(fresh, formats=_seen_from(folder, formats))
-    said = bool(formats or not records or settings or exact or given)
-    _with_decks(fresh, decks, run, said)  # refused before anything is made
+    stated = bool(formats or not records or settings or exact or given)
+    _with_decks(fresh, decks, run, stated)  # refused before anything is made
     with _work_of(folder, None, to_write=True) as (work, locks):
-        baseline, chosen = _with_decks(fresh, decks, run, said)
+        baseline, chosen = _with_decks(fresh, decks, run, stated)
         if not (folder / INDEX).exists() and not exact:
             own = [folder / RULES[ending] for ending in ((LISTING, RECORD) if records else (LISTING,))]
             starters = {place: Path(__file__).with_name(place.name) for place in own if not place.exists()}
@@ -111,14 +111,16 @@ def _root_of(folder: Path, decks: Sequence[Path]) -> Path:
     return Path(os.path.commonpath([real_path(deck).parent for deck in decks]))
 
 
-def _with_decks(fresh: Baseline, decks: Sequence[Path], run: Path | None, said: bool) -> tuple[Baseline, list[str]]:
+def _with_decks(
+    fresh: Baseline, decks: Sequence[Path], run: Path | None, stated: bool
+) -> tuple[Baseline, list[str]]:
     """Return the baseline that decks are added to, `fresh` or that of its folder, and their names in it.
 
-    `said` is whether anything is said of a new baseline that one which is there says itself.
+    `stated`: rules, formats or settings are given, which a baseline that is there already has.
     """
     there = (fresh.folder / INDEX).exists()
     baseline = load_baseline(fresh.folder) if there else fresh
-    if there and said:
+    if there and stated:
         raise BaselineError(
             f"{fresh.folder} is a baseline already, which has its rules, formats and settings: only decks are added"
         )

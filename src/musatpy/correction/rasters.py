@@ -22,7 +22,7 @@ from musatpy.interchange import geotiff
 from musatpy.interchange.geotiff import Raster
 from musatpy.interchange.layers import Grid
 
-_POSTS = 16384  # at a time
+POSTS = 16384  # at a time
 _BANDS = {"apparent": "m", "true_x": "", "true_y": "", "true_z": "", "depth": "m", "cameras": "", "reason": ""}
 
 
@@ -60,7 +60,7 @@ def correct_raster(
     """
     posts, tally = raster.posts, NO_POINTS
     rows, columns = posts.shape
-    step = max(1, _POSTS // columns)
+    step = max(1, POSTS // columns)
 
     def apparent(first: int) -> FloatArray:
         last = min(first + step, rows)

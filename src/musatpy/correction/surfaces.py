@@ -13,6 +13,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.correction.layers import DRY
+from musatpy.correction.rasters import POSTS
 from musatpy.depth.correction import NO_POINTS, Correction, Progress, Tally, in_order
 from musatpy.depth.misplaced_points import attempted, require_sight
 from musatpy.errors import DepthError, Problem
@@ -21,8 +22,7 @@ from musatpy.interchange.geotiff import Raster
 from musatpy.interchange.layers import Posts
 from musatpy.refraction.apparent import Fault, TruePoints
 
-POSTS = 16384  # at a time
-BANDS = ("height", "depth", "sigma")  # m each, sigma of the height
+_BANDS = ("height", "depth", "sigma")  # m each, sigma of the height
 _TURNS = 3  # times that the apparent place of a post is looked for; what is left is the cube of a slope
 _BESIDE = 2  # rows about those that are corrected: apparent places are beside the posts
 
@@ -70,7 +70,7 @@ def correct_surface(
         part = replace(posts, south=posts.south + posts.spacing * low, shape=(high - low, columns))
         return _Strip(posts=part, heights=raster.rows(band, low, high), wanted=posts.places(first, last))
 
-    with geotiff.written(target, posts, dict.fromkeys(BANDS, "m")) as writer:
+    with geotiff.written(target, posts, dict.fromkeys(_BANDS, "m")) as writer:
         for first, done in zip(
             firsts, in_order(partial(_settled, correction), map(strip, firsts), jobs), strict=True
         ):
@@ -82,7 +82,7 @@ def correct_surface(
                 raise DepthError([replace(done, file=str(raster.path))])
             points = done.points
             height = np.where(np.isin(points.fault, DRY), done.heights, points.position[:, 2])
-            values = zip(BANDS, (height, points.depth, points.sigma[:, 2]), strict=True)
+            values = zip(_BANDS, (height, points.depth, points.sigma[:, 2]), strict=True)
             writer.put(first, {name: column.reshape(-1, columns) for name, column in values})
             tally = tally + Tally.of(points)
             if progress:

@@ -20,7 +20,8 @@ from musatpy.geometry.crs import local_map
 from musatpy.geometry.systems import geographic
 from musatpy.pointfiles.columns import PLAN, Column, Wanted
 from musatpy.pointfiles.point_tables import read_table
-from musatpy.refraction.apparent import REASONS, Departure, Fault, Stations, departure, pair_factor
+from musatpy.refraction.apparent import REASONS, Fault, Stations
+from musatpy.refraction.depth_factor import Departure, departure, pair_factor
 
 _PLACES = (PLAN, ("d1", "d2", "s", "t"))
 _NEARLY_ZERO = 1e-6  # of the height: stands for an apparent depth of zero, where rays have no true point

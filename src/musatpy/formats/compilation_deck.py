@@ -180,33 +180,33 @@ def compilation_bytes(deck: Compilation) -> bytes:
     as_points = deck.stages.as_points
     given = np.flatnonzero(np.isfinite(profiles.places).all(axis=(1, 2)))
     lines = np.where(profiles.scan == "L", np.nan, profiles.spacing)
-    said = [
+    parts = [
         ("TTL", {"titles": np.array(deck.titles, dtype=np.str_)}),
         *_of_surface(deck),
-        ("MDL", _said("models", models, models.ids)),
-        ("PRF", _said("profiles", replace(profiles, spacing=lines), models.ids)),
-        ("PRE", _said("profiles", taken(profiles, given), models.ids)),
-        ("GRD", _said("grids", deck.grids, models.ids)),
+        ("MDL", _values_of("models", models, models.ids)),
+        ("PRF", _values_of("profiles", replace(profiles, spacing=lines), models.ids)),
+        ("PRE", _values_of("profiles", taken(profiles, given), models.ids)),
+        ("GRD", _values_of("grids", deck.grids, models.ids)),
     ]
     readings = [
-        (name, _said("stages", taken(deck.stages, rows), models.ids))
+        (name, _values_of("stages", taken(deck.stages, rows), models.ids))
         for name, rows in zip(READINGS, (np.invert(as_points), as_points), strict=True)
     ]
-    tables = [*said, *readings, *_of_times(deck), ("END", {})]
+    tables = [*parts, *readings, *_of_times(deck), ("END", {})]
     return write_cards((cards[name], mapping.scatter(cards[name], values)) for name, values in tables)
 
 
-def _said(table: str, part: Table, models: TextArray) -> Values:
+def _values_of(table: str, part: Table, models: TextArray) -> Values:
     """Return what the cards of a table say, by model attribute: the inverse of `_made`."""
-    said = {}
+    values = {}
     for name, about in columns(type(part)).items():
         column = getattr(part, name)
         if about.link:
             column = models[column]
         elif about.components:
             column = column.reshape(part.count, math.prod(about.components))
-        said[f"{table}.{name}"] = column
-    return said
+        values[f"{table}.{name}"] = column
+    return values
 
 
 def _of_times(deck: Compilation) -> Iterator[tuple[str, Values]]:
@@ -230,10 +230,10 @@ def _of_surface(deck: Compilation) -> Iterator[tuple[str, Values]]:
     specs = {kind: spec for kind, spec in (("D", deck.contours), ("H", deck.heights)) if spec is not None}
     if specs:
         names = ("interval", "index", "longest_edge", "shortest", "drying", "grid")
-        said = {name: np.array([getattr(spec, name) for spec in specs.values()]) for name in names}
-        edge = said["longest_edge"]
-        said |= {"of": np.array(list(specs)), "longest_edge": np.where(np.isinf(edge), np.nan, edge)}
-        yield "CIN", {f"contours.{name}": column for name, column in said.items()}
+        values = {name: np.array([getattr(spec, name) for spec in specs.values()]) for name in names}
+        edge = values["longest_edge"]
+        values |= {"of": np.array(list(specs)), "longest_edge": np.where(np.isinf(edge), np.nan, edge)}
+        yield "CIN", {f"contours.{name}": column for name, column in values.items()}
     levels_of = [
         (kind, thick, levels)
         for kind, spec in specs.items()

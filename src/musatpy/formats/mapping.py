@@ -160,7 +160,7 @@ def single_of(table: str, values: Values, row: int = 0) -> Any:
 
 def said_of(table: str, values: Values, row: int = 0) -> dict[str, Any]:
     """Return what a card, if there is one, says of a part of the model, by attribute; nothing of a blank."""
-    said: dict[str, Any] = {}
+    given: dict[str, Any] = {}
     for attribute in fields(TABLES[table]):
         column = values.get(f"{table}.{attribute.name}", ())
         if not len(column):
@@ -169,8 +169,8 @@ def said_of(table: str, values: Values, row: int = 0) -> dict[str, Any]:
         kind: Any = type(attribute.default)
         value = tuple(value) if isinstance(value, list) else value
         if value == value and value != "":
-            said[attribute.name] = kind(value) if issubclass(kind, StrEnum | int) else value
-    return said
+            given[attribute.name] = kind(value) if issubclass(kind, StrEnum | int) else value
+    return given
 
 
 def blanks(path: str, like: Array, count: int) -> Array:

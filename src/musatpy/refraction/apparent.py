@@ -6,10 +6,6 @@ distance, they do not quite meet: the apparent point is where the sum of the squ
 smallest, as a bundle adjustment has it. Coordinates are rectangular with Z up (m): a local system or a map, over
 which the water counts as level; or every point has its own `Verticals`, in which Z is up, and stations stand in
 axes that all share. The depth is that below the mean of the tides of the stations that see a point.
-
-By what an apparent depth is to be multiplied, of a stereo pair, is the depth factor of Groeneveld Meijer (1964),
-Photogrammetric Engineering 30: two vertical photographs taken at one height above level water. Lengths are in any
-unit, the same for all; symbols are those of the paper. For a small angle of incidence the factor is the index n.
 """
 
 from __future__ import annotations
@@ -19,7 +15,7 @@ from enum import IntEnum
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.refraction.flat import air_tangent
@@ -422,55 +418,3 @@ def _weights(
         (kx * ky - kx * uy - ky * ux) * w,
         (1.0 + ky * ky - 2.0 * ky * uy) * w,
     )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Departure:
-    """What one depth factor makes of apparent depths, and another in its place: arrays of one shape."""
-
-    depth: FloatArray  # by the one factor
-    other_depth: FloatArray  # by the other
-    error: FloatArray  # other_depth - depth
-    relative: FloatArray  # error in units of the depth
-
-
-def pair_factor(
-    d1: ArrayLike,
-    d2: ArrayLike,
-    s: ArrayLike,
-    t: ArrayLike,
-    apparent_depth: ArrayLike,
-    height: ArrayLike,
-    index: ArrayLike,
-) -> FloatArray:
-    """Return F of points at distances d1, d2 from the two nadirs, s and t of them along the base; shapes broadcast.
-
-    `height` h of the cameras above the water, `apparent_depth` h_a. Groeneveld Meijer (13), with b = s + t.
-    """
-    s, t = np.asarray(s, dtype=float), np.asarray(t, dtype=float)
-    n2, d1, d2 = np.square(index), np.asarray(d1, dtype=float), np.asarray(d2, dtype=float)
-    fall = np.asarray(height, dtype=float) + apparent_depth
-    first, second = (np.sqrt((n2 - 1.0) * np.square(d) + np.square(fall) * n2) for d in (d1, d2))
-    # the factor of either ray is (first or second)/fall; s and t weigh their inverses
-    return (s + t) / fall / (s / first + t / second)
-
-
-def model_factor(
-    x: ArrayLike, y: ArrayLike, apparent_depth: ArrayLike, height: ArrayLike, base: ArrayLike, index: ArrayLike
-) -> FloatArray:
-    """Return F at x along the base from the first nadir and y across it, eq. (14); shapes broadcast."""
-    s, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    t = np.asarray(base, dtype=float) - s
-    return pair_factor(np.hypot(s, y), np.hypot(t, y), s, t, apparent_depth, height, index)
-
-
-def departure(factor: ArrayLike, other: ArrayLike, apparent_depth: ArrayLike) -> Departure:
-    """Return how far the depths by the `other` factor are from those by `factor`; shapes broadcast.
-
-    Table 2 is that of the factor of one apparent depth from the factors of others at the same place, Table 3 that
-    of the factors of a model from a single value.
-    """
-    F, G, h_a = (np.asarray(values, dtype=float) for values in (factor, other, apparent_depth))
-    F, G, h_a = np.broadcast_arrays(F, G, h_a)
-    # relative by the factors, so that it exists at an apparent depth of zero too
-    return Departure(depth=F * h_a, other_depth=G * h_a, error=(G - F) * h_a, relative=(G - F) / F)

@@ -442,9 +442,7 @@ def _tests(sigma: FloatArray) -> int:
     higher limit.
     """
     ordered = np.sort(sigma)  # NaN last
-    counts = [
-        count for count in range(1, len(sigma) + 1) if (test_limit(count) + POWER) * ordered[count - 1] <= 1.0
-    ]
+    counts = [count for count, most in enumerate(ordered, 1) if (test_limit(count) + POWER) * most <= 1.0]
     return max(counts, default=0)
 
 
