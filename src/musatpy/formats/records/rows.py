@@ -231,19 +231,29 @@ def joined(role: str, tables: list[Table]) -> Table:
 
 
 def _joined_control(table: Table) -> Table:
-    """Return control points whose horizontal and vertical part are one row, at the place of the first."""
+    """Return control points whose horizontal and vertical part are one row, in an order that both parts have.
+
+    Where there is such an order files that are written again have it too.
+    """
     kinds = mapping.CODES[_KIND]
     columns = {path: column.copy() for path, column in table.items()}
     first: dict[str, int] = {}
-    keep = np.ones(size(table), dtype=bool)
+    keep: list[int] = []
+    place = 0
     for row, (point, kind) in enumerate(zip(table["control.point"].tolist(), table[_KIND].tolist(), strict=True)):
-        other = first.setdefault(point, row)
-        if {table[_KIND][other], kind} != {kinds["H"], kinds["V"]}:
+        other = first.get(point)
+        if other is not None and {table[_KIND][other], kind} == {kinds["H"], kinds["V"]}:
+            for path in {"control.position", "control.sigma"} & columns.keys():
+                blank_there = np.isnan(columns[path][other])
+                columns[path][other][blank_there] = columns[path][row][blank_there]
+            columns[_KIND][other] = kinds["F"]
+            place = keep.index(other) + 1
             continue
-        for path in {"control.position", "control.sigma"} & columns.keys():
-            blank_there = np.isnan(columns[path][other])
-            columns[path][other][blank_there] = columns[path][row][blank_there]
-        columns[_KIND][other], keep[row] = kinds["F"], False
+        if kind != table[_KIND][row - 1]:
+            place = 0 if kind == kinds["V"] else len(keep)
+        first[point] = row
+        keep.insert(place, row)
+        place += 1
     return {path: column[keep] for path, column in columns.items()}
 
 
