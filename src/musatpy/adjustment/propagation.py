@@ -271,12 +271,18 @@ def covariances_with_depths(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the cofactors (k, 3, 3) of points of a piece along east, north, up, and those (k,) of their depths.
 
-    `point_covariances` and `depth_cofactors` of points that are not kept, without constraints, at once.
+    `point_covariances` and `depth_cofactors` of points that are not kept, without constraints, at once. Neighbours
+    in the piece that have the same photos share the cofactors of these.
     """
     columns, a, by_point = _depth_partials(network, state, piece)
     partials = np.zeros((len(a), 4, a.shape[1]))
     partials[:, :3, : piece.F.shape[2]], partials[:, 3] = -piece.F, a
-    Q = cofactors.cofactors_of(piece.photo, columns, partials)
+    Q, depends = np.empty((len(a), 4, 4)), np.concatenate([piece.photo, columns], axis=1)
+    start = np.flatnonzero(np.append(True, (depends[1:] != depends[:-1]).any(axis=1)))
+    for first, last in zip(start.tolist(), [*start[1:].tolist(), len(a)], strict=True):
+        shared = cofactors.with_border(piece.photo[first, None], columns[first, None])[0]
+        own = partials[first:last]
+        Q[first:last] = (own.reshape(-1, len(shared)) @ shared).reshape(own.shape) @ np.swapaxes(own, 1, 2)
     inverse = piece.E.inverse
     depth = Q[:, 3, 3] + np.einsum("ki,kij,kj->k", by_point, inverse, by_point)
     return _turned(piece.axes, inverse + Q[:, :3, :3]), depth

@@ -75,6 +75,7 @@ class Pattern:
         keys = [np.arange(count) * (count + 1)]
         for clique in cliques:
             i, j = np.triu_indices(clique.shape[1], 1)
+            clique = clique[np.append(True, (clique[1:] != clique[:-1]).any(axis=1))[: len(clique)]]
             low, high = np.minimum(clique[:, i], clique[:, j]), np.maximum(clique[:, i], clique[:, j])
             keys.append((low * count + high).reshape(-1))
         key = np.sort(np.concatenate(keys))  # which is several times as fast as the hashing of `np.unique`

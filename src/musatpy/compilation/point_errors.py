@@ -49,6 +49,8 @@ class PointErrors:
         """
         if not len(level):
             return np.empty((0, 3)), np.empty(0)
+        order = np.lexsort(seen.T)  # points of the same photos together: they share the covariances of these
+        level, seen = level[order], seen[order]
         run, (point, camera) = self.run, np.nonzero(seen)
         xy, every = np.zeros((len(point), 2)), np.ones(len(point), dtype=bool)
         ids = np.arange(len(level)).astype(np.str_)
@@ -67,8 +69,8 @@ class PointErrors:
         for group in group_points(network.photo, network.point, every, bathymetric):
             for rows, piece in pieces(network, state, group, covariances):
                 covariance, variance = covariances_with_depths(network, state, piece, covariances)
-                sigma[group.point[rows]] = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-                depth[group.point[rows]] = np.sqrt(variance)
+                sigma[order[group.point[rows]]] = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+                depth[order[group.point[rows]]] = np.sqrt(variance)
         return sigma, depth
 
 
