@@ -138,16 +138,21 @@ def schema_text():
     """Return the schema of the record as JSON text, one field on a line."""
     from musatpy.reports.record import document
 
-    return _spread(document().schema(), "\n") + "\n"
+    return _spread(document().schema(), "\n  ") + "\n"
 
 
 def _spread(schema, margin):
-    """Spread what holds fields over lines that begin with `margin`."""
-    inner, text = margin + "  ", json.dumps(schema)
-    if not isinstance(schema, dict) or '"properties": ' not in text:
-        return text
-    entries = (f"{inner}{json.dumps(key)}: {_spread(entry, inner)}" for key, entry in schema.items())
-    return "{" + ",".join(entries) + margin + "}"
+    """Return JSON in which every field stands on a line of its own, after `margin`; all else stands behind."""
+    if not isinstance(schema, dict):
+        return json.dumps(schema)
+    entries = []
+    for key, entry in schema.items():
+        text = _spread(entry, margin + "  ")
+        if key in ("properties", "$defs"):
+            fields = (f"{margin}{json.dumps(name)}: {_spread(of, margin + '  ')}" for name, of in entry.items())
+            text = "{" + ",".join(fields) + "}"
+        entries.append(f"{json.dumps(key)}: {text}")
+    return "{" + ", ".join(entries) + "}"
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from musatpy.formats import musat
 from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.cards.spec import CardSpec
 from musatpy.formats.checks import CHECKS
-from musatpy.formats.checks.check import Check
+from musatpy.formats.checks.check import DeckCheck
 from musatpy.formats.draft import Draft, draft_of
 from musatpy.formats.job_tables import card_family
 
@@ -99,7 +99,7 @@ def test_two_ends_of_one_name_are_told(spec: CardSpec) -> None:
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.find.__name__)
-def test_every_check_has_a_case(check: Check) -> None:
+def test_every_check_has_a_case(check: DeckCheck) -> None:
     assert any(list(check(draft(data))) for data, _ in ALL)
 
 

@@ -18,7 +18,7 @@ from musatpy.formats.checks import cross_check
 from musatpy.formats.draft import Draft, draft_of_rows
 from musatpy.formats.job_tables import (
     ROLES,
-    Rows,
+    RoleRows,
     Table,
     attributes,
     blank,
@@ -69,7 +69,7 @@ class BlockBuilder:
 
     def __init__(self, *titles: str, ellipsoid: EllipsoidSpec | str | None = None, **options: Any) -> None:
         """Begin a block with titles, the ellipsoid of a job that is not local, and attributes of `Options`."""
-        self._given: list[Rows] = []  # what each call has added; their lines number the rows of all calls
+        self._given: list[RoleRows] = []  # what each call has added; their lines number the rows of all calls
         self._slips: list[Problem] = []
         self._options = self._options_of(options)
         if titles:
@@ -266,7 +266,7 @@ class BlockBuilder:
         full = {path: values[path] if path in values else blank(role, path, 1) for path in nothing(role)}
         full = {path: np.repeat(one, count, axis=0) if len(one) < count else one for path, one in full.items()}
         if count:
-            self._given.append(Rows.of(role, (), full, self._next() + np.arange(count)))
+            self._given.append(RoleRows.of(role, (), full, self._next() + np.arange(count)))
 
     def _checked(self) -> tuple[Draft, tuple[Problem, ...]]:
         draft = self._draft()
@@ -278,10 +278,12 @@ class BlockBuilder:
 
     def _draft(self) -> Draft:
         options, first = assembly.single_values(self._options, "options"), np.array([_OPTIONS])
-        given = [Rows.of(role, (), {path: options[path] for path in nothing(role)}, first) for role in _OF_OPTIONS]
+        given = [
+            RoleRows.of(role, (), {path: options[path] for path in nothing(role)}, first) for role in _OF_OPTIONS
+        ]
         given += self._given
         flags = flags_of((one.role, one.values) for one in given)
-        rows: dict[str, Rows] = {}
+        rows: dict[str, RoleRows] = {}
         for role, specs in roles_of(card_family()).items():
             of_role = [one for one in given if one.role == role]
             values = {
@@ -289,7 +291,7 @@ class BlockBuilder:
             }
             lines = np.concatenate([first[:0], *(one.lines for one in of_role)])
             cards = specs if role in system_rows.TABLES else (self._spec(role),)
-            rows[role] = Rows.of(role, cards, with_flags(role, values, flags), lines)
+            rows[role] = RoleRows.of(role, cards, with_flags(role, values, flags), lines)
         deck = CardDeck(file="", tables={}, lines={}, problems=(), images=card_images(b"\n" * self._next()))
         return draft_of_rows(rows, deck, self._label)
 

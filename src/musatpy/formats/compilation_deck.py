@@ -20,8 +20,7 @@ from musatpy.formats.cards.deck import CardDeck, read_cards, write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
 from musatpy.formats.compilation_checks import READINGS, ModelFaults, cross_checks
 from musatpy.formats.draft import Draft
-from musatpy.formats.job_tables import Rows as CardRows
-from musatpy.formats.job_tables import card_family
+from musatpy.formats.job_tables import RoleRows, card_family
 from musatpy.formats.musat import has_errors
 from musatpy.formats.system_rows import columns_of_rows
 from musatpy.model import Block, Options
@@ -65,7 +64,7 @@ def compilation_draft(deck: CardDeck) -> Draft:
     for name, spec in compilation_family().cards.items():
         fills = {slot.path.partition(".")[0] for slot in mapping.slots(spec)}
         values = mapping.gather(spec, deck.tables[name])
-        rows[name] = CardRows.of(fills.pop() if fills else name, (spec,), values, deck.lines[name])
+        rows[name] = RoleRows.of(fills.pop() if fills else name, (spec,), values, deck.lines[name])
     nobody, links = np.zeros(0, dtype=np.str_), dict[str, IntArray]()
     return Draft(
         deck=deck, rows=rows, options=Options(), reduction=None,

@@ -20,7 +20,7 @@ from musatpy.errors import Problem
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.formats.job_tables import ROLES, Flags, Rows, attributes, naming, nothing, roles_of, with_flags
+from musatpy.formats.job_tables import ROLES, Flags, RoleRows, attributes, naming, nothing, roles_of, with_flags
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,7 +28,7 @@ class Draft:
     """What a deck says. Links are -1 where an identification is blank."""
 
     deck: CardDeck
-    rows: dict[str, Rows]  # by role
+    rows: dict[str, RoleRows]  # by role
     camera_ids: TextArray
     photo_ids: TextArray
     point_ids: TextArray
@@ -213,7 +213,7 @@ def draft_of(deck: CardDeck, family: Family, flags: Flags | None = None) -> Draf
     return draft_of_rows(rows, deck)
 
 
-def draft_of_rows(rows: dict[str, Rows], deck: CardDeck, call: Callable[[int], str] | None = None) -> Draft:
+def draft_of_rows(rows: dict[str, RoleRows], deck: CardDeck, call: Callable[[int], str] | None = None) -> Draft:
     """Return the draft that the rows of every role make; `deck` is where their lines stand, or `call` says what."""
     given_in = system_rows.spec_of(system_rows.IN, rows)
     options = model.Options(**mapping.said_of("options", rows["options"].values | rows["more_options"].values))
@@ -239,13 +239,13 @@ def draft_of_rows(rows: dict[str, Rows], deck: CardDeck, call: Callable[[int], s
     )
 
 
-def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float = units.DEGREE) -> Rows:
+def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float = units.DEGREE) -> RoleRows:
     """Gather the cards of a role, of several mnemonics if there are, in the order of their lines.
 
     `angle` are the radians of the unit that the deck has for decimal angles.
     """
     if not specs:
-        return Rows.of(role, (), nothing(role))
+        return RoleRows.of(role, (), nothing(role))
     present = [spec for spec in specs if len(deck.lines[spec.mnemonic])] or specs[:1]
     parts = [mapping.gather(spec, deck.tables[spec.mnemonic], angle) for spec in present]
     kind = np.repeat([specs.index(spec) for spec in present], [len(deck.lines[spec.mnemonic]) for spec in present])
@@ -253,7 +253,7 @@ def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float =
     order = np.argsort(lines, kind="stable")
     of_role = [path for path in parts[0] if path in attributes(role)]
     values = {path: np.concatenate([part[path] for part in parts])[order] for path in of_role}
-    return Rows(role=role, specs=specs, kind=kind[order], lines=lines[order], values=values)
+    return RoleRows(role=role, specs=specs, kind=kind[order], lines=lines[order], values=values)
 
 
 def _first_appearance(columns: list[TextArray]) -> tuple[TextArray, list[IntArray]]:
@@ -268,7 +268,7 @@ def _first_appearance(columns: list[TextArray]) -> tuple[TextArray, list[IntArra
     return unique[order], [part.reshape(column.shape) for part, column in zip(parts, columns, strict=True)]
 
 
-def _by_matrices(attitudes: Rows, matrices: Rows) -> Rows:
+def _by_matrices(attitudes: RoleRows, matrices: RoleRows) -> RoleRows:
     """Return the cards of the attitudes where matrices stand for them: the first of each photo, the angles open."""
     photos, row = matrices["matrices.photo"], matrices["matrices.row"]
     names, first, which = np.unique(photos, return_index=True, return_inverse=True)

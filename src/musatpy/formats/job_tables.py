@@ -97,7 +97,7 @@ KEYS = {
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rows:
+class RoleRows:
     """The k cards that say one kind of thing, in the order of the deck; or what files or calls say so."""
 
     role: str

@@ -63,7 +63,7 @@ CODES: Mapping[str, Codes] = {
 _TABLES_WITHIN = ("conditions",)  # attributes of the water that are tables themselves
 
 
-class Layout(Hashable, Protocol):
+class FieldLayout(Hashable, Protocol):
     """A card, or a row of another agency's file: fields with targets."""
 
     @property
@@ -101,7 +101,7 @@ class Slot:
 
 
 @lru_cache(maxsize=256)
-def slots(spec: Layout) -> tuple[Slot, ...]:
+def slots(spec: FieldLayout) -> tuple[Slot, ...]:
     """Return the slots of a card in the order of its fields.
 
     Raises `CardFormatError` for a target that names no attribute of the model or is given twice, for several of one
@@ -129,7 +129,7 @@ def slots(spec: Layout) -> tuple[Slot, ...]:
     return tuple(_slot(spec, path, component, parts) for (path, component), parts in fields_of.items())
 
 
-def _slot(spec: Layout, path: str, component: int | None, parts: dict[str, FieldSpec]) -> Slot:
+def _slot(spec: FieldLayout, path: str, component: int | None, parts: dict[str, FieldSpec]) -> Slot:
     table, _, name = path.partition(".")
     unit = columns(TABLES[table])[name].unit if name else ""
     for field in parts.values():
@@ -220,7 +220,7 @@ def has_stated_unit(spec: CardSpec) -> bool:
     return any(field.unit == STATED_UNIT for field in spec.fields)
 
 
-def gather(spec: Layout, columns: Mapping[str, Array], angle: float = units.DEGREE) -> dict[str, Array]:
+def gather(spec: FieldLayout, columns: Mapping[str, Array], angle: float = units.DEGREE) -> dict[str, Array]:
     """Return what k cards say, by model attribute: (k,), or (k, components), in inside units.
 
     `angle` are the radians of the unit of the SYS card. Texts stay texts, except the letters of `CODES`, which
@@ -255,7 +255,7 @@ def factor(slot: Slot, angle: float) -> float:
     return angle if unit == STATED_UNIT else _FACTORS.get(unit, 1.0)
 
 
-def scatter(spec: Layout, values: Values, angle: float = units.DEGREE) -> dict[str, Array]:
+def scatter(spec: FieldLayout, values: Values, angle: float = units.DEGREE) -> dict[str, Array]:
     """Return the columns of the cards that say `values`: the inverse of `gather`."""
     columns: dict[str, Array] = {}
     for slot in slots(spec):

@@ -18,7 +18,7 @@ from musatpy.formats.draft import draft_of, draft_of_rows
 from musatpy.formats.job_tables import (
     KEYS,
     ROLES,
-    Rows,
+    RoleRows,
     Table,
     Tables,
     blank,
@@ -152,7 +152,7 @@ def block_of(parts: Tables) -> model.Block:
     if problems := missing_parts(parts):
         raise DeckError(problems)
     said = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
-    rows = {role: Rows.of(role, roles_of(family)[role], said.get(role) or nothing(role)) for role in ROLES}
+    rows = {role: RoleRows.of(role, roles_of(family)[role], said.get(role) or nothing(role)) for role in ROLES}
     block = _linked(draft_of_rows(rows, read_cards(b"", family)), "the parts do not go together")
     return replace(block, given_in=spec_of(parts, system_rows.IN), stated_in=spec_of(parts, system_rows.OUT))
 

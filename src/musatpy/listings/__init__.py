@@ -9,7 +9,7 @@ from __future__ import annotations
 from decimal import localcontext
 from pathlib import Path
 
-from musatpy.listings.findings import Difference, Finding, Place, RuleUse, SectionSummary
+from musatpy.listings.findings import Difference, Discrepancy, PagePlace, RuleUse, SectionSummary
 from musatpy.listings.judge import EXACTLY
 from musatpy.listings.lines import CannotCompareError, text_of
 from musatpy.listings.rules import Rules, RulesError, load_rules, parse_rules
@@ -18,8 +18,8 @@ from musatpy.listings.weighing import compare_listings
 __all__ = [
     "CannotCompareError",
     "Difference",
-    "Finding",
-    "Place",
+    "Discrepancy",
+    "PagePlace",
     "RuleUse",
     "Rules",
     "RulesError",

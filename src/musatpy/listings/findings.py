@@ -13,14 +13,14 @@ from musatpy.listings.rules import Rule
 FindingKind = Literal["number", "angle", "text", "overflow", "only in A", "only in B", "order", "column", "section"]
 
 
-class Place(NamedTuple):
+class PagePlace(NamedTuple):
     """Where something stands in a file: page and line of a listing, both from 1; 0 where there are none."""
 
     page: int = 0
     line: int = 0
 
 
-class Finding(NamedTuple):
+class Discrepancy(NamedTuple):
     """One difference that no rule lets pass (a named tuple: two large listings can have a million of them)."""
 
     kind: FindingKind
@@ -34,8 +34,8 @@ class Finding(NamedTuple):
     last_digits: Decimal | None = None  # the difference in units of the last digit that both print
     sigmas: float | None = None  # the difference in sigmas, of records that have them
     rule: str = "exact"  # that was applied
-    place_a: Place = Place()
-    place_b: Place = Place()
+    place_a: PagePlace = PagePlace()
+    place_b: PagePlace = PagePlace()
 
     @property
     def size(self) -> Any:
@@ -54,8 +54,8 @@ class SectionSummary:
     rows: int = 0  # compared
     passed: int = 0  # differences that a rule lets pass
     overflowed: int = 0  # fields of asterisks in both files
-    findings: list[Finding] = field(default_factory=list)
-    _largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)  # by unit, and whether in sigmas
+    findings: list[Discrepancy] = field(default_factory=list)
+    _largest: dict[tuple[str, bool], Discrepancy] = field(default_factory=dict)  # by unit, and whether in sigmas
 
     @property
     def different(self) -> int:
@@ -63,11 +63,11 @@ class SectionSummary:
         return len(self.findings)
 
     @property
-    def largest(self) -> tuple[Finding, ...]:
+    def largest(self) -> tuple[Discrepancy, ...]:
         """The largest difference in each unit, in sigmas where these are known."""
         return tuple(self._largest.values())
 
-    def add(self, finding: Finding, *, passes: bool = False) -> None:
+    def add(self, finding: Discrepancy, *, passes: bool = False) -> None:
         """Take a difference, which a rule lets pass or not."""
         if passes:
             self.passed += 1
@@ -109,7 +109,7 @@ class Difference:
     not_compared: tuple[str, ...] = ()  # sections and columns of a listing that a record cannot answer for
 
     @cached_property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[Discrepancy, ...]:
         """The differences, section by section."""
         return tuple(finding for section in self.sections for finding in section.findings)
 

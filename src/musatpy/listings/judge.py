@@ -31,7 +31,7 @@ class Spot(NamedTuple):
     by_row: bool = True  # photos and points are the same in all columns
 
 
-class Field(NamedTuple):
+class FieldSpot(NamedTuple):
     """One field of a row, as rules see it."""
 
     column: int = -1  # -1: in no column
@@ -55,12 +55,12 @@ def of_row(rules: RuleSet, spot: Spot) -> RuleSet:
     """Return the rules that select something in a row; those about whole rows are of use by that."""
     found = [use for use in rules if _selects_row(use.rule, spot)]
     for use in found:
-        if (use.rule.order or use.rule.only) and _selects_field(use.rule, spot, Field()):
+        if (use.rule.order or use.rule.only) and _selects_field(use.rule, spot, FieldSpot()):
             use.matched = use.applied = True
     return found
 
 
-def decider(rules: RuleSet, spot: Spot, field: Field, a: Token | None, b: Token | None) -> RuleUse | None:
+def decider(rules: RuleSet, spot: Spot, field: FieldSpot, a: Token | None, b: Token | None) -> RuleUse | None:
     """Return the last of the rules of a row that decides about two tokens of a field, None for exactly equal."""
     last = None
     for use in rules:
@@ -76,7 +76,9 @@ def allows(rules: RuleSet, spot: Spot, side: str) -> bool:
     allowed = False
     for use in rules:
         rule = use.rule
-        if (rule.skip or (rule.order if side == "order" else rule.only)) and _selects_field(rule, spot, Field()):
+        if (rule.skip or (rule.order if side == "order" else rule.only)) and _selects_field(
+            rule, spot, FieldSpot()
+        ):
             use.matched = use.applied = True
             allowed = rule.skip or side == "order" or rule.only in (side, "either")
             use.passed += allowed
@@ -129,7 +131,7 @@ def _selects_row(rule: Rule, spot: Spot) -> bool:
     )
 
 
-def _selects_field(rule: Rule, spot: Spot, field: Field) -> bool:
+def _selects_field(rule: Rule, spot: Spot, field: FieldSpot) -> bool:
     if isinstance(rule.column, int) and rule.column != field.number:
         return False
     if isinstance(rule.column, re.Pattern) and not (field.heading and rule.column.search(field.heading)):

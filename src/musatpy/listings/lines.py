@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from musatpy.errors import Problem, ProblemsError
-from musatpy.listings.rules import Layout
+from musatpy.listings.rules import ListingLayout
 
 _PAGE_NUMBER = re.compile(r"(?:^|\s)\(?PAGE(?: +NO\.?)?[ .:#]*\d+(?: *(?:OF|/) *\d+)?\)?\s*$", re.IGNORECASE)
 CUT = re.compile(r"Only the worst \d+ of \d+ rows ")  # below a table of a brief listing
@@ -21,7 +21,7 @@ class CannotCompareError(ProblemsError):
     """Files that cannot be compared: one is no text, empty, or of a kind that the other has nothing to do with."""
 
 
-class Line(NamedTuple):
+class PrintedLine(NamedTuple):
     """One printed line."""
 
     text: str
@@ -33,8 +33,8 @@ class Line(NamedTuple):
 class Paper:
     """The pages of a listing, headers apart; each header once, without its page number."""
 
-    pages: tuple[tuple[Line, ...], ...]
-    headers: tuple[Line, ...]
+    pages: tuple[tuple[PrintedLine, ...], ...]
+    headers: tuple[PrintedLine, ...]
 
 
 def text_of(data: bytes, name: str) -> str:
@@ -50,7 +50,7 @@ def text_of(data: bytes, name: str) -> str:
     return text
 
 
-def paper_of(text: str, layout: Layout) -> Paper:
+def paper_of(text: str, layout: ListingLayout) -> Paper:
     """Return the pages of a text: parted by form feeds, carriage control, or lines that end with a page number."""
     lines = text.rstrip("\x1a").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     control = has_carriage_control(lines) if layout.carriage_control is None else layout.carriage_control
@@ -68,9 +68,9 @@ def has_carriage_control(lines: Sequence[str]) -> bool:
     return not any(_NUMBER_IN_FRONT.match(line) for line in written)
 
 
-def _controlled(lines: Sequence[str]) -> list[list[Line]]:
+def _controlled(lines: Sequence[str]) -> list[list[PrintedLine]]:
     """Return the pages that a printer makes of lines with carriage control."""
-    pages: list[list[Line]] = [[]]
+    pages: list[list[PrintedLine]] = [[]]
     for number, line in enumerate(lines, start=1):
         control, text = line[:1] or " ", line[1:].expandtabs().rstrip()
         if control == "1" and pages[-1]:
@@ -79,8 +79,8 @@ def _controlled(lines: Sequence[str]) -> list[list[Line]]:
             below = pages[-1][-1]
             pages[-1][-1] = below._replace(text=_overprinted(below.text, text))
             continue
-        pages[-1] += [Line("", len(pages), number)] * SKIPPED.get(control, 0)
-        pages[-1].append(Line(text, len(pages), number))
+        pages[-1] += [PrintedLine("", len(pages), number)] * SKIPPED.get(control, 0)
+        pages[-1].append(PrintedLine(text, len(pages), number))
     return pages
 
 
@@ -91,25 +91,25 @@ def _overprinted(below: str, above: str) -> str:
     return "".join(second if first in " _" else first for first, second in pairs).rstrip()
 
 
-def _fed(lines: Sequence[str]) -> list[list[Line]]:
+def _fed(lines: Sequence[str]) -> list[list[PrintedLine]]:
     """Return the pages between form feeds."""
-    pages: list[list[Line]] = [[]]
+    pages: list[list[PrintedLine]] = [[]]
     page = 1
     for number, line in enumerate(lines, start=1):
         first, *rest = line.split("\f")
-        pages[-1].append(Line(first.expandtabs().rstrip(), page, number))
+        pages[-1].append(PrintedLine(first.expandtabs().rstrip(), page, number))
         for part in rest:
             if any(line.text for line in pages[-1]):
                 pages.append([])
                 page += 1
-            pages[-1].append(Line(part.expandtabs().rstrip(), page, number))
+            pages[-1].append(PrintedLine(part.expandtabs().rstrip(), page, number))
     return pages
 
 
-def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
+def _without_headers(pages: Sequence[Sequence[PrintedLine]], layout: ListingLayout) -> Paper:
     """Take lines that end with a page number out; each begins a page, unless it is the last of one."""
-    headers: dict[str, Line] = {}
-    kept: list[list[Line]] = []
+    headers: dict[str, PrintedLine] = {}
+    kept: list[list[PrintedLine]] = []
     number = 0
     patterns = bool(layout.header)
     for page in pages:
@@ -125,7 +125,7 @@ def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
                     number += 1
                 title = " ".join(_PAGE_NUMBER.sub("", text).split())
                 if title and not any(pattern.search(text) for pattern in layout.header):
-                    headers.setdefault(title, Line(title, number, line.number))
+                    headers.setdefault(title, PrintedLine(title, number, line.number))
                 continue
             if text.endswith(")") and _REFERENCE.search(text):
                 line = line._replace(text=_REFERENCE.sub("", text))
@@ -136,7 +136,7 @@ def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
     return Paper(pages=tuple(tuple(page) for page in kept), headers=tuple(headers.values()))
 
 
-def _is_header(text: str, layout: Layout, *, at_top: bool) -> bool:
+def _is_header(text: str, layout: ListingLayout, *, at_top: bool) -> bool:
     """Tell whether a line is a page header; below the top of a page, its number stands apart from words."""
     page = _PAGE_NUMBER.search(text)
     before = text[: page.start()] if page else ""

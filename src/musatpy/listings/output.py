@@ -10,7 +10,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from musatpy.errors import Problem, printable
-from musatpy.listings.findings import Difference, Finding, SectionSummary
+from musatpy.listings.findings import Difference, Discrepancy, SectionSummary
 
 SCHEMA_VERSION = "1.0"
 Style = Callable[[str, str], str]  # text, and what it is: "title", "a", "b", "same", "different", "warning"
@@ -75,7 +75,7 @@ def number_text(value: Decimal | float | None) -> str:
     return text if len(text) < 20 else f"{value:+.9g}"
 
 
-def _table(findings: Sequence[Finding], listed: int, style: Style) -> list[str]:
+def _table(findings: Sequence[Discrepancy], listed: int, style: Style) -> list[str]:
     """Return the differences of one section below their headings; columns without content are left out."""
     rows = [_row(finding) for finding in findings[:listed]]
     used = [n for n in range(len(_HEADINGS)) if any(row[n] for row in rows)]
@@ -95,7 +95,7 @@ def _table(findings: Sequence[Finding], listed: int, style: Style) -> list[str]:
     return lines
 
 
-def _row(finding: Finding) -> tuple[str, ...]:
+def _row(finding: Discrepancy) -> tuple[str, ...]:
     whole = {"order": "(stands elsewhere)", "section": "(section)", "column": "(column)"}.get(finding.kind, "")
     return (
         _cut(finding.row),
@@ -135,7 +135,7 @@ def _summary(sections: Sequence[SectionSummary], style: Style) -> list[str]:
     return [*lines, ""]
 
 
-def _largest(finding: Finding) -> str:
+def _largest(finding: Discrepancy) -> str:
     sigmas = f" ({finding.sigmas:+.3g} sigmas)" if finding.sigmas is not None else ""
     value = f"{number_text(finding.difference)} {finding.unit}".strip()
     return printable(f"{value}{sigmas}: {finding.row}, {finding.column}")
@@ -179,7 +179,7 @@ def json_text(difference: Difference) -> str:
     return json.dumps(head, indent=1).removesuffix("\n}") + f',\n "findings": [\n  {findings}\n ]\n}}\n'
 
 
-def _entry(finding: Finding) -> dict[str, Any]:
+def _entry(finding: Discrepancy) -> dict[str, Any]:
     """Return what JSON says of a difference."""
     entry = finding._asdict()
     for side in "ab":

@@ -20,11 +20,11 @@ import numpy as np
 from musatpy.errors import Problem, RecordError
 from musatpy.json_files import known_of
 from musatpy.listings.findings import Difference, RuleUse
-from musatpy.listings.lines import CUT, CannotCompareError, Line, paper_of
+from musatpy.listings.lines import CUT, CannotCompareError, PrintedLine, paper_of
 from musatpy.listings.records import is_number, read_json
 from musatpy.listings.rules import Rules
-from musatpy.listings.sections import Row, Section, numbered, sections_of, squeezed
-from musatpy.listings.tokens import Placed, tokens_of
+from musatpy.listings.sections import ListingRow, ListingSection, numbered, sections_of, squeezed
+from musatpy.listings.tokens import PlacedToken, tokens_of
 from musatpy.listings.weighing import compare_rows, overflows
 from musatpy.reports.editing import edited
 from musatpy.reports.fields import Field
@@ -85,15 +85,15 @@ def _is_left_out(stated: Any, content: Record) -> bool:
 class _Printed:
     """A section of the listing, and the same section as the record prints it."""
 
-    def __init__(self, section: Section, stated: Any, content: Record) -> None:
+    def __init__(self, section: ListingSection, stated: Any, content: Record) -> None:
         self.section = section
         self.stated = stated
         self.content = content
         self.unknown: Counter[str] = Counter()  # what of the listing the record has not
-        self.listed: list[Row] = []  # rows of the listing that are compared
-        self.recorded: list[Row] = []  # those of the record
+        self.listed: list[ListingRow] = []  # rows of the listing that are compared
+        self.recorded: list[ListingRow] = []  # those of the record
 
-    def section_of_record(self) -> Section:
+    def section_of_record(self) -> ListingSection:
         """Return the section as the record prints it, after its rows and those of the listing have been paired."""
         if isinstance(self.stated, Labels):
             self.labels()
@@ -117,7 +117,7 @@ class _Printed:
         values = column.printed(self.values) if self.values.count else ()
         return plain(values) if isinstance(values, np.ndarray) else list(values)
 
-    def table(self) -> Section:
+    def table(self) -> ListingSection:
         """Print a table with a row for each entry."""
         values = self.values
         columns = list(self.stated.side_by_side(values)) if values.count else []
@@ -125,8 +125,8 @@ class _Printed:
         all_columns = (part for column in self.stated.stated() for part in column.columns(values.system))
         columns += [column for column in all_columns if column.heading not in headings]
         table = Table[Any](tuple(columns))
-        recorded = Section(self.section.title, head=[Line(text, 0, 0) for text in table.head()])
-        recorded.lines = [(Line(text, 0, 0), 0) for text in (table.lines(values) if values.count else ())]
+        recorded = ListingSection(self.section.title, head=[PrintedLine(text, 0, 0) for text in table.head()])
+        recorded.lines = [(PrintedLine(text, 0, 0), 0) for text in (table.lines(values) if values.count else ())]
         names, known = (numbered([head.name for head in one.columns]) for one in (self.section, recorded))
         if not names:
             self.unknown["rows without headings"] += len(self.section.lines)
@@ -195,7 +195,7 @@ class _Printed:
                 self.unknown[f"{label}, all but the first {most} number{'s' * (most > 1)}"] += 1
             self.take(row, [([at], at.end, value) for at, value in zip(numbers, known[label], strict=False)])
 
-    def take(self, row: Row, values: Sequence[tuple[Sequence[Placed], int, Any]]) -> None:
+    def take(self, row: ListingRow, values: Sequence[tuple[Sequence[PlacedToken], int, Any]]) -> None:
         """Take a row of the listing, and what the record prints: its values in place of what stands in the row.
 
         A value has the tokens of its field, none of an empty one, and the column of print where this ends.
@@ -209,24 +209,24 @@ class _Printed:
                 before = before[:-longer]
             text = f"{before}{piece:>{end - start}}{text[end:]}" if placed or piece else text
         self.listed.append(row)
-        self.recorded.append(row._replace(line=Line(text.rstrip(), 0, 0)))
+        self.recorded.append(row._replace(line=PrintedLine(text.rstrip(), 0, 0)))
 
     def texts(self) -> None:
         """Print sentences, however their lines are broken: those that are not indented begin one."""
-        sentences: list[Line] = []
+        sentences: list[PrintedLine] = []
         for row in self.section.rows:
             text = squeezed(row.line.text)
             if sentences and row.line.text[0] == " ":
                 sentences[-1] = sentences[-1]._replace(text=f"{sentences[-1].text} {text}")
             else:
                 sentences.append(row.line._replace(text=text.removeprefix("- ").removeprefix("Note: ")))
-        self.listed += [Row(line, (line.text,), 0) for line in sentences if not _MORE.match(line.text)]
+        self.listed += [ListingRow(line, (line.text,), 0) for line in sentences if not _MORE.match(line.text)]
         listed = {"".join(row.line.text.split()): row.line for row in self.listed}
         for text in self.recorded_texts():
             line = listed.get("".join(text.split()))
             if line or len(self.listed) == len(sentences):  # else the listing is cut
                 text = line.text if line else text
-                self.recorded.append(Row(Line(text, 0, 0), (text,), 0))
+                self.recorded.append(ListingRow(PrintedLine(text, 0, 0), (text,), 0))
 
     def recorded_texts(self) -> Sequence[str]:
         """Return the texts that the record has of the section."""
@@ -236,7 +236,7 @@ class _Printed:
         return [" ".join(str(text) for text in row if text) for row in zip(*cells, strict=True)]
 
 
-def _reprinted(placed: Sequence[Placed], value: Any) -> str:
+def _reprinted(placed: Sequence[PlacedToken], value: Any) -> str:
     """Return a value of the record as a listing prints it that has `placed`: with as many digits."""
     token = placed[0].token if len(placed) == 1 else None
     if not is_number(value) or not math.isfinite(value):

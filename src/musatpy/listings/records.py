@@ -10,12 +10,12 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from musatpy.errors import Problem
-from musatpy.listings.findings import Difference, Place, RuleUse
-from musatpy.listings.judge import Field, RuleSet, Spot, still_open
+from musatpy.listings.findings import Difference, PagePlace, RuleUse
+from musatpy.listings.judge import FieldSpot, RuleSet, Spot, still_open
 from musatpy.listings.lines import CannotCompareError
 from musatpy.listings.rules import Rules
-from musatpy.listings.tokens import Placed, Token
-from musatpy.listings.weighing import Cell, Comparison
+from musatpy.listings.tokens import PlacedToken, Token
+from musatpy.listings.weighing import Cell, SectionComparison
 from musatpy.reports.values import at
 
 TOP = "(top)"
@@ -34,13 +34,13 @@ _OF_ROW = "the row's"  # unit, of which the row has a field
 _UNIT = re.compile(r"\w+(?:/\w+)?")  # not `that of the coordinates`
 
 
-class Row(NamedTuple):
+class RecordRow(NamedTuple):
     """One row of a table: what it is called, the texts of its ids, its fields."""
 
     name: str
     ids: tuple[str, ...]
     fields: Mapping[str, Any]
-    place: Place = Place()
+    place: PagePlace = PagePlace()
 
     @property
     def text(self) -> str:
@@ -76,7 +76,7 @@ def read_json(text: str, name: str) -> Any:
         raise CannotCompareError([Problem(file=name, line=line, message=f"is not JSON: {error}")]) from error
 
 
-def tables_of(content: Any) -> dict[str, list[Row]]:
+def tables_of(content: Any) -> dict[str, list[RecordRow]]:
     """Return the tables of a file by their paths, in their order; but not what depends on the machine alone."""
     tables: dict[str, list[Mapping[str, Any]]] = {}
     for path, rows in _tables(content, ""):
@@ -114,7 +114,7 @@ def rows_in(value: Any) -> list[dict[str, Any]] | None:
     return [dict(zip(value, row, strict=True)) for row in zip(*value.values(), strict=True)]
 
 
-def _named(rows: Sequence[Mapping[str, Any]]) -> list[Row]:
+def _named(rows: Sequence[Mapping[str, Any]]) -> list[RecordRow]:
     """Return the rows of a table with the fields that tell them apart, as far as any do."""
     names: list[str] = []
     everywhere = set.intersection(*map(set, rows)) if rows else ()
@@ -128,7 +128,7 @@ def _named(rows: Sequence[Mapping[str, Any]]) -> list[Row]:
         ids = [(name, _texts(row[name])) for name in names]
         label = " ".join(f"{name} {' '.join(texts)}" for name, texts in ids)
         label = label or (f"row {n}" if len(rows) > 1 else "values")
-        named.append(Row(label, tuple([text for _, texts in ids for text in texts]), row))
+        named.append(RecordRow(label, tuple([text for _, texts in ids for text in texts]), row))
     return named
 
 
@@ -151,24 +151,26 @@ def _leaves(row: Mapping[str, Any]) -> dict[str, Any]:
     return fields
 
 
-class _Tables(Comparison):
+class _Tables(SectionComparison):
     """One table of both records."""
 
     counts_digits = False
     geographic = False
 
-    def __init__(self, rules: RuleSet, title: str, a: Sequence[Row] | None, b: Sequence[Row] | None) -> None:
+    def __init__(
+        self, rules: RuleSet, title: str, a: Sequence[RecordRow] | None, b: Sequence[RecordRow] | None
+    ) -> None:
         super().__init__(rules, title, [title])
         self.tables = a, b  # None: there is none
         self.rows = a or (), b or ()
 
-    def spot_of(self, row: Row, side: int, other: Row | None = None) -> Spot:
+    def spot_of(self, row: RecordRow, side: int, other: RecordRow | None = None) -> Spot:
         def named(key: str) -> tuple[str, ...]:
             return tuple([text for name in (key, f"{key}s") for text in _texts(row.fields.get(name, []))])
 
         return Spot((), (row.name,), row.ids, lambda n: named("photo"), lambda n: named("point"))
 
-    def are_same(self, a: Row, b: Row) -> bool:
+    def are_same(self, a: RecordRow, b: RecordRow) -> bool:
         return a.fields == b.fields
 
     def compare(self) -> None:
@@ -181,7 +183,7 @@ class _Tables(Comparison):
         if not self.allowed(Spot(), "AB"[side]):
             self.lonely("section", side, f"{len(self.rows[side])} rows")
 
-    def cells(self, a: Row, b: Row, among: RuleSet) -> Iterator[Cell]:
+    def cells(self, a: RecordRow, b: RecordRow, among: RuleSet) -> Iterator[Cell]:
         first, second = _leaves(a.fields), _leaves(b.fields)
         is_open = bool(still_open(among))
         for number, path in enumerate(first | second, start=1):
@@ -189,10 +191,10 @@ class _Tables(Comparison):
             if len(values) < 2 or values[0] != values[1]:
                 sides = [[_placed(fields[path])] if path in fields else [] for fields in (first, second)]
                 sigmas = self.in_sigmas(path, sides, (b.fields, a.fields))
-                yield Cell(Field(-1, number, path), self.unit_of(path, a.fields), sides[0], sides[1], sigmas)
+                yield Cell(FieldSpot(-1, number, path), self.unit_of(path, a.fields), sides[0], sides[1], sigmas)
             elif is_open:
                 token = (_placed(values[0]),)
-                yield Cell(Field(-1, number, path), "", token, token)
+                yield Cell(FieldSpot(-1, number, path), "", token, token)
 
     def stated_unit(self, path: str) -> str:
         """Return what the reports state of the unit of a field."""
@@ -211,7 +213,9 @@ class _Tables(Comparison):
             parts = [*parts, *[""] * number][number : number + 1]
         return parts[0] if _UNIT.fullmatch(parts[0]) else ""
 
-    def in_sigmas(self, path: str, sides: Sequence[Sequence[Placed]], rows: Sequence[Mapping[str, Any]]) -> Any:
+    def in_sigmas(
+        self, path: str, sides: Sequence[Sequence[PlacedToken]], rows: Sequence[Mapping[str, Any]]
+    ) -> Any:
         """Return a difference of a field in sigmas of the first of the rows that has some; None without sigmas.
 
         Latitudes and longitudes have none: theirs are in metres.
@@ -234,17 +238,19 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _placed(value: Any) -> Placed:
+def _placed(value: Any) -> PlacedToken:
     """Return what stands in a field; it has no columns of print."""
     if isinstance(value, str):
-        return Placed(Token("word", json.dumps(value) if value in ("null", "true", "false", "") else value), 0, 0)
+        return PlacedToken(
+            Token("word", json.dumps(value) if value in ("null", "true", "false", "") else value), 0, 0
+        )
     if not is_number(value):
-        return Placed(Token("word", json.dumps(value)), 0, 0)
+        return PlacedToken(Token("word", json.dumps(value)), 0, 0)
     text = str(value)
     if (parts := _NUMBER.fullmatch(text)) is None:
-        return Placed(Token("word", text), 0, 0)
+        return PlacedToken(Token("word", text), 0, 0)
     decimals, exponent = parts.groups(default="")
-    return Placed(Token("number", text, Decimal(text), int(exponent or 0) - len(decimals)), 0, 0)
+    return PlacedToken(Token("number", text, Decimal(text), int(exponent or 0) - len(decimals)), 0, 0)
 
 
 @cache

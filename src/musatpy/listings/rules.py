@@ -123,7 +123,7 @@ class Rule:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
+class ListingLayout:
     """What cannot be seen in a text: lines that begin sections or belong to page headers, the control column."""
 
     section: tuple[re.Pattern[str], ...] = key((), convert=_patterns)
@@ -135,7 +135,7 @@ class Layout:
 class Rules:
     """All rules of a comparison, in the order of their file."""
 
-    layout: Layout = key(Layout)
+    layout: ListingLayout = key(ListingLayout)
     rules: tuple[Rule, ...] = key((), name="rule")
 
 

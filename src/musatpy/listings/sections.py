@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
-from musatpy.listings.findings import Place
-from musatpy.listings.lines import Line, Paper
-from musatpy.listings.rules import Layout
-from musatpy.listings.tokens import Placed, angle_of, begins_with_number, tokens_of, with_angles
+from musatpy.listings.findings import PagePlace
+from musatpy.listings.lines import Paper, PrintedLine
+from musatpy.listings.rules import ListingLayout
+from musatpy.listings.tokens import PlacedToken, angle_of, begins_with_number, tokens_of, with_angles
 
 PAGE_HEADERS = "Page headers"
 _INDEX = "Index Of Pages"  # where pages break does not count
@@ -36,7 +36,7 @@ _UNIT_BEHIND = re.compile(r"\((m|mm|um)\)$", re.IGNORECASE)
 _TITLE_LINES, _HEAD_LINES = 6, 4
 
 
-class Column(NamedTuple):
+class PrintColumn(NamedTuple):
     """One column of a table."""
 
     name: str  # its heading lines, one blank apart, without the unit
@@ -46,10 +46,10 @@ class Column(NamedTuple):
     end: int  # not included
 
 
-class Row(NamedTuple):
+class ListingRow(NamedTuple):
     """One line of a section that is neither title, heading nor rule."""
 
-    line: Line
+    line: PrintedLine
     ids: tuple[str, ...]  # what it is about: photo, point, ... or its label
     block: int  # rows between two rules have one number
 
@@ -64,19 +64,19 @@ class Row(NamedTuple):
         return squeezed(self.line.text)
 
     @property
-    def place(self) -> Place:
+    def place(self) -> PagePlace:
         """Where it stands."""
-        return Place(page=self.line.page, line=self.line.number)
+        return PagePlace(page=self.line.page, line=self.line.number)
 
 
 @dataclass(eq=False)
-class Section:
+class ListingSection:
     """A titled run of rows; filled while pages are read."""
 
     title: str
-    titles: list[Line] = field(default_factory=list)
-    head: list[Line] = field(default_factory=list)  # rules included
-    lines: list[tuple[Line, int]] = field(default_factory=list)  # with their block
+    titles: list[PrintedLine] = field(default_factory=list)
+    head: list[PrintedLine] = field(default_factory=list)  # rules included
+    lines: list[tuple[PrintedLine, int]] = field(default_factory=list)  # with their block
     ruled: bool = False  # rules stand between rows
     blank: Set[str] = frozenset()  # columns that may be blank, whatever the other file has there
 
@@ -96,7 +96,7 @@ class Section:
         return any(_DMS.search(line.text) for line in (*self.titles, *self.head))
 
     @cached_property
-    def columns(self) -> tuple[Column, ...]:
+    def columns(self) -> tuple[PrintColumn, ...]:
         """The columns, none where there are no headings with a rule below them."""
         return tuple(columns_of([line.text for line in self.head]))
 
@@ -144,18 +144,18 @@ class Section:
         return {kind: [n for n, name in enumerate(headings) if kind.match(name)] for kind in (PHOTO, POINT)}
 
     @cached_property
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[ListingRow]:
         """All rows with their ids."""
         if self.grouped:
             texts = [line.text for line, _ in self.lines]
             spans = [(self.columns[n].start, self.columns[n].end) for n in self.id_columns]
             ids = zip(*([text[start:end].strip() for text in texts] for start, end in spans), strict=True)
             rows = [
-                Row(line, (label_of(line[0]),) if self.is_note(line[0]) else names, block)
+                ListingRow(line, (label_of(line[0]),) if self.is_note(line[0]) else names, block)
                 for (line, block), names in zip(self.lines, ids, strict=True)
             ]
         else:
-            rows = [Row(line, (label_of(line.text),), block) for line, block in self.lines]
+            rows = [ListingRow(line, (label_of(line.text),), block) for line, block in self.lines]
         return _sharing_ids(rows) if self.ruled else rows
 
     @cached_property
@@ -174,7 +174,7 @@ class Section:
         words = text.split()
         return sum(word[0].isalpha() for word in words) > max(3, len(words) // 2)
 
-    def cells(self, text: str, *, angles: bool) -> list[tuple[int, list[Placed]]]:
+    def cells(self, text: str, *, angles: bool) -> list[tuple[int, list[PlacedToken]]]:
         """Return the tokens of a row by columns; column -1 holds what stands before the columns, or in none.
 
         With `angles`, degrees, minutes and seconds are one token: where headings speak of them, only below these.
@@ -183,16 +183,16 @@ class Section:
         if not self.columns or (self.grouped and self.is_note(text)):
             return [(-1, with_angles(placed) if angles else placed)]
         label = _CELL.match(text)
-        cells: dict[int, list[Placed]] = {}
+        cells: dict[int, list[PlacedToken]] = {}
         for piece in with_angles(placed) if angles and not self.grouped else placed:
             cells.setdefault(self._column_of(piece, label.end() if label else 0), []).append(piece)
         for n, inside in cells.items() if angles and self.grouped else ():
             if len(inside) == 3 and (self.columns[n].angle or not self.angles):
                 angle = angle_of([piece.token for piece in inside])
-                cells[n] = [Placed(angle, inside[0].start, inside[-1].end)] if angle else inside
+                cells[n] = [PlacedToken(angle, inside[0].start, inside[-1].end)] if angle else inside
         return sorted(cells.items())
 
-    def _column_of(self, piece: Placed, label: int) -> int:
+    def _column_of(self, piece: PlacedToken, label: int) -> int:
         """Return the column of a token: the last whose dashes begin before its end, or whose heading ends nearest.
 
         Without dashes for each column, what stands before the end of the `label` of a row is in column -1.
@@ -229,7 +229,7 @@ def label_of(text: str) -> str:
     return " ".join(label).rstrip("=:")
 
 
-def columns_of(head: Sequence[str]) -> list[Column]:
+def columns_of(head: Sequence[str]) -> list[PrintColumn]:
     """Return the columns below headings, none where there are none."""
     if not head:
         return []
@@ -257,22 +257,22 @@ def numbered(names: Sequence[str]) -> list[str]:
     return keys
 
 
-def _column(parts: Sequence[str], start: int, end: int) -> Column:
+def _column(parts: Sequence[str], start: int, end: int) -> PrintColumn:
     name = " ".join(parts)
     if len(parts) > 1 and (unit := _UNITS.fullmatch(parts[-1])):
-        return Column(" ".join(parts[:-1]), unit[1].lower(), False, start, end)
+        return PrintColumn(" ".join(parts[:-1]), unit[1].lower(), False, start, end)
     if len(parts) > 1 and _DMS.fullmatch(parts[-1]):
-        return Column(" ".join(parts[:-1]), "", True, start, end)
+        return PrintColumn(" ".join(parts[:-1]), "", True, start, end)
     in_brackets = _UNIT_BEHIND.search(name)
-    return Column(name, in_brackets[1].lower() if in_brackets else "", bool(_DMS.search(name)), start, end)
+    return PrintColumn(name, in_brackets[1].lower() if in_brackets else "", bool(_DMS.search(name)), start, end)
 
 
-def _sharing_ids(rows: list[Row]) -> list[Row]:
+def _sharing_ids(rows: list[ListingRow]) -> list[ListingRow]:
     """Give the rows between two rules the id that one of them has, where the others are indented."""
-    blocks: dict[int, list[Row]] = {}
+    blocks: dict[int, list[ListingRow]] = {}
     for row in rows:
         blocks.setdefault(row.block, []).append(row)
-    shared: list[Row] = []
+    shared: list[ListingRow] = []
     for block in blocks.values():
         heads = [row for row in block if row.line.text[:1].strip()]
         if len(block) > 1 and len(heads) == 1:
@@ -286,25 +286,25 @@ def _sharing_ids(rows: list[Row]) -> list[Row]:
     return shared
 
 
-def sections_of(paper: Paper, layout: Layout) -> list[Section]:
+def sections_of(paper: Paper, layout: ListingLayout) -> list[ListingSection]:
     """Return the sections of a listing, the page headers first; an index of pages is none."""
-    headers = Section(PAGE_HEADERS, lines=[(line, 0) for line in paper.headers])
-    reader = _Reader(layout)
+    headers = ListingSection(PAGE_HEADERS, lines=[(line, 0) for line in paper.headers])
+    reader = _PageReader(layout)
     for page in paper.pages:
         reader.page(page)
     sections = [section for section in (headers, *reader.sections) if section.lines or section.titles]
     return [section for section in sections if section.title != _INDEX]
 
 
-class _Reader:
+class _PageReader:
     """Reads page after page; knows the section that it is in."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: ListingLayout) -> None:
         self.layout = layout
-        self.sections = [Section("")]
+        self.sections = [ListingSection("")]
         self.block = 0
 
-    def page(self, lines: Sequence[Line]) -> None:
+    def page(self, lines: Sequence[PrintedLine]) -> None:
         """Read one page."""
         place, blanks = 0, 2  # a page starts like a section
         while place < len(lines):
@@ -318,7 +318,7 @@ class _Reader:
             blanks = 0 if line.text else blanks + 1
             place += 1
 
-    def row(self, line: Line) -> None:
+    def row(self, line: PrintedLine) -> None:
         """Take a line as a row, a rule, or the headings once more."""
         section = self.sections[-1]
         if is_rule(line.text):
@@ -327,7 +327,7 @@ class _Reader:
         elif line.text not in section.head_texts:
             section.lines.append((line, self.block))
 
-    def section(self, lines: Sequence[Line], start: int, end: int) -> int:
+    def section(self, lines: Sequence[PrintedLine], start: int, end: int) -> int:
         """Begin a section with a title, unless the last one goes on; return the place behind its headings."""
         place = _first_written(lines, end)
         below = _head_end(lines, place)
@@ -335,10 +335,10 @@ class _Reader:
         text, last = squeezed(lines[start].text), self.sections[-1]
         title = _CONTINUED.sub("", text)
         if title != last.title or (title == text and {line.text for line in head} != last.head_texts):
-            self.sections.append(Section(title, titles=list(lines[start:end]), head=head))
+            self.sections.append(ListingSection(title, titles=list(lines[start:end]), head=head))
         return below if head and head[0].text in self.sections[-1].head_texts else end
 
-    def title_end(self, lines: Sequence[Line], place: int, blanks: int) -> int:
+    def title_end(self, lines: Sequence[PrintedLine], place: int, blanks: int) -> int:
         """Return the end of a title that begins here; `place` if none does.
 
         Titles are lines of words behind two blank lines, or behind one where headings follow, and before another.
@@ -354,13 +354,13 @@ class _Reader:
         return end if blanks >= 2 or _head_end(lines, follows) > follows else place
 
 
-def _first_written(lines: Sequence[Line], place: int) -> int:
+def _first_written(lines: Sequence[PrintedLine], place: int) -> int:
     while place < len(lines) and not lines[place].text:
         place += 1
     return place
 
 
-def _head_end(lines: Sequence[Line], start: int) -> int:
+def _head_end(lines: Sequence[PrintedLine], start: int) -> int:
     """Return the end of headings: rules, some lines without a real number, a rule; `start` where there are none."""
     place = start
     while place < len(lines) and is_rule(lines[place].text):

@@ -44,7 +44,7 @@ class Token(NamedTuple):
         return self.text == "-0"
 
 
-class Placed(NamedTuple):
+class PlacedToken(NamedTuple):
     """A token and the columns of print that it takes, counted from 0, the end not included."""
 
     token: Token
@@ -52,14 +52,14 @@ class Placed(NamedTuple):
     end: int
 
 
-def tokens_of(text: str) -> list[Placed]:
+def tokens_of(text: str) -> list[PlacedToken]:
     """Return the tokens of a line in their order."""
-    tokens: list[Placed] = []
+    tokens: list[PlacedToken] = []
     for chunk in _CHUNK.finditer(text):
         start = chunk.start()
         for token in parse(chunk[0]):
             end = start + len(token[1])
-            tokens.append(Placed(token, start, end))
+            tokens.append(PlacedToken(token, start, end))
             start = end
     return tokens
 
@@ -138,9 +138,9 @@ def angle_of(tokens: Sequence[Token]) -> Token | None:
     return Token("angle", f"{degrees} {minutes} {seconds}", -size if degrees[0] == "-" else size, tokens[2].step)
 
 
-def with_angles(placed: Sequence[Placed]) -> list[Placed]:
+def with_angles(placed: Sequence[PlacedToken]) -> list[PlacedToken]:
     """Return the tokens with every degrees, minutes and seconds among them taken together; seconds have a point."""
-    tokens: list[Placed] = []
+    tokens: list[PlacedToken] = []
     place = 0
     while place < len(placed):
         three = placed[place : place + 3]
@@ -149,6 +149,6 @@ def with_angles(placed: Sequence[Placed]) -> list[Placed]:
             tokens.append(three[0])
             place += 1
         else:
-            tokens.append(Placed(angle, three[0].start, three[-1].end))
+            tokens.append(PlacedToken(angle, three[0].start, three[-1].end))
             place += 3
     return tokens

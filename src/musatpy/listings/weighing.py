@@ -13,9 +13,9 @@ from functools import partial
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
-from musatpy.listings.findings import Difference, Finding, FindingKind, Place, RuleUse, SectionSummary
+from musatpy.listings.findings import Difference, Discrepancy, FindingKind, PagePlace, RuleUse, SectionSummary
 from musatpy.listings.judge import (
-    Field,
+    FieldSpot,
     RuleSet,
     Spot,
     allows,
@@ -27,37 +27,37 @@ from musatpy.listings.judge import (
     read_angles,
     still_open,
 )
-from musatpy.listings.lines import Line, paper_of
+from musatpy.listings.lines import PrintedLine, paper_of
 from musatpy.listings.rules import Rules
-from musatpy.listings.sections import PHOTO, POINT, Row, Section, numbered, sections_of
-from musatpy.listings.tokens import Placed, Token
+from musatpy.listings.sections import PHOTO, POINT, ListingRow, ListingSection, numbered, sections_of
+from musatpy.listings.tokens import PlacedToken, Token
 
 Texts = tuple[str | None, str | None]  # of A and of B
-NOWHERE = Place()
+NOWHERE = PagePlace()
 _OVERFLOW = re.compile(r"\*{2,}")
 
 
 class Cell(NamedTuple):
     """One field of two rows that belong together: what stands there in A and in B."""
 
-    field: Field
+    field: FieldSpot
     unit: str
-    a: Sequence[Placed]
-    b: Sequence[Placed]
+    a: Sequence[PlacedToken]
+    b: Sequence[PlacedToken]
     sigmas: float | None = None  # the difference of two numbers in sigmas, where it is known
 
 
-class Pair(NamedTuple):
+class RowPair(NamedTuple):
     """Two rows that belong together, or one alone: their name and places, and the rules that select them."""
 
     name: str = ""
-    a: Place = NOWHERE
-    b: Place = NOWHERE
+    a: PagePlace = NOWHERE
+    b: PagePlace = NOWHERE
     spot: Spot = Spot()
     among: RuleSet = ()
 
 
-class Comparison:
+class SectionComparison:
     """A section of A and of B, or of one only: its rules, and what was found.
 
     `rows` are those of both; a row has `ids`, a `name` that findings call it by, a `text` and a `place`.
@@ -100,7 +100,7 @@ class Comparison:
         if same and not moved and not self.pending:
             return
         spot = self.spot_of(a, 0, b) if self.rules else Spot()
-        pair = Pair(a.name, a.place, b.place, spot, of_row(self.rules, spot))
+        pair = RowPair(a.name, a.place, b.place, spot, of_row(self.rules, spot))
         if moved and not allows(pair.among, pair.spot, "order"):
             self.found("order", pair)
         if not same or still_open(pair.among):
@@ -115,21 +115,23 @@ class Comparison:
             self.lonely(kind, side, row.text, row.name, row.place)
 
     def lonely(
-        self, kind: FindingKind, side: int, text: str, name: str = "", place: Place = NOWHERE, column: str = ""
+        self, kind: FindingKind, side: int, text: str, name: str = "", place: PagePlace = NOWHERE, column: str = ""
     ) -> None:
         """Take what only one file has."""
-        pair = Pair(name, b=place) if side else Pair(name, place)
+        pair = RowPair(name, b=place) if side else RowPair(name, place)
         self.found(kind, pair, (None, text) if side else (text, None), column)
 
     def allowed(self, spot: Spot, side: str) -> bool:
         """Tell whether a rule allows a row in one file only (`A`, `B`), or elsewhere (`order`)."""
         return allows(of_row(self.rules, spot), spot, side)
 
-    def rule(self, pair: Pair, field: Field, a: Token | None = None, b: Token | None = None) -> RuleUse | None:
+    def rule(
+        self, pair: RowPair, field: FieldSpot, a: Token | None = None, b: Token | None = None
+    ) -> RuleUse | None:
         """Return the rule that decides about two values of a field, None for exactly equal."""
         return decider(pair.among, pair.spot, field, a, b) if pair.among else None
 
-    def weigh_cell(self, pair: Pair, cell: Cell) -> None:
+    def weigh_cell(self, pair: RowPair, cell: Cell) -> None:
         """Weigh the tokens of one cell; in no column, every token is a field of its own.
 
         Of a cell with more tokens in one file, or several words that differ, what is left without those equal at
@@ -156,7 +158,7 @@ class Comparison:
         if use is None or not use.rule.skip:
             self.found("text", pair, (left_a, left_b), field.name, rule=use.name if use else "exact")
 
-    def weigh(self, pair: Pair, field: Field, cell: Cell, a: Token, b: Token) -> None:
+    def weigh(self, pair: RowPair, field: FieldSpot, cell: Cell, a: Token, b: Token) -> None:
         """Weigh two tokens of a field, and take their difference where there is one."""
         use = self.rule(pair, field, a, b)
         rule, name = (use.rule, use.name) if use else (None, "exact")
@@ -193,7 +195,7 @@ class Comparison:
     def found(
         self,
         kind: FindingKind,
-        pair: Pair,
+        pair: RowPair,
         texts: Texts = (None, None),
         column: str = "",
         *,
@@ -202,7 +204,7 @@ class Comparison:
     ) -> None:
         """Take a finding, with the `texts` of A and of B."""
         section, (a, b) = self.result.title, texts
-        finding = Finding(kind, section, pair.name, column, a, b, place_a=pair.a, place_b=pair.b, **more)
+        finding = Discrepancy(kind, section, pair.name, column, a, b, place_a=pair.a, place_b=pair.b, **more)
         self.result.add(finding, passes=passes)
 
 
@@ -263,13 +265,13 @@ def _in_order(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
     return longest[::-1]
 
 
-def _spanning(field: Field, placed: Sequence[Placed], number: int) -> Field:
+def _spanning(field: FieldSpot, placed: Sequence[PlacedToken], number: int) -> FieldSpot:
     """Return a field with its columns of print; in no column its number counts the fields of the row."""
     start, end = min(field.start for field in placed), max(field.end for field in placed)
-    return Field(field.column, field.number or number, field.heading, start, end)
+    return FieldSpot(field.column, field.number or number, field.heading, start, end)
 
 
-def _only_words_differ(a: Sequence[Placed], b: Sequence[Placed]) -> bool:
+def _only_words_differ(a: Sequence[PlacedToken], b: Sequence[PlacedToken]) -> bool:
     """Tell whether several tokens differ, and all of them are words."""
     kinds = [
         {of_a.token.kind, of_b.token.kind} for of_a, of_b in zip(a, b, strict=True) if of_a.token != of_b.token
@@ -299,7 +301,7 @@ def overflows(sections: Sequence[SectionSummary]) -> list[str]:
 
 
 def compare_rows(
-    rules: RuleSet, a: tuple[Section, Sequence[Row]], b: tuple[Section, Sequence[Row]]
+    rules: RuleSet, a: tuple[ListingSection, Sequence[ListingRow]], b: tuple[ListingSection, Sequence[ListingRow]]
 ) -> SectionSummary:
     """Return what differs between rows of two sections of one title, in any order and in columns of both."""
     comparison = _Sections(rules, a[0], b[0])
@@ -308,19 +310,19 @@ def compare_rows(
     return comparison.result
 
 
-class _Sections(Comparison):
+class _Sections(SectionComparison):
     """One section of both listings, or of one only."""
 
-    def __init__(self, rules: RuleSet, a: Section | None, b: Section | None) -> None:
+    def __init__(self, rules: RuleSet, a: ListingSection | None, b: ListingSection | None) -> None:
         titles = [section.title for section in (a, b) if section]
         super().__init__(rules, titles[0] or "(before the first title)", titles)
         self.lacking = [section is None for section in (a, b)]
-        self.sections = self.a, self.b = a or Section(""), b or Section("")
+        self.sections = self.a, self.b = a or ListingSection(""), b or ListingSection("")
         self.rows = self.a.rows, self.b.rows
         self.in_columns = bool(self.a.columns and self.b.columns)
         self.names = [numbered([column.name for column in section.columns]) for section in self.sections]
 
-    def spot_of(self, row: Row, side: int, other: Row | None = None) -> Spot:
+    def spot_of(self, row: ListingRow, side: int, other: ListingRow | None = None) -> Spot:
         section = self.sections[side]
         texts = (row.line.text,) if other is None else (row.line.text, other.line.text)
         about = [partial(_about, section, row, pattern) for pattern in (PHOTO, POINT)]
@@ -342,8 +344,8 @@ class _Sections(Comparison):
         first, second = map(_first_lines, self.sections)
         spot = Spot(pages=tuple(line.page for line in first))
         if moved and not self.allowed(spot, "order"):
-            self.found("order", Pair("(the section)", _place_of(first), _place_of(second)))
-        titles = [[Row(line, ("(title)",), -1) for line in section.titles] for section in self.sections]
+            self.found("order", RowPair("(the section)", _place_of(first), _place_of(second)))
+        titles = [[ListingRow(line, ("(title)",), -1) for line in section.titles] for section in self.sections]
         for a, b in zip_longest(*titles):
             if a and b:
                 self.pair_of_rows(a, b, False)
@@ -354,20 +356,20 @@ class _Sections(Comparison):
                 if name not in self.names[1 - side]:
                     self.lonely_column(side, n, section)
 
-    def lonely_column(self, side: int, number: int, section: Section) -> None:
+    def lonely_column(self, side: int, number: int, section: ListingSection) -> None:
         """Report a column that only one listing has, once."""
         spot, name = Spot(pages=tuple(line.page for line in _first_lines(section))), section.columns[number].name
-        use = self.rule(Pair(spot=spot, among=of_row(self.rules, spot)), Field(0, number + 1, name))
+        use = self.rule(RowPair(spot=spot, among=of_row(self.rules, spot)), FieldSpot(0, number + 1, name))
         if use is None or not use.rule.skip:
             self.lonely("column", side, f"only in {'AB'[side]}", "(headings)", _place_of(section.head[:1]), name)
 
-    def are_same(self, a: Row, b: Row) -> bool:
+    def are_same(self, a: ListingRow, b: ListingRow) -> bool:
         texts = a.line.text, b.line.text
         if "**" in texts[0] and "**" in texts[1]:
             self.result.overflowed += _overflows_in_both(self.a, a, b)
         return texts[0] == texts[1] or (not self.in_columns and texts[0].split() == texts[1].split())
 
-    def cells(self, a: Row, b: Row, among: RuleSet) -> Iterator[Cell]:
+    def cells(self, a: ListingRow, b: ListingRow, among: RuleSet) -> Iterator[Cell]:
         angles = a.block >= 0 and (self.a.angles or self.b.angles or read_angles(among))
         first, second = (
             dict(section.cells(row.line.text, angles=angles))
@@ -375,18 +377,18 @@ class _Sections(Comparison):
         )
         if not self.in_columns or a.block < 0:
             whole = [[placed for inside in side.values() for placed in inside] for side in (first, second)]
-            yield Cell(Field(), "", whole[0], whole[1])
+            yield Cell(FieldSpot(), "", whole[0], whole[1])
             return
-        yield Cell(Field(), "", first.get(-1, ()), second.get(-1, ()))
+        yield Cell(FieldSpot(), "", first.get(-1, ()), second.get(-1, ()))
         for n, name in enumerate(self.names[0]):
             if name in self.names[1]:
                 column, other = self.a.columns[n], self.names[1].index(name)
                 if (name in self.a.blank and n not in first) or (name in self.b.blank and other not in second):
                     continue
-                yield Cell(Field(n, n + 1, column.name), column.unit, first.get(n, ()), second.get(other, ()))
+                yield Cell(FieldSpot(n, n + 1, column.name), column.unit, first.get(n, ()), second.get(other, ()))
 
 
-def _overflows_in_both(section: Section, a: Row, b: Row) -> int:
+def _overflows_in_both(section: ListingSection, a: ListingRow, b: ListingRow) -> int:
     """Return how many numbers of a row did not fit their fields in both listings, so that nobody can compare them.
 
     Asterisks at the beginning of a line draw attention to it, and those of a row without numbers mark columns.
@@ -396,15 +398,15 @@ def _overflows_in_both(section: Section, a: Row, b: Row) -> int:
     return 0 if is_mark or a.block < 0 or a.text.startswith("*") else (fields[0] & fields[1]).total()
 
 
-def _place_of(lines: Sequence[Line]) -> Place:
-    return Place(page=lines[0].page, line=lines[0].number) if lines else Place()
+def _place_of(lines: Sequence[PrintedLine]) -> PagePlace:
+    return PagePlace(page=lines[0].page, line=lines[0].number) if lines else PagePlace()
 
 
-def _first_lines(section: Section) -> Sequence[Line]:
+def _first_lines(section: ListingSection) -> Sequence[PrintedLine]:
     return section.titles[:1] or [line for line, _ in section.lines[:1]]
 
 
-def _about(section: Section, row: Row, pattern: re.Pattern[str], column: int) -> tuple[str, ...]:
+def _about(section: ListingSection, row: ListingRow, pattern: re.Pattern[str], column: int) -> tuple[str, ...]:
     """Return the photos, or the points, that the field of a row in a column is about."""
     if section.grouped:
         return _with_parts([row.ids[place] for place in section.named_ids[pattern] if place < len(row.ids)])

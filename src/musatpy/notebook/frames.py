@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from musatpy.errors import MusatError
 from musatpy.model import Solution
 from musatpy.reports import record
-from musatpy.reports.fields import Each, Field, Group, Node, Rows
+from musatpy.reports.fields import Each, Field, FieldGroup, Node, Rows
 from musatpy.reports.values import array_of
 from musatpy.statistics import Statistics
 
@@ -53,7 +53,7 @@ def _tables(
         yield RecordTable(name=path or _JOB, columns=[*_owner(owners), *columns], is_object=owners is None)
     for node in nodes:
         name = f"{path}.{node.name}" if path else node.name
-        if isinstance(node, Group):
+        if isinstance(node, FieldGroup):
             inside = [inner for item in items if (inner := node.of(item)) is not None]
             yield from _tables(node.fields, name, inside, None)
         elif isinstance(node, Each):

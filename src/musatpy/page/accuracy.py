@@ -28,7 +28,7 @@ Samples = dict[tuple[str, str], DifferenceStatistics]  # by control or check poi
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Depths:
+class DepthFigures:
     """Submerged points that have a depth: adjusted, and where straight rays meet; metres."""
 
     ids: TextArray  # (k,)
@@ -99,7 +99,7 @@ def analysis_table(rows: Sequence[Any], title: str, of_maximum: str, *, folded: 
     )
 
 
-def orders_table(depths: Depths) -> Iterator[PageTable]:
+def orders_table(depths: DepthFigures) -> Iterator[PageTable]:
     """Yield how many submerged points meet each order of S-44, where a depth has a covariance."""
     count = int(depths.ranked.sum())
     if not count:
@@ -116,7 +116,7 @@ def orders_table(depths: Depths) -> Iterator[PageTable]:
     )
 
 
-def depth_facts(depths: Depths, where: str, places: Mapping[str, str]) -> Iterator[Fact]:
+def depth_facts(depths: DepthFigures, where: str, places: Mapping[str, str]) -> Iterator[Fact]:
     """Yield the sigma of depths `where` they are, and the order of S-44 that nearly all meet; with links."""
     sigma, depth = depths.sigma[np.isfinite(depths.sigma)], depths.depth[np.isfinite(depths.depth)]
     if len(sigma) and len(depth):
@@ -136,11 +136,11 @@ def depth_facts(depths: Depths, where: str, places: Mapping[str, str]) -> Iterat
         )
 
 
-def depths_of(tables: Tables) -> Depths:
+def depths_of(tables: Tables) -> DepthFigures:
     """Return the depths of a run."""
     table, points = part(tables, "bathymetric_points"), part(tables, "points")
     ids = texts(table, "point")
-    return Depths(
+    return DepthFigures(
         ids=ids,
         depth=numbers(table, "depth"),
         sigma=numbers(table, "depth_sigma"),
@@ -148,7 +148,7 @@ def depths_of(tables: Tables) -> Depths:
     )
 
 
-def refraction_sentences(tables: Tables, depths: Depths) -> Iterator[str]:
+def refraction_sentences(tables: Tables, depths: DepthFigures) -> Iterator[str]:
     """Yield what refraction changed: of depths, of places in plan, and of images."""
     table = part(tables, "bathymetric_points")
     straight = numbers(table, "depth_no_refraction")

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from musatpy.page.accuracy import Depths, analysis_table, depth_facts, orders_table
+from musatpy.page.accuracy import DepthFigures, analysis_table, depth_facts, orders_table
 from musatpy.page.cells import count_of, number_text
 from musatpy.page.page_tables import PageReport, chapters_of, page_of, places_of, tables_of
 from musatpy.page.rendering import Fact, Facts, Page, Part, Sentences, anchor_of
@@ -65,12 +65,12 @@ def compilation_page(tables: Tables) -> Page:
     return replace(page, notes=[*page.notes, *tables["warnings"]])
 
 
-def _depths(tables: Tables) -> Depths:
+def _depths(tables: Tables) -> DepthFigures:
     """Return the compiled points that have a depth, below the sounding datum."""
     points = part(tables, "points")
     depth = numbers(points, "datum_depth")
     known = np.isfinite(depth)
-    return Depths(
+    return DepthFigures(
         ids=texts(points, "point")[known],
         depth=depth[known],
         sigma=numbers(points, "datum_depth_sigma")[known],
@@ -78,7 +78,7 @@ def _depths(tables: Tables) -> Depths:
     )
 
 
-def _figures(tables: Tables, depths: Depths, places: Mapping[str, str]) -> Iterator[Fact]:
+def _figures(tables: Tables, depths: DepthFigures, places: Mapping[str, str]) -> Iterator[Fact]:
     points, parallaxes = tables["points"], [model["y_parallax"] for model in tables["models"]]
     count, missing = len(points["point"]), sum(reason is not None for reason in points["reason"])
     yield Fact("Points with coordinates", f"{count - missing:,} of {count:,}")
@@ -114,7 +114,7 @@ def _stated(tables: Tables) -> Iterator[Part]:
         yield from tables_of(map(shown, compilation_points.in_words(stated["answer"])), answered(tables, "points"))
 
 
-def _accuracy(tables: Tables, depths: Depths) -> Sequence[Part]:
+def _accuracy(tables: Tables, depths: DepthFigures) -> Sequence[Part]:
     against = tables["analysis"]
     shown = [analysis_table(against, _AGAINST, "Point with Max. Difference", folded=False)] if against else []
     nothing = Sentences(texts=["No point of the run was read again, and no depth has a sigma."])

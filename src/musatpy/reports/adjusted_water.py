@@ -12,7 +12,7 @@ from musatpy.model import AdjustedWater, AdjustedWaves, ConsideredWater, WaterPr
 from musatpy.model.solution import WAVE_VALUES
 from musatpy.reports import echo
 from musatpy.reports.editing import number_text
-from musatpy.reports.fields import Field, Group, Rows
+from musatpy.reports.fields import Field, FieldGroup, Rows
 from musatpy.reports.pages import Section, labelled, wrapped
 from musatpy.reports.table import Content, Labels, Report, numbers_at
 from musatpy.reports.values import Values, at
@@ -104,7 +104,7 @@ _CONSIDERED = Rows[Statistics, ConsideredWater](
         Field("unit", "enum", "of the sigma", "units", "Unit", "A8", choices=("m", "arc sec", "deg", "")),
     ),
 )  # fmt: skip
-ADJUSTED_WATER = Group[Statistics, Statistics](
+ADJUSTED_WATER = FieldGroup[Statistics, Statistics](
     "adjusted_water", "the water after the adjustment; null without a water card",
     of=lambda s: None if s.solution.water is None else s, fields=(
         Field("tide", "* number?", "height of the water at each photo", "solution.water.tide", unit="m"),
@@ -113,7 +113,7 @@ ADJUSTED_WATER = Group[Statistics, Statistics](
         Field("tilt_sigma", "* number?", "null: known, or not determined", "solution.water.tilt_sigma", unit="rad"),
         Field("index", "number", "refractive index", "solution.water.index"),
         Field("index_sigma", "number?", "null: known, or not determined", "solution.water.index_sigma"),
-        Group[Statistics, AdjustedWaves](
+        FieldGroup[Statistics, AdjustedWaves](
             "waves", "waves whose parameters were unknown; null without such",
             of=attrgetter("solution.water.waves"), optional=True,
             fields=(_WAVES, _PARAMETERS, _CORRELATIONS_OF_WAVES),

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.model import Block, Refraction
 from musatpy.reports.editing import edited, prints_as_zero
-from musatpy.reports.fields import Each, Field, Group, Rows, identity, unrecorded, within
+from musatpy.reports.fields import Each, Field, FieldGroup, Rows, identity, unrecorded, within
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values
@@ -72,7 +72,7 @@ _ANALYSES = (
     _analysis("check_point", "adjusted minus given positions of check points", lambda s: s.check_points),
 )  # fmt: skip
 ANALYSIS = _ANALYSES[0]
-ANALYSES = Group[Statistics, Statistics]("analyses", "the standard analyses, one row per component", _ANALYSES)
+ANALYSES = FieldGroup[Statistics, Statistics]("analyses", "the standard analyses, one row per component", _ANALYSES)
 
 
 def _report(table: Each[Statistics, Component], title: str, row: str) -> Report[Statistics]:
@@ -113,7 +113,7 @@ FRAMES = Rows[Statistics, Statistics](
 )  # fmt: skip
 
 
-PLATE_STATISTICS = Group[Statistics, Statistics](
+PLATE_STATISTICS = FieldGroup[Statistics, Statistics](
     "plate_statistics", "RMS plate residuals", (
         Field("kinds", "3 string", "order of the kinds in count, rms, largest and the totals",
               lambda s: PLATE_KINDS, "Points", "A16", is_id=True),

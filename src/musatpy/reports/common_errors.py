@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.probability import FAMILY_RISK
 from musatpy.reports.editing import number_text
-from musatpy.reports.fields import Field, Group, Rows
+from musatpy.reports.fields import Field, FieldGroup, Rows
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
 from musatpy.statistics import Statistics
@@ -63,7 +63,7 @@ PARAMETERS = Rows[Statistics, Statistics](
         *_moves(2),
     ),
 )  # fmt: skip
-_ERRORS = Group[Statistics, Statistics](
+_ERRORS = FieldGroup[Statistics, Statistics](
     "common_errors",
     "parameters that are held and common to many observations; null where the run did not converge",
     of=lambda s: None if s.common_errors is None else s, fields=(

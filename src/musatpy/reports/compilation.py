@@ -15,7 +15,7 @@ from musatpy.reports import compilation_bottom, compilation_comparisons, compila
 from musatpy.reports.answer import MARKS, verdict_section
 from musatpy.reports.compilation_points import ENU_SIGMAS, Compilation
 from musatpy.reports.editing import position
-from musatpy.reports.fields import Document, Each, Field, Group, Rows, flag, identity
+from musatpy.reports.fields import Document, Each, Field, FieldGroup, Rows, flag, identity
 from musatpy.reports.pages import Section, labelled, print_titled, wrapped
 from musatpy.reports.table import Report, Texts, sentences_at
 
@@ -30,7 +30,7 @@ _ABOUT = (
     "sigmas along east, north, up (X, Y, Z in LOCL jobs). A number that does not exist is null"
 )
 
-JOB: Group[Compilation, Compiled] = Group(
+JOB: FieldGroup[Compilation, Compiled] = FieldGroup(
     "job", "what was compiled", of=lambda c: c.compiled, fields=(
         Field("titles", "* string", "titles of the deck", "deck.titles"),
         Field("system", "string", "coordinate system of the run", "run.block.options.system"),
@@ -45,7 +45,7 @@ JOB: Group[Compilation, Compiled] = Group(
         Field("datum_sigma", "number", "of that", "datum.sigma", unit="m"),
     ),
 )  # fmt: skip
-VERDICT: Group[Compilation, Verdict] = Group(
+VERDICT: FieldGroup[Compilation, Verdict] = FieldGroup(
     "verdict", "what it is worth", headline.VERDICT.fields, lambda c: c.verdict
 )
 MODELS: Each[Compilation, CompiledModel] = Each(

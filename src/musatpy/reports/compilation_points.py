@@ -12,7 +12,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.model.tables import POSITION_UNIT
 from musatpy.reports.editing import position
-from musatpy.reports.fields import Each, Field, Group, Rows, flag, identity
+from musatpy.reports.fields import Each, Field, FieldGroup, Rows, flag, identity
 from musatpy.reports.pages import Section, as_text
 from musatpy.reports.stated import WORDS, Said, answered, place_columns, place_sigma_columns, said_of, with_answer
 from musatpy.reports.table import Report, filled
@@ -107,11 +107,14 @@ STATED_POINTS: Rows[Compiled, tuple[Compiled, StatedPoints]] = Rows(
               unit="that of the coordinates", exact=True),
     ),
 )  # fmt: skip
-ANSWER: Group[Compilation, Compiled] = Group(
+ANSWER: FieldGroup[Compilation, Compiled] = FieldGroup(
     "stated",
     "the points as the run states its answer (SYS OUT); null where that is in the system of the job",
     of=lambda c: None if c.compiled.run.stated is None else c.compiled,
-    fields=(Group[Any, Words]("answer", "how it is stated", of=lambda c: _words(c), fields=WORDS), STATED_POINTS),
+    fields=(
+        FieldGroup[Any, Words]("answer", "how it is stated", of=lambda c: _words(c), fields=WORDS),
+        STATED_POINTS,
+    ),
     optional=True,
 )
 

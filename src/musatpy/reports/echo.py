@@ -18,7 +18,7 @@ from musatpy.model.block import parts_of_block
 from musatpy.model.tables import POSITION_UNIT, Table, columns
 from musatpy.reports import job_record, residuals
 from musatpy.reports.editing import SEXAGESIMAL, field_width
-from musatpy.reports.fields import Field, Group, Rows, of_job, same
+from musatpy.reports.fields import Field, FieldGroup, Rows, of_job, same
 from musatpy.reports.pages import MOST_PAGES, Section, wrapped
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values
@@ -181,10 +181,10 @@ def report_of(spec: CardSpec, unit: AngleUnit = AngleUnit.DMS, *, readings: bool
     )
 
 
-def _record_of(table: str) -> Rows[Any, Any] | Group[Any, Any] | None:
+def _record_of(table: str) -> Rows[Any, Any] | FieldGroup[Any, Any] | None:
     """Return what the record has of a table of the model, None where that is something else."""
     if table == "wave_origin":
-        return Group(table, "", (WAVE_ORIGIN,))
+        return FieldGroup(table, "", (WAVE_ORIGIN,))
     if table == "equal_elevations" or table not in ("water_conditions", *parts_of_block()):  # rows are groups
         return None
     stated = job_record.table if issubclass(mapping.TABLES[table], Table) else job_record.part

@@ -195,7 +195,7 @@ class Tabled(Node[Source], Generic[Source, Item]):
 
 
 @dataclass(frozen=True, eq=False)
-class Group(Tabled[Source, Item]):
+class FieldGroup(Tabled[Source, Item]):
     """An object with fields; null, where it may be, as its source is None."""
 
     text: str
@@ -335,7 +335,7 @@ def of_job(heading: str, edit: str, values: Callable[[Any], Any]) -> Field[Any]:
 def without_images(nodes: Iterable[Node[Part]]) -> Iterator[Node[Part]]:
     """Yield fields and tables, but no table of images, nor the parts of objects that are one."""
     for node in nodes:
-        if isinstance(node, Group):
+        if isinstance(node, FieldGroup):
             yield replace(node, fields=tuple(without_images(node.fields)))
         elif not _is_of_images(node):
             yield node

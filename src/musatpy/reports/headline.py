@@ -26,7 +26,7 @@ from musatpy.reports import (
     statistical_tests,
 )
 from musatpy.reports.editing import number_text
-from musatpy.reports.fields import Each, Field, Group, Node
+from musatpy.reports.fields import Each, Field, FieldGroup, Node
 from musatpy.reports.table import Content
 from musatpy.reports.values import array_of, at
 from musatpy.statistics import Statistics
@@ -38,7 +38,7 @@ from musatpy.units import MICROMETRE
 CONTROL, CHECKS = "control residuals", "check points"
 Edited = Callable[[str, float], str]  # a number by an edit descriptor
 _GRADES = ("DOUBTFUL", "REJECTED", "FAILED")
-VERDICT = Group[Statistics, Verdict](
+VERDICT = FieldGroup[Statistics, Verdict](
     "verdict", "what the run is worth", of=lambda s: s.verdict, fields=(
         Field("grade", "string", "that of the worst reason; FAILED has not converged",
               choices=("ACCEPTED", *_GRADES)),
@@ -55,7 +55,7 @@ VERDICT = Group[Statistics, Verdict](
 )  # fmt: skip
 
 
-SOLUTION = Group[Statistics, Solution](
+SOLUTION = FieldGroup[Statistics, Solution](
     "solution", "the result in short", of=lambda s: s.solution, fields=(
         Field("converged", "boolean", "whether the limits were reached"),
         Field("reason", "string", "why not converged; empty when converged"),

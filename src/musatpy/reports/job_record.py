@@ -22,7 +22,7 @@ from musatpy.formats.job_tables import card_family
 from musatpy.model import Block
 from musatpy.model.block import parts_of_block
 from musatpy.model.tables import Table, columns, types_of
-from musatpy.reports.fields import Field, Group, Node, Rows, same
+from musatpy.reports.fields import Field, FieldGroup, Node, Rows, same
 from musatpy.reports.values import names
 from musatpy.statistics import Statistics
 
@@ -89,7 +89,7 @@ def table(name: str, called: str, block: Callable[[Source], Block]) -> Rows[Sour
     return Rows(called, _text(kind), tuple(_fields(name, same)), block, of_images)
 
 
-def part(name: str, called: str, of: Callable[[Source], Any]) -> Group[Source, Any]:
+def part(name: str, called: str, of: Callable[[Source], Any]) -> FieldGroup[Source, Any]:
     """Return what one card says of a job, null without the card."""
     kind = mapping.TABLES[name]
     hints = typing.get_type_hints(kind)
@@ -100,7 +100,7 @@ def part(name: str, called: str, of: Callable[[Source], Any]) -> Group[Source, A
             nodes.append(part(within, one.name, attrgetter(one.name)))
         elif (field := _single(name, one.name, hints[one.name], one.default)) is not None:
             nodes.append(field)
-    return Group(called, _text(kind), of=of, fields=tuple(nodes), optional=name != "options")
+    return FieldGroup(called, _text(kind), of=of, fields=tuple(nodes), optional=name != "options")
 
 
 def with_cards(node: Node[Statistics]) -> Node[Statistics]:

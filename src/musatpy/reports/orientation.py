@@ -12,7 +12,7 @@ from musatpy.model import CoordinateSystem, PlaneTreatment, Weights
 from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS
 from musatpy.reports.answer import MARKS, verdict_section
 from musatpy.reports.editing import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, number_text, position
-from musatpy.reports.fields import Document, Field, Group, Node, Rows, flag, identity, of_job
+from musatpy.reports.fields import Document, Field, FieldGroup, Node, Rows, flag, identity, of_job
 from musatpy.reports.pages import Section, labelled, print_titled, wrapped
 from musatpy.reports.table import Report, filled
 from musatpy.units import ARC_SECOND, DEGREE
@@ -30,7 +30,7 @@ _NAMED = 12  # photos of which all are named
 _EVERY = 12  # columns of the matrix of correlations beside each other
 
 _SIGMAS = [f"Sigma {axis}\nm" for axis in "XYZ"]
-JOB: Group[Answer, Answer] = Group(
+JOB: FieldGroup[Answer, Answer] = FieldGroup(
     "job", "what was asked for", (
         Field("titles", "* string", "titles of the deck", "block.titles"),
         Field("method", "string", "of orientation", "scene.spec.method"),
@@ -40,13 +40,13 @@ JOB: Group[Answer, Answer] = Group(
         Field("base", "number", "length of the first base of a model", "scene.base", unit="m"),
     ),
 )  # fmt: skip
-VERDICT: Group[Answer, Answer] = Group(
+VERDICT: FieldGroup[Answer, Answer] = FieldGroup(
     "verdict", "what the answer is worth", (
         Field("grade", "string", "ACCEPTED, DOUBTFUL or REJECTED", "verdict.grade"),
         Field("reasons", "* string", "against it", lambda a: [reason.text for reason in a.verdict.reasons]),
     ),
 )  # fmt: skip
-FIT: Group[Answer, Answer] = Group(
+FIT: FieldGroup[Answer, Answer] = FieldGroup(
     "fit", "how the conditions fit", (
         Field("sigma0", "number?", "standard deviation of unit weight", "oriented.sigma0"),
         Field("redundancy", "integer", "conditions and priors less unknowns", "oriented.redundancy"),
@@ -54,7 +54,7 @@ FIT: Group[Answer, Answer] = Group(
         Field("condition", "number", "condition number of the scaled normals", "oriented.condition"),
     ),
 )  # fmt: skip
-PLANE: Group[Answer, Answer] = Group(
+PLANE: FieldGroup[Answer, Answer] = FieldGroup(
     "plane",
     "the plane of water Z = level + slope . (X, Y), about the middle of the axes; null where no point is under it",
     of=lambda a: None if a.scene.dry else a,
@@ -126,7 +126,7 @@ IMAGES: Rows[Answer, Answer] = Rows(
               "F7.2"),
     ),
 )  # fmt: skip
-CORRELATIONS: Group[Answer, Answer] = Group(
+CORRELATIONS: FieldGroup[Answer, Answer] = FieldGroup(
     "correlations", "of all unknowns", (
         Field("unknowns", "* string", "names", "names"),
         Field("matrix", "*x* number", "row by row", "correlations"),

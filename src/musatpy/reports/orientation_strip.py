@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.reports.editing import number_text
-from musatpy.reports.fields import Document, Field, Group, Node, Rows, identity
+from musatpy.reports.fields import Document, Field, FieldGroup, Node, Rows, identity
 from musatpy.reports.orientation import (
     JOB,
     LEFT_OUT,
@@ -38,7 +38,7 @@ _NOTE = (
     "as the triplets are joined: first values, from which IIIA starts."
 )
 
-FIT: Group[StripAnswer, StripAnswer] = Group(
+FIT: FieldGroup[StripAnswer, StripAnswer] = FieldGroup(
     "fit", "how the images fit in IIIA, in all triplets where it has no solution", (
         Field("sigma0", "number", "standard deviation of unit weight"),
         Field("redundancy", "integer", "observations less unknowns"),
@@ -47,7 +47,7 @@ FIT: Group[StripAnswer, StripAnswer] = Group(
         Field("unadjusted", "string", "why it does not, empty where it does"),
     ),
 )  # fmt: skip
-STRIP_PLANE: Group[Any, Any] = Group(
+STRIP_PLANE: FieldGroup[Any, Any] = FieldGroup(
     "plane",
     "the plane of water Z = level + slope . (X, Y), about the middle of the axes; sigmas null without IIIA",
     tuple(field for field in PLANE.fields if not field.name.startswith("paper")),

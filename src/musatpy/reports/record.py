@@ -33,7 +33,7 @@ from musatpy.reports import (
     stated,
     statistical_tests,
 )
-from musatpy.reports.fields import Document, Field, Group, Node, Rows, without_images
+from musatpy.reports.fields import Document, Field, FieldGroup, Node, Rows, without_images
 from musatpy.reports.values import Json, plain, rounded
 from musatpy.statistics import Statistics
 
@@ -47,7 +47,7 @@ _ABOUT = (
 
 
 _HEAD: tuple[Node[Statistics], ...] = (
-    Group[Statistics, Statistics](
+    FieldGroup[Statistics, Statistics](
         "program", "what made the record", (
             Field("name", "const", "name of the program", lambda s: "musatpy", choices=("musatpy",)),
             Field("version", "string", "version of the program", lambda s: musatpy.__version__),
@@ -55,7 +55,7 @@ _HEAD: tuple[Node[Statistics], ...] = (
                   "solution.kernels"),
         ),
     ),
-    Group[Statistics, Statistics](
+    FieldGroup[Statistics, Statistics](
         "units", "units of all fields that name no other", (
             Field("length", "const", "of positions, differences, depths", lambda s: "m", choices=("m",)),
             Field("angle", "const", "of all angles", lambda s: "rad", choices=("rad",)),
@@ -172,7 +172,7 @@ def object_texts(nodes: Sequence[Node[Any]], source: Any, margin: str) -> Iterat
         yield f"{',' if number else '{'}{inner}{encoded(node.name)}: "
         if isinstance(node, Rows):
             yield from _table(node, source, inner)
-        elif isinstance(node, Group) and any(isinstance(field, Rows | Group) for field in node.fields):
+        elif isinstance(node, FieldGroup) and any(isinstance(field, Rows | FieldGroup) for field in node.fields):
             item = node.of(source)
             yield from ["null"] if item is None else object_texts(node.fields, item, inner)
         else:

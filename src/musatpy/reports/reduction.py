@@ -23,7 +23,7 @@ from musatpy.model import (
 from musatpy.model.reduction import SPREAD_LEVEL, Quantity, Reduced
 from musatpy.reports import job_record
 from musatpy.reports.editing import edited, number_text
-from musatpy.reports.fields import Each, Field, Group, Rows, flag, identity, of_job
+from musatpy.reports.fields import Each, Field, FieldGroup, Rows, flag, identity, of_job
 from musatpy.reports.pages import Section, labelled, wrapped
 from musatpy.reports.table import Labels, Report, numbers_at
 from musatpy.statistics import Statistics
@@ -138,7 +138,7 @@ REDUCED_PLATES: Each[Reduced, ReducedPlate] = Each(
         Field("beyond_table", "* string", "points outside the calibrated radii"),
     ),
 )  # fmt: skip
-REDUCTION: Group[Statistics, Reduced] = Group(
+REDUCTION: FieldGroup[Statistics, Reduced] = FieldGroup(
     "reduction",
     "what the reduction of raw plates did, null where plates came refined; `plates` above has the refined "
     "coordinates",

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.compilation.point_orders import order_names, orders_of_points
 from musatpy.reports.analyses import differences
-from musatpy.reports.fields import Document, Each, Field, Group, Rows, flag, within
+from musatpy.reports.fields import Document, Each, Field, FieldGroup, Rows, flag, within
 from musatpy.reports.pages import Section, labelled, print_titled, wrapped
 from musatpy.reports.table import Report
 from musatpy.soundings.differences import (
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _LARGEST = 20  # blunders that are named
 
 
-MATCHING: Group[Sounded, Matching] = Group(
+MATCHING: FieldGroup[Sounded, Matching] = FieldGroup(
     "matching", "how the soundings are held against the bottom", of=lambda s: s.how, fields=(
         Field("radius", "number?", "of points whose plane is the bottom; null: triangles",
               lambda m: _limit(m.radius), unit="m"),
@@ -60,7 +60,7 @@ SAMPLES: Each[Sounded, Sample] = Each(
         Field("spread", "number?", "median absolute deviation times 1.4826", heading="NMAD\nm", edit="F9.3"),
     ),
 )  # fmt: skip
-REGRESSION: Group[Sounded, Regression] = Group(
+REGRESSION: FieldGroup[Sounded, Regression] = FieldGroup(
     "regression", "difference = a + b depth without blunders; null for fewer than three depths",
     of=lambda s: regression(s.differences), optional=True, fields=(
         Field("a", "number", "tells of tide or datum", unit="m"),

@@ -15,7 +15,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem
 from musatpy.reports.editing import printed_unit
-from musatpy.reports.fields import Field, Group, Rows, unrecorded
+from musatpy.reports.fields import Field, FieldGroup, Rows, unrecorded
 from musatpy.reports.pages import Section, labelled, wrapped
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values, plain
@@ -100,19 +100,21 @@ POINTS: Rows[Statistics, Answer] = Rows(
               unit=f"{_COORDINATES}, squared", exact=True),
     ),
 )  # fmt: skip
-STATED = Group[Statistics, Statistics](
+STATED = FieldGroup[Statistics, Statistics](
     "stated",
     "the answer in the words of SYS cards; null in a job without any",
     of=lambda s: None if s.answer_words is None else s,
     fields=(
-        Group[Statistics, Words](
+        FieldGroup[Statistics, Words](
             "input",
             "how the deck is stated; null: in the system of the options",
             of=lambda s: s.given_words,
             fields=WORDS,
             optional=True,
         ),
-        Group[Statistics, Words]("answer", "how the answer is stated", of=lambda s: s.answer_words, fields=WORDS),
+        FieldGroup[Statistics, Words](
+            "answer", "how the answer is stated", of=lambda s: s.answer_words, fields=WORDS
+        ),
         STATIONS,
         POINTS,
     ),

@@ -14,7 +14,7 @@ from musatpy.model import Dependence, PlateSigma
 from musatpy.model.kinds import ANGLES, ENU
 from musatpy.reports import positions, residuals
 from musatpy.reports.editing import number_text
-from musatpy.reports.fields import Each, Field, Group, Rows, identity, within
+from musatpy.reports.fields import Each, Field, FieldGroup, Rows, identity, within
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report, worst_first
 from musatpy.reports.values import Values
@@ -37,7 +37,7 @@ FACTOR: tuple[Field[ChiSquare], ...] = (
     Field("high", "number?", "upper limit", heading="Upper\nlimit", edit="F8.3"),
     Field("accepted", "boolean", "the factor lies within the limits"),
 )
-FACTOR_DEFINITION = Group[ChiSquare, ChiSquare](
+FACTOR_DEFINITION = FieldGroup[ChiSquare, ChiSquare](
     "factor", "a variance factor with its two-sided test at 95 %", FACTOR, optional=True
 )
 _COMPONENTS = Each[Statistics, tuple[str, ChiSquare]](
@@ -81,15 +81,15 @@ _HIDDEN_ERRORS = Rows[Statistics, Statistics](
         Field("weak", "boolean", "they are more than five", lambda s: s.hidden.weak[_moved(s)]),
     ),
 )  # fmt: skip
-TESTS = Group[Statistics, Statistics](
+TESTS = FieldGroup[Statistics, Statistics](
     "tests",
     "tests of the solution",
     of=lambda s: None if s.solution.observed is None else s,
     fields=(
-        Group[Statistics, ChiSquare]("sigma0", "", of=lambda s: s.sigma0, fields=FACTOR, shared="factor"),
+        FieldGroup[Statistics, ChiSquare]("sigma0", "", of=lambda s: s.sigma0, fields=FACTOR, shared="factor"),
         _COMPONENTS,
         _CHECK_POINTS,
-        Group[Statistics, ChiSquare](
+        FieldGroup[Statistics, ChiSquare](
             "check_points_total", "", of=lambda s: s.check_test.total, fields=FACTOR, shared="factor"
         ),
         _HIDDEN_ERRORS,
@@ -130,7 +130,7 @@ _CORRELATIONS = Rows[Statistics, Dependence](
         Field("correlation", "number", "coefficient", heading="Correlation", edit="F9.4"),
     ),
 )  # fmt: skip
-DEPENDENCE = Group[Statistics, Statistics](
+DEPENDENCE = FieldGroup[Statistics, Statistics](
     "dependence",
     "how the unknowns depend on one another",
     of=lambda s: None if s.solution.dependence is None else s,

@@ -12,7 +12,7 @@ import numpy as np
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model.tables import falling
 from musatpy.reports.editing import edited, field_width, prints_as_zero, with_unit
-from musatpy.reports.fields import Each, Field, Group, Rows, unrecorded
+from musatpy.reports.fields import Each, Field, FieldGroup, Rows, unrecorded
 from musatpy.reports.pages import PAGE_WIDTH, Cells, Section, wrapped
 from musatpy.reports.values import Values, array_of, at, in_rows, nothing, unnested
 
@@ -61,7 +61,7 @@ class Report(Generic[Source]):
     """A printed table, and the table of the record that it shows."""
 
     title: str
-    table: Rows[Source, Any] | Each[Source, Any] | Group[Source, Any] | None = None
+    table: Rows[Source, Any] | Each[Source, Any] | FieldGroup[Source, Any] | None = None
     columns: str | Sequence[Any] = ()  # names of the table, fields; empty: all fields of the table that are printed
     path: str = ""  # of the table in the record, where that is not its name
     pattern: str = ""  # a regular expression for the title where that is not always the same
@@ -89,7 +89,7 @@ class Report(Generic[Source]):
 
     def read(self, content: Mapping[str, Any], system: str) -> Values:
         """Return the rows that are printed of a record."""
-        table = _columns_at(content, self.place, is_object=isinstance(self.table, Group))
+        table = _columns_at(content, self.place, is_object=isinstance(self.table, FieldGroup))
         if self.nested:
             inside = [_columns_at(row, "", is_object=False) for row in table.get(self.nested, ())]
             table = unnested(table, inside, self.nested)

@@ -106,13 +106,13 @@ def read_cards(source: Path | str | bytes, family: Family, name: str | None = No
     data = (source if isinstance(source, bytes) else Path(source).read_bytes()).removesuffix(_END_OF_FILE)
     images = card_images(b"" if data.isspace() else data)
     del data  # which is not kept beside them
-    reader = _Reader(file, family, images)
+    reader = _DeckReader(file, family, images)
     tables = {spec.mnemonic: reader.columns(spec) for spec in family.cards.values()}
     lines = {mnemonic: rows + 1 for mnemonic, rows in reader.rows.items()}
     return CardDeck(file=file, tables=tables, lines=lines, problems=in_order(reader.problems), images=reader.images)
 
 
-class _Reader:
+class _DeckReader:
     """The problems of a deck, gathered while its tables are decoded."""
 
     def __init__(self, file: str, family: Family, images: CardImages) -> None:

@@ -170,10 +170,13 @@ def occurrence(card: CardSpec) -> str:
 
 def _file_section(file: FileSpec) -> str:
     stated = read_toml(Path(file.stated_in))
-    others = [name for name in keys(FileSpec) if name in stated and name not in _EXPLAINED]
+    others = {"layout": "free" if file.free else "fixed"} | stated  # fixed is the default, and stands there too
+    shown = [
+        f"`{name} = {json.dumps(others[name])}`" for name in keys(FileSpec) if name in {*others} - {*_EXPLAINED}
+    ]
     parts = [
         f"### `{file.file}`: {file.title}\n",
-        f"{file.doc} Keys: {', '.join(f'`{name} = {json.dumps(stated[name])}`' for name in others)}.\n",
+        f"{file.doc} Keys: {', '.join(shown)}.\n",
         f"Source: {file.source}\n",
         *(_record_section(file, record) for record in file.records),
     ]

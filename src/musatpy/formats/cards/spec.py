@@ -28,6 +28,7 @@ CARD_WIDTH = 80
 DATA_COLUMNS = (4, 72)  # where fields may stand: after the mnemonic, before the sequence number
 UNITS = ("", "m", "mm", "um", "deg", "min", "s", "arcsec", "degC", "ppt", "nm", "hPa", "sec", "m/s")
 STATED_UNIT = "angle"  # of angles in the unit that the deck says on its SYS card
+_PARTS = {"deg": "deg", "min": "min", "sec": "s"}  # units of what targets call parts of an angle
 _SIGMA = re.compile(r"(sigma|\.pointing)(\[\d+\])?$", re.ASCII)  # targets of standard deviations
 END_MNEMONIC = "END"  # the card of a family that ends its decks
 
@@ -65,7 +66,7 @@ class FieldSpec:
     unit: str = key(
         "",
         "`m`, `mm`, `um`, `deg`, `min`, `s`, `arcsec`, `degC`, `ppt` (parts per thousand), `nm`, `hPa`, "
-        "`sec` (seconds of time), `m/s`, `angle` (that of the SYS card), or empty",
+        "`sec` (seconds of time), `m/s`, `angle` (that of the SYS card), or empty; an angle's parts have theirs",
         choices=(*UNITS, STATED_UNIT),
     )
     target: str = key(
@@ -180,8 +181,10 @@ class CardSpec:
     title: str = key(doc="what the card is called")
     doc: str = key(doc="what it is for")
     order: int = key(doc="place of the card in a canonical deck; on reading any order is accepted")
-    repeat: Literal["one", "many"] = key(doc="`one` or `many` cards in a deck", choices=("one", "many"))
-    required: bool = key(doc="whether a deck must have the card")
+    repeat: Literal["one", "many"] = key(
+        "many", "`one` card in a deck, or `many` (so without the key)", choices=("one", "many")
+    )
+    required: bool = key(False, "whether a deck must have the card")
     once: tuple[tuple[str, str], ...] = key(
         (),
         "lists of two: attributes by which two cards are the same, the last shown; what is said of the second",
@@ -269,7 +272,10 @@ def format_of(kind: type[Any], path: Path) -> Any:
 
 
 def _load_card(path: Path) -> CardSpec:
-    spec: CardSpec = replace(format_of(CardSpec, path), file=str(path))
+    spec: CardSpec = format_of(CardSpec, path)
+    units = [field.unit or _PARTS.get(field.target.rpartition(":")[2], "") for field in spec.fields]
+    fields = tuple(replace(field, unit=unit) for field, unit in zip(spec.fields, units, strict=True))
+    spec = replace(spec, fields=fields, file=str(path))
     try:
         for number, field in enumerate(spec.fields, 1):
             with named(f"field {number} ({field.name})"):

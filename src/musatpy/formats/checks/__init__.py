@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from musatpy.errors import Problem
 from musatpy.formats.checks import datum, images, plates, references, systems, values, water, waves
-from musatpy.formats.checks.check import Check
+from musatpy.formats.checks.check import DeckCheck
 from musatpy.formats.draft import Draft
 
 _SUBJECTS = (references, values, plates, systems, water, waves, datum, images)
-CHECKS = tuple(one for subject in _SUBJECTS for one in vars(subject).values() if isinstance(one, Check))
+CHECKS = tuple(one for subject in _SUBJECTS for one in vars(subject).values() if isinstance(one, DeckCheck))
 
 
 def check_card(draft: Draft) -> tuple[Problem, ...]:

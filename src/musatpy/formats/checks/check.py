@@ -12,7 +12,7 @@ Find = Callable[[Draft], Iterator[Problem]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Check:
+class DeckCheck:
     """A check. Calling it yields its problems; none where there is nothing for it to look at."""
 
     find: Find
@@ -31,6 +31,6 @@ class Check:
 
 def check(
     *, of_card: bool = False, of_job: bool = False, of_run: bool = False, needs: str = "", raw: bool | None = None
-) -> Callable[[Find], Check]:
+) -> Callable[[Find], DeckCheck]:
     """Return what makes a check of a function of the draft."""
-    return lambda find: Check(find=find, of_card=of_card, of_job=of_job, of_run=of_run, needs=needs, raw=raw)
+    return lambda find: DeckCheck(find=find, of_card=of_card, of_job=of_job, of_run=of_run, needs=needs, raw=raw)

@@ -15,7 +15,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem
 from musatpy.formats.checks.check import check
-from musatpy.formats.checks.images import Rays, common_rays, plan, rays_of
+from musatpy.formats.checks.images import PlateRays, common_rays, plan, rays_of
 from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import ROLES
@@ -116,7 +116,7 @@ def parts(draft: Draft) -> Iterator[Problem]:
             yield Problem(file=draft.deck.file, message=message, severity="warning")
 
 
-def _known(draft: Draft, rays: Rays, inside: BoolArray, measured: BoolArray) -> tuple[str, bool]:
+def _known(draft: Draft, rays: PlateRays, inside: BoolArray, measured: BoolArray) -> tuple[str, bool]:
     """Return in words how much is known of a part of the block, and whether its heights or tilts level it."""
     observed = _observed(draft)[inside]
     horizontal = observed[:, :2].all(axis=1).sum() + np.count_nonzero(measured & rays.horizontal)
@@ -143,7 +143,7 @@ def _equal_elevations(draft: Draft) -> tuple[IntArray, IntArray]:
     return group[row], points[row, column]
 
 
-def _parts(draft: Draft, rays: Rays) -> IntArray:
+def _parts(draft: Draft, rays: PlateRays) -> IntArray:
     """Return (photos,) the number of the part that each photo with usable rays belongs to, -1 without rays.
 
     Photos hang together by points measured on both, by air bases, and by the points of an equal elevation group.
@@ -177,7 +177,7 @@ def _count(number: int, noun: str) -> str:
     return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
 
 
-def _motions_held(draft: Draft, rays: Rays, photos: BoolArray, points: BoolArray, observed: BoolArray) -> int:
+def _motions_held(draft: Draft, rays: PlateRays, photos: BoolArray, points: BoolArray, observed: BoolArray) -> int:
     """Return how many motions of a part are held: of its photos (n,) and the points (p,) measured there.
 
     observed (n, 6): the east, north, up, X-tilt, Y-tilt and heading that have a sigma.
@@ -195,7 +195,7 @@ def _motions_held(draft: Draft, rays: Rays, photos: BoolArray, points: BoolArray
     return int(np.linalg.matrix_rank(np.concatenate(rows), tol=_FREE))
 
 
-def _places(draft: Draft, rays: Rays, photos: BoolArray, points: BoolArray) -> tuple[FloatArray, FloatArray]:
+def _places(draft: Draft, rays: PlateRays, photos: BoolArray, points: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Return the photos (n, 3) and points (p, 3) about their middle, east, north, up, in units of their extent.
 
     That is twice the median distance from the middle.

@@ -30,7 +30,7 @@ _WIDE = 20.0  # mm: the control must spread this far (RMS) on the plate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rays:
+class PlateRays:
     """The m plate measurements of a draft, and what is known of its p points."""
 
     sound: BoolArray  # (m,) photo, point and coordinates could be read
@@ -41,7 +41,7 @@ class Rays:
     vertical: BoolArray  # (p,) vertically known
 
 
-def rays_of(draft: Draft) -> Rays:
+def rays_of(draft: Draft) -> PlateRays:
     """Return the rays of a draft."""
     rows, points = draft.rows["plates"], len(draft.point_ids)
     point = draft.point["plates"]
@@ -54,7 +54,7 @@ def rays_of(draft: Draft) -> Rays:
     kinds = draft.rows["control"]["control.kind"]
     horizontal, vertical = (draft.points_of("control", np.isin(kinds, of)) for of in (HORIZONTAL, VERTICAL))
     helpful = np.append((counts > 1) | horizontal | vertical, False)  # the last: no point
-    return Rays(
+    return PlateRays(
         sound=sound,
         usable=triangulated & helpful[point],
         count=np.bincount(point[sound], minlength=points),

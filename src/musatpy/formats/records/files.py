@@ -43,10 +43,10 @@ def read_records(data: bytes, spec: FileSpec, file: str) -> RecordFile:
 
     Lines may end with LF or CR LF; blank lines, and comments where the file has any, are skipped.
     """
-    return _Reader(data, spec, file).read()
+    return _RecordReader(data, spec, file).read()
 
 
-class _Reader:
+class _RecordReader:
     def __init__(self, data: bytes, spec: FileSpec, file: str) -> None:
         text = data.decode("ascii", errors="replace").replace("\r\n", "\n").removesuffix(_END_OF_FILE)
         self.texts = tuple(text.split("\n"))

@@ -102,7 +102,8 @@ class FileSpec:
     )
     order: int = key(doc="its place among the files of the family")
     free: bool = key(
-        doc="`fixed` columns, or `free`: words with blanks between them",
+        False,
+        "`fixed` columns (so without the key), or `free`: words with blanks between them",
         name="layout",
         convert=_second_of("fixed", "free"),
     )

@@ -19,7 +19,7 @@ from musatpy.listings.audit.analyses import MAXIMUM_ID, SIZE, STATISTICS
 from musatpy.listings.audit.plates import AXES, GROUPS
 from musatpy.listings.audit.plates import NAME as PLATES
 from musatpy.listings.audit.reading import Listing, read_listing
-from musatpy.listings.audit.report import Printed, printed_id, run_name, text_like
+from musatpy.listings.audit.report import PrintedNumber, printed_id, run_name, text_like
 from musatpy.listings.audit.submerged import COLUMNS
 from musatpy.listings.audit.submerged import NAME as SUBMERGED
 from musatpy.units import ARC_SECOND
@@ -48,12 +48,12 @@ class Key:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pair:
+class StatisticPair:
     """The same statistic in both."""
 
     key: Key
-    old: Printed
-    new: Printed
+    old: PrintedNumber
+    new: PrintedNumber
 
     @property
     def difference(self) -> float | None:
@@ -75,7 +75,7 @@ class Pair:
 class SideBySide:
     """Two runs by meaning."""
 
-    pairs: tuple[Pair, ...]
+    pairs: tuple[StatisticPair, ...]
     only_old: tuple[Key, ...]
     only_new: tuple[Key, ...]
     several: tuple[Key, ...]  # more than once in one of them, and not the same there: not compared
@@ -101,19 +101,19 @@ def side_by_side(old: Listing, path: Path | str) -> SideBySide:
     if not common:
         raise MusatError(f"{path}: has no statistic that is in {old.name} too")
     return SideBySide(
-        pairs=tuple(Pair(key=key, old=first[key], new=second[key]) for key in common),
+        pairs=tuple(StatisticPair(key=key, old=first[key], new=second[key]) for key in common),
         only_old=tuple(key for key in first if key not in second and key not in several),
         only_new=tuple(key for key in second if key not in first and key not in several),
         several=tuple(sorted(several, key=str)),
     )
 
 
-def numbers_of(listing: Listing) -> tuple[dict[Key, Printed], set[Key]]:
+def numbers_of(listing: Listing) -> tuple[dict[Key, PrintedNumber], set[Key]]:
     """Return all that can be compared of a listing, and what stands there more than once with different numbers.
 
     The latter, of two runs with refraction, say, is not compared.
     """
-    numbers: dict[Key, Printed] = {}
+    numbers: dict[Key, PrintedNumber] = {}
     several: set[Key] = set()
     for report in listing.reports:
         for place, cell in report.cells.items():
@@ -123,7 +123,7 @@ def numbers_of(listing: Listing) -> tuple[dict[Key, Printed], set[Key]]:
     return {key: cell for key, cell in numbers.items() if key not in several}, several
 
 
-def _numbers_of_record(record: Mapping[str, Any]) -> Iterator[tuple[Key, Printed]]:
+def _numbers_of_record(record: Mapping[str, Any]) -> Iterator[tuple[Key, PrintedNumber]]:
     """Yield all that can be compared of the record of a run, in full precision."""
     refracted = record["options"]["refraction"] != "NONE"
     for name in _ANALYSES:
@@ -131,9 +131,11 @@ def _numbers_of_record(record: Mapping[str, Any]) -> Iterator[tuple[Key, Printed
         for row in rows if any(row["size"] for row in rows) else ():  # an analysis of nothing is not printed
             of = report, refracted, row["component"]
             unit, factor = ("arcsec", 1.0 / ARC_SECOND) if row["unit"] == "rad" else ("m", 1.0)
-            yield Key(*of, SIZE), Printed(row["size"], 0.0, "")
+            yield Key(*of, SIZE), PrintedNumber(row["size"], 0.0, "")
             values = ((what, row[what]) for what in STATISTICS if row[what] is not None)
-            yield from ((Key(*of, what), Printed(value * factor, 0.0, "", unit=unit)) for what, value in values)
+            yield from (
+                (Key(*of, what), PrintedNumber(value * factor, 0.0, "", unit=unit)) for what, value in values
+            )
             if row["maximum_id"]:
                 yield Key(*of, MAXIMUM_ID), printed_id(row["maximum_id"])
     frames = record["plate_statistics"]["frames"]
@@ -141,14 +143,17 @@ def _numbers_of_record(record: Mapping[str, Any]) -> Iterator[tuple[Key, Printed
         for group, pair in zip(GROUPS, pairs, strict=True):
             for axis, value in zip(AXES, pair, strict=True):
                 # A listing prints .000 for none.
-                yield Key(PLATES, refracted, photo, f"{group}, {axis}"), Printed(value or 0.0, 0.0, "", unit="mm")
+                yield (
+                    Key(PLATES, refracted, photo, f"{group}, {axis}"),
+                    PrintedNumber(value or 0.0, 0.0, "", unit="mm"),
+                )
     points = record["bathymetric_points"]
     columns = list(zip(COLUMNS, _POSITIONS, strict=True))[: 3 if refracted else 2]
     for column, position in columns:
         for point, xyz in zip(points["point"], points[position], strict=True):
             for axis, value in zip("XYZ", xyz or (), strict=False):
                 if value is not None:
-                    yield Key(SUBMERGED, None, point, f"{axis}, {column}"), Printed(value, 0.0, "", unit="m")
+                    yield Key(SUBMERGED, None, point, f"{axis}, {column}"), PrintedNumber(value, 0.0, "", unit="m")
 
 
 def side_text(beside: SideBySide, listed: int) -> str:
@@ -175,7 +180,7 @@ def side_text(beside: SideBySide, listed: int) -> str:
     return "\n".join(lines[1:]) + "\n"
 
 
-def _row(pair: Pair) -> str:
+def _row(pair: StatisticPair) -> str:
     if pair.difference is None or not pair.old.unit:
         new = pair.new.text or f"{pair.new.value:.0f}"
         size = f"{pair.difference:.0f}" if pair.difference is not None else ""

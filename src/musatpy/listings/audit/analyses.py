@@ -17,9 +17,17 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
 from musatpy.listings.audit.cells import Kind, read_cells
-from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, printed, printed_id, range_like
+from musatpy.listings.audit.report import (
+    Misprint,
+    PrintedNumber,
+    StandardReport,
+    Suspect,
+    printed,
+    printed_id,
+    range_like,
+)
 from musatpy.listings.audit.scan import Excerpt, Notes, rows_of, says
-from musatpy.listings.lines import Line
+from musatpy.listings.lines import PrintedLine
 
 Interval = tuple[float, float]
 _SLACK = 1e-9  # relative: a number exactly between two prints may have gone either way
@@ -45,7 +53,7 @@ _METRIC = re.compile(r"\b(East|North|Up|Elev|X|Y|Z)\b\.?\s*\(M\)", re.I)
 _FULL = {"Elev": "Elevation"}
 
 
-def read_analysis(excerpt: Excerpt, notes: Notes) -> Report | None:
+def read_analysis(excerpt: Excerpt, notes: Notes) -> StandardReport | None:
     """Return the analysis below a title (ETL-0306, Tables 6-1 to 6-3 and 6-5 to 6-7).
 
     None where no row of one is there, or neither the title nor the headings tell the names of its columns.
@@ -57,7 +65,7 @@ def read_analysis(excerpt: Excerpt, notes: Notes) -> Report | None:
             wanted = "Latitude, Longitude, Elevation or X, Y, Z or East, North, Up (M)"
             notes.lost(excerpt.lines[0], f"no row '{wanted}' is legible below")
         return None
-    cells: dict[tuple[str, str], Printed] = {}
+    cells: dict[tuple[str, str], PrintedNumber] = {}
     for statistic in (SIZE, *STATISTICS, MAXIMUM_ID):
         filled = [column for column in columns if _is_printed(statistic, column[0], cells)]
         if statistic not in rows or not filled:
@@ -69,14 +77,14 @@ def read_analysis(excerpt: Excerpt, notes: Notes) -> Report | None:
         texts = notes.cells(line, text, kinds, statistic, None if statistic in own else _places(rows, kinds))
         for (name, unit), cell in zip(filled, texts, strict=False):
             if statistic == SIZE:
-                cells[name, SIZE] = Printed(int(cell), 0.0, cell, line.number)
+                cells[name, SIZE] = PrintedNumber(int(cell), 0.0, cell, line.number)
             elif statistic == MAXIMUM_ID:
                 cells[name, MAXIMUM_ID] = printed_id(cell, line.number)
             else:
                 cells[name, statistic] = printed(cell, line.number, unit)
     order = [name for name, _ in columns]
     cells = dict(sorted(cells.items(), key=lambda cell: order.index(cell[0][0])))
-    return Report(
+    return StandardReport(
         name=f"{excerpt.kind} analysis", refracted=excerpt.refracted, line=excerpt.lines[0].number, cells=cells
     )
 
@@ -96,7 +104,7 @@ def _components(excerpt: Excerpt) -> Sequence[tuple[str, str]] | None:
     return None
 
 
-def _is_printed(statistic: str, name: str, cells: Mapping[tuple[str, str], Printed]) -> bool:
+def _is_printed(statistic: str, name: str, cells: Mapping[tuple[str, str], PrintedNumber]) -> bool:
     """Tell whether a column has a statistic.
 
     A sample of none has none, one of one no deviation, and a maximum that prints as zero no id.
@@ -106,7 +114,7 @@ def _is_printed(statistic: str, name: str, cells: Mapping[tuple[str, str], Print
     return (not size or size.value >= least) and (statistic != MAXIMUM_ID or not maximum or maximum.value != 0.0)
 
 
-def _places(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> list[int | None]:
+def _places(rows: dict[str, tuple[PrintedLine, str]], kinds: list[Kind]) -> list[int | None]:
     """Return how many decimals the cells of each column have, by most of the rows."""
     columns: list[Counter[int]] = [Counter() for _ in kinds]
     for _, text in (rows[statistic] for statistic in STATISTICS if statistic in rows):
@@ -116,7 +124,7 @@ def _places(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> list[int | 
     return [column.most_common(1)[0][0] if column else None for column in columns]
 
 
-def check_analysis(analysis: Report) -> Iterator[Misprint]:
+def check_analysis(analysis: StandardReport) -> Iterator[Misprint]:
     """Yield what contradicts in an analysis: within each column, and between the sizes of their samples."""
     for name in analysis.items:
         cells = {what: analysis.cells[name, what] for what in STATISTICS if (name, what) in analysis.cells}
@@ -135,7 +143,9 @@ def check_analysis(analysis: Report) -> Iterator[Misprint]:
         yield Misprint(sizes[0].line, analysis.title, ", ".join(alike), message)
 
 
-def _column(analysis: Report, name: str, size: Printed, cells: Mapping[str, Printed]) -> Iterator[Misprint]:
+def _column(
+    analysis: StandardReport, name: str, size: PrintedNumber, cells: Mapping[str, PrintedNumber]
+) -> Iterator[Misprint]:
     """Yield the contradiction within one column, with every cell that alone could be the cause."""
     N, bounds = int(size.value), {what: (cell.low, cell.high) for what, cell in cells.items()}
     if not N or consistent(N, bounds):

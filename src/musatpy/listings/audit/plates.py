@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from itertools import product
 
 from musatpy.listings.audit.analyses import Interval
-from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, printed
+from musatpy.listings.audit.report import Misprint, PrintedNumber, StandardReport, Suspect, printed
 from musatpy.listings.audit.scan import Excerpt, Notes, found, rows_of
-from musatpy.listings.lines import Line
+from musatpy.listings.lines import PrintedLine
 
 _POINTS = {
     "trig": ("Trig Points", "Trig Pts"),
@@ -35,7 +35,7 @@ _PLACES = 3  # decimals, mm
 _SLACK = 1e-9  # mm^2 relative: a number exactly between two prints may have gone either way
 
 
-def read_plates(excerpt: Excerpt, notes: Notes) -> Report | None:
+def read_plates(excerpt: Excerpt, notes: Notes) -> StandardReport | None:
     """Return the RMS by frame, mm, ten frames on each page (ETL-0306, Tables 6-4 and 6-8).
 
     None where there is no table, or its frames or all its rows are not legible.
@@ -52,7 +52,7 @@ def read_plates(excerpt: Excerpt, notes: Notes) -> Report | None:
     if len(set(frames)) < len(frames):
         notes.lost(heading, "a frame is there twice")
         frames = ()
-    cells: dict[tuple[str, str], Printed] = {}
+    cells: dict[tuple[str, str], PrintedNumber] = {}
     for (group, axis), (line, text) in rows.items() if frames else ():
         name = f"RMS, {group}, {axis}"
         texts = notes.cells(line, text, ["number"] * len(frames), name, [_PLACES] * len(frames))
@@ -60,24 +60,24 @@ def read_plates(excerpt: Excerpt, notes: Notes) -> Report | None:
             cells[frame, f"{group}, {axis}"] = printed(cell, line.number, "mm")
     if not cells:
         return None
-    return Report(name=NAME, refracted=excerpt.refracted, line=excerpt.lines[0].number, cells=cells)
+    return StandardReport(name=NAME, refracted=excerpt.refracted, line=excerpt.lines[0].number, cells=cells)
 
 
-def _is_heading(line: Line) -> bool:
+def _is_heading(line: PrintedLine) -> bool:
     """Tell whether a line has the frames; `Frame With Max. RMS` has stars."""
     match = found("Frame", line)
     return bool(match and re.search(r"\w", match["rest"]) and not match["rest"].strip().lower().startswith("with"))
 
 
-def check_plates(table: Report) -> Iterator[Misprint]:
+def check_plates(table: StandardReport) -> Iterator[Misprint]:
     """Yield what contradicts in the plate residuals of a listing."""
     for frame in table.items:
         yield from _frame(table, frame)
 
 
-def _frame(table: Report, frame: str) -> Iterator[Misprint]:
+def _frame(table: StandardReport, frame: str) -> Iterator[Misprint]:
     """Yield RMS below zero, and a contradiction between the RMS of all points of a frame and those of its parts."""
-    cells: dict[str, list[Printed]] = {axis: [] for axis in AXES}
+    cells: dict[str, list[PrintedNumber]] = {axis: [] for axis in AXES}
     for axis, group in product(AXES, GROUPS):
         cell = table.cells.get((frame, f"{group}, {axis}"))
         if cell and cell.high < 0.0:
@@ -101,7 +101,7 @@ def _frame(table: Report, frame: str) -> Iterator[Misprint]:
     yield Misprint(suspects[0].line, table.title, f"frame {frame}", message, tuple(suspects))
 
 
-def _share(t: Printed, n: Printed, a: Printed) -> Interval | None:
+def _share(t: PrintedNumber, n: PrintedNumber, a: PrintedNumber) -> Interval | None:
     """Return within what the share w of points not triangulated is; None where there is no such share."""
     low, high = 0.0, 1.0
     # (1 - w) t^2 + w n^2 <= a^2 for the smallest t and n, >= for the largest: each is linear in w.

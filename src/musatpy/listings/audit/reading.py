@@ -15,9 +15,9 @@ from musatpy.errors import MusatError, Problem
 from musatpy.listings.audit import plates, submerged
 from musatpy.listings.audit.analyses import LABELS, check_analysis, read_analysis
 from musatpy.listings.audit.cells import Repair
-from musatpy.listings.audit.report import Misprint, Report, pages_joined
+from musatpy.listings.audit.report import Misprint, StandardReport, pages_joined
 from musatpy.listings.audit.scan import Notes, excerpts_of, found, lines_of
-from musatpy.listings.lines import Line, text_of
+from musatpy.listings.lines import PrintedLine, text_of
 
 _LABELS = (*LABELS.values(), *plates.RMS_LABELS.values())
 # Of reports that are no analyses: by the kind of the excerpt, and by name.
@@ -35,7 +35,7 @@ class Listing:
     """All that was found in a listing, the repairs that it took, and the rows that cannot be read."""
 
     name: str
-    reports: tuple[Report, ...]
+    reports: tuple[StandardReport, ...]
     repairs: tuple[Repair, ...]
     unreadable: tuple[Problem, ...]
 
@@ -66,7 +66,7 @@ def listing_of(text: str, name: str) -> Listing:
     )
 
 
-def _note_untitled(lines: Sequence[Line], notes: Notes) -> None:
+def _note_untitled(lines: Sequence[PrintedLine], notes: Notes) -> None:
     """Note the first row of each standard report that stands below no legible title, and so belongs to none."""
     last, used = -_NEAR, notes.used | {problem.line or 0 for problem in notes.unreadable}
     for line in lines:
@@ -77,7 +77,7 @@ def _note_untitled(lines: Sequence[Line], notes: Notes) -> None:
         last = line.number
 
 
-def _is_row(line: Line) -> bool:
+def _is_row(line: PrintedLine) -> bool:
     if _COORDINATES.match(line.text):
         return True
     matches = (found(label, line) for label in _LABELS)

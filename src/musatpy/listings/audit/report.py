@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 
-class Printed(NamedTuple):
+class PrintedNumber(NamedTuple):
     """A cell as printed: its number, half a unit of its last digit, its text; an id has no number."""
 
     value: float  # NaN of ids
@@ -29,13 +29,13 @@ class Printed(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report:
+class StandardReport:
     """The cells of a standard report."""
 
     name: str  # "ground point analysis", "plate residuals", "bathymetric points"
     refracted: bool | None  # None where the title does not say
     line: int  # of the title
-    cells: dict[tuple[str, str], Printed]  # (component, frame or point; what of it) -> cell
+    cells: dict[tuple[str, str], PrintedNumber]  # (component, frame or point; what of it) -> cell
 
     @property
     def title(self) -> str:
@@ -48,10 +48,10 @@ class Report:
         return list(dict.fromkeys(item for item, _ in self.cells))
 
 
-def pages_joined(pages: Iterable[Report | None]) -> list[Report]:
+def pages_joined(pages: Iterable[StandardReport | None]) -> list[StandardReport]:
     """Return reports, None for what is between: tables that go over pages have no number on two of them."""
-    tables: list[Report] = []
-    last: Report | None = None
+    tables: list[StandardReport] = []
+    last: StandardReport | None = None
     for page in pages:
         goes_on = page and last and page.title == last.title and not page.name.endswith("analysis")
         if page and last and goes_on and page.cells.keys().isdisjoint(last.cells):
@@ -67,19 +67,19 @@ def run_name(refracted: bool | None) -> str:
     return {None: "", False: ", no refraction", True: ", refraction"}[refracted]
 
 
-def printed(text: str, line: int, unit: str = "") -> Printed:
+def printed(text: str, line: int, unit: str = "") -> PrintedNumber:
     """Return the number of a cell: seconds of `-0 8 46.908`, or the number itself, with half its last digit."""
     parts = text.split()
     value, decimals = float(parts[-1]), len(parts[-1].partition(".")[2])
     if len(parts) == 3:
         value = abs(int(parts[0])) * 3600.0 + int(parts[1]) * 60.0 + value
         value = -value if parts[0].startswith("-") else value
-    return Printed(value, 0.5 * 10.0**-decimals, text, line, unit)
+    return PrintedNumber(value, 0.5 * 10.0**-decimals, text, line, unit)
 
 
-def printed_id(text: str, line: int = 0) -> Printed:
+def printed_id(text: str, line: int = 0) -> PrintedNumber:
     """Return an id as a cell."""
-    return Printed(math.nan, 0.0, text, line)
+    return PrintedNumber(math.nan, 0.0, text, line)
 
 
 def text_like(value: float, like: str) -> str:

@@ -16,8 +16,8 @@ from typing import TypeVar
 
 from musatpy.errors import Problem
 from musatpy.listings.audit.cells import Kind, Reading, Repair, RepairKind, read_cells
-from musatpy.listings.lines import Line, paper_of
-from musatpy.listings.rules import Layout
+from musatpy.listings.lines import PrintedLine, paper_of
+from musatpy.listings.rules import ListingLayout
 
 WIDEST = 10_000  # characters of a row: no paper is so wide, nor a paragraph that a scan has as a row
 _PAGE_HEADER = re.compile(r"\bPAGE\s+[\dlI|!Oo]+\s*$")
@@ -44,10 +44,10 @@ class Excerpt:
 
     kind: str
     refracted: bool | None
-    lines: tuple[Line, ...]
+    lines: tuple[PrintedLine, ...]
 
 
-def found(phrase: str, line: Line, before: str = _NOISE, after: str = _CELLS) -> re.Match[str] | None:
+def found(phrase: str, line: PrintedLine, before: str = _NOISE, after: str = _CELLS) -> re.Match[str] | None:
     """Return the match of a phrase at the head of a line: groups before, rest."""
     return _pattern(phrase, before, after).match(line.text)
 
@@ -69,7 +69,12 @@ class Notes:
     used: set[int] = field(default_factory=set)  # lines of rows below a legible title, whether legible or not
 
     def cells(
-        self, line: Line, text: str, kinds: Sequence[Kind], what: str, places: Sequence[int | None] | None = None
+        self,
+        line: PrintedLine,
+        text: str,
+        kinds: Sequence[Kind],
+        what: str,
+        places: Sequence[int | None] | None = None,
     ) -> tuple[str, ...]:
         """Return the cells of the row of `what`; none, and a problem noted, where they are not legible."""
         reading = self.ids(text, len(kinds)) if set(kinds) == {"id"} else read_cells(text, kinds, places)
@@ -95,29 +100,29 @@ class Notes:
     def _frequency(self) -> Counter[str]:
         return Counter(self.text.split())
 
-    def after(self, label: str, line: Line) -> str | None:
+    def after(self, label: str, line: PrintedLine) -> str | None:
         """Return what stands right of a label, noise left of it noted; None where the row has another."""
         match = found(label, line)
         if match and (noise := match["before"].strip()):
             self.repair(line, RepairKind.BORDER, noise)
         return match["rest"] if match else None
 
-    def repair(self, line: Line, kind: RepairKind, printed: str, read: str = "") -> None:
+    def repair(self, line: PrintedLine, kind: RepairKind, printed: str, read: str = "") -> None:
         """Note a repair of a line; with nothing to be read, what is left out."""
         self.repairs.append(Repair(line.number, kind, printed, read))
 
-    def lost(self, line: Line, message: str) -> None:
+    def lost(self, line: PrintedLine, message: str) -> None:
         """Note a line that must mean something, but whose meaning is not legible."""
         self.unreadable.append(Problem(file=self.file, line=line.number, message=message, text=line.text))
 
 
-def lines_of(text: str, notes: Notes) -> list[Line]:
+def lines_of(text: str, notes: Notes) -> list[PrintedLine]:
     """Return the lines of a text: page headers are blank, form feeds and carriage control are gone.
 
     What is wider than `WIDEST` is blank too, and noted: no row of print.
     """
     lines = []
-    for line in chain.from_iterable(paper_of(text, Layout()).pages):
+    for line in chain.from_iterable(paper_of(text, ListingLayout()).pages):
         width = len(line.text)
         if width > WIDEST:
             notes.lost(line._replace(text=line.text[:WIDEST]), f"a row of {width} characters: no listing has any")
@@ -126,7 +131,7 @@ def lines_of(text: str, notes: Notes) -> list[Line]:
     return lines
 
 
-def excerpts_of(lines: Sequence[Line]) -> Iterator[Excerpt]:
+def excerpts_of(lines: Sequence[PrintedLine]) -> Iterator[Excerpt]:
     """Yield the standard reports in their order; a title without a report below it makes an empty one."""
     starts = [
         (at, kind)
@@ -145,13 +150,13 @@ def says(excerpt: Excerpt, phrase: str) -> bool:
     return any(found(phrase, line, r".*?\b", r"\b") for line in excerpt.lines[:_NEAR])
 
 
-def rows_of(excerpt: Excerpt, labels: Mapping[Name, str], notes: Notes) -> dict[Name, tuple[Line, str]]:
+def rows_of(excerpt: Excerpt, labels: Mapping[Name, str], notes: Notes) -> dict[Name, tuple[PrintedLine, str]]:
     """Return the rows of a report by the names of their labels: the line, and what stands right of the label.
 
     They end where a label stands again: below it is a report whose title is not legible. Where there are rows, each
     that is not there, or has no legible label, is noted.
     """
-    rows: dict[Name, tuple[Line, str]] = {}
+    rows: dict[Name, tuple[PrintedLine, str]] = {}
     for line in excerpt.lines:
         rests = ((name, notes.after(label, line)) for name, label in labels.items())
         name, rest = next(((name, rest) for name, rest in rests if rest is not None), (None, ""))

@@ -10,11 +10,11 @@ from statistics import median
 from typing import NamedTuple
 
 from musatpy.listings.audit.cells import RepairKind, read_cells
-from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, printed, text_like
+from musatpy.listings.audit.report import Misprint, PrintedNumber, StandardReport, Suspect, printed, text_like
 from musatpy.listings.audit.scan import Excerpt, Notes
-from musatpy.listings.lines import Line
+from musatpy.listings.lines import PrintedLine
 
-Cells = Iterator[tuple[tuple[str, str], Printed]]
+Cells = Iterator[tuple[tuple[str, str], PrintedNumber]]
 COLUMNS = ("none", "predicted", "refraction")
 AXES = "XYZ"
 NAME = "bathymetric points"
@@ -34,16 +34,16 @@ _FEW = 3  # other points that make a median
 class _Row(NamedTuple):
     """One row: its axis, nothing where that is not legible, the words left of its coordinates, and these."""
 
-    line: Line
+    line: PrintedLine
     axis: str
     words: list[str]
-    cells: dict[str, Printed]
+    cells: dict[str, PrintedNumber]
 
 
-def read_submerged(excerpt: Excerpt, notes: Notes) -> Report | None:
+def read_submerged(excerpt: Excerpt, notes: Notes) -> StandardReport | None:
     """Return the coordinates, m (ETL-0306, Table 6-9); None where no point has all its rows."""
     cells = dict(_points(excerpt, notes))
-    return Report(name=NAME, refracted=None, line=excerpt.lines[0].number, cells=cells) if cells else None
+    return StandardReport(name=NAME, refracted=None, line=excerpt.lines[0].number, cells=cells) if cells else None
 
 
 def _points(excerpt: Excerpt, notes: Notes) -> Cells:
@@ -78,7 +78,7 @@ def _points(excerpt: Excerpt, notes: Notes) -> Cells:
         notes.lost(group[-1].line, _MISSING.format(AXES[len(group)]))
 
 
-def _rows(excerpt: Excerpt) -> Iterator[tuple[Line, str, str]]:
+def _rows(excerpt: Excerpt) -> Iterator[tuple[PrintedLine, str, str]]:
     """Yield line, label, and the text right of it."""
     for line in excerpt.lines:
         if _END.match(line.text):
@@ -124,7 +124,7 @@ def _note_repairs(axis: str, row: _Row, others: Sequence[str], notes: Notes) -> 
         notes.repair(row.line, RepairKind.BORDER, left)
 
 
-def check_submerged(table: Report) -> Iterator[Misprint]:
+def check_submerged(table: StandardReport) -> Iterator[Misprint]:
     """Yield coordinates that refraction cannot have put where they are.
 
     No column may leave the apparent position by much more than it does at the other points.
@@ -150,7 +150,7 @@ def check_submerged(table: Report) -> Iterator[Misprint]:
             yield Misprint(cell.line, table.title, f"point {point}", message, tuple(suspects))
 
 
-def _shift(table: Report, point: str, column: str, axis: str) -> float | None:
+def _shift(table: StandardReport, point: str, column: str, axis: str) -> float | None:
     """Return how far a column is from the coordinate without refraction, m; None where one is not legible."""
     cell, straight = (table.cells.get((point, f"{axis}, {name}")) for name in (column, "none"))
     return cell.value - straight.value if cell and straight else None
