@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from musatpy.sea.experiment import Errors, histogram, run, spread
+from musatpy.sea.experiment import MappingErrors, histogram, run, spread
 from studies import okamoto
 
 ROOT = Path(__file__).parents[2]
@@ -56,7 +56,7 @@ class Cell:
 
 
 @cache
-def errors_of(table: int, flying_height: int, depth: int, mode: str) -> Errors:
+def errors_of(table: int, flying_height: int, depth: int, mode: str) -> MappingErrors:
     return run(okamoto.experiment(table, flying_height, depth, mode == "A"))
 
 

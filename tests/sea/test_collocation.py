@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from musatpy.errors import CollocationError
-from musatpy.sea.interpolation.correlation import Correlation, Family
-from musatpy.sea.interpolation.empirical import empirical, extent, residuals, spacing
-from musatpy.sea.interpolation.estimation import estimate, wave_vectors
-from musatpy.sea.interpolation.interpolate import Options, Verdict, interpolate
-from musatpy.sea.interpolation.likelihood import Likelihood, neighbours
+from musatpy.sea.interpolation.correlation import Correlation, SignalKind
+from musatpy.sea.interpolation.estimation import empirical, estimate, extent, residuals, spacing, wave_vectors
+from musatpy.sea.interpolation.interpolate import Benefit, InterpolationOptions, interpolate
+from musatpy.sea.interpolation.likelihood import Likelihood, neighbours, uncertain, unknowns_of
 from musatpy.sea.interpolation.prediction import (
     JITTER,
     MOST_CONTROL,
@@ -19,22 +18,21 @@ from musatpy.sea.interpolation.prediction import (
     check_count,
     lags,
 )
-from musatpy.sea.interpolation.uncertainty import uncertain, unknowns_of
 
 CORRELATIONS = {
-    Family.GAUSSIAN: (np.log(80.0),),
-    Family.EXPONENTIAL: (np.log(60.0),),
-    Family.ELLIPTIC: (np.log(150.0), np.log(40.0), 0.6),
-    Family.BESSEL: (np.log(90.0), np.log(300.0)),
-    Family.SWELL: (0.008, 0.006, np.log(300.0)),
+    SignalKind.GAUSSIAN: (np.log(80.0),),
+    SignalKind.EXPONENTIAL: (np.log(60.0),),
+    SignalKind.ELLIPTIC: (np.log(150.0), np.log(40.0), 0.6),
+    SignalKind.BESSEL: (np.log(90.0), np.log(300.0)),
+    SignalKind.SWELL: (0.008, 0.006, np.log(300.0)),
 }
 
 
-def correlation(family: Family) -> Correlation:
+def correlation(family: SignalKind) -> Correlation:
     return Correlation(family=family, parameters=tuple(float(value) for value in CORRELATIONS[family]))
 
 
-def covariance(family: Family = Family.GAUSSIAN, signal: float = 0.09, noise: float = 0.01) -> Covariance:
+def covariance(family: SignalKind = SignalKind.GAUSSIAN, signal: float = 0.09, noise: float = 0.01) -> Covariance:
     return Covariance(signal=signal, noise=noise, correlation=correlation(family))
 
 
@@ -55,7 +53,7 @@ def drawn(cov: Covariance, place: np.ndarray, rng: np.random.Generator) -> np.nd
 
 
 @pytest.mark.parametrize("family", CORRELATIONS)
-def test_partials_of_a_correlation_are_those_of_central_differences(family: Family) -> None:
+def test_partials_of_a_correlation_are_those_of_central_differences(family: SignalKind) -> None:
     lag = np.random.default_rng(1).uniform(-150.0, 150.0, (30, 2))
     given = correlation(family)
     value, partials = given.with_partials(lag)
@@ -73,7 +71,7 @@ def test_partials_of_a_correlation_are_those_of_central_differences(family: Fami
 
 
 @pytest.mark.parametrize("family", CORRELATIONS)
-def test_a_correlation_is_one_at_no_distance_and_positive_definite(family: Family) -> None:
+def test_a_correlation_is_one_at_no_distance_and_positive_definite(family: SignalKind) -> None:
     place = places(60)
     R = correlation(family)(lags(place, place))
     assert np.array_equal(np.diag(R), np.ones(60))
@@ -81,13 +79,13 @@ def test_a_correlation_is_one_at_no_distance_and_positive_definite(family: Famil
 
 
 @pytest.mark.parametrize("family", CORRELATIONS)
-def test_beyond_the_reach_correlations_are_small(family: Family) -> None:
+def test_beyond_the_reach_correlations_are_small(family: SignalKind) -> None:
     given = correlation(family)
-    direction = np.array([1.0, 0.0]) if family != Family.ELLIPTIC else np.array([np.cos(0.6), np.sin(0.6)])
+    direction = np.array([1.0, 0.0]) if family != SignalKind.ELLIPTIC else np.array([np.cos(0.6), np.sin(0.6)])
     at = float(given((given.reach() * 1.001) * direction))
     before = float(given((given.reach() * 0.95) * direction))
     assert at < 0.1
-    if family != Family.SWELL:  # of a swell it is the envelope that is at the limit
+    if family != SignalKind.SWELL:  # of a swell it is the envelope that is at the limit
         assert before > 0.1
 
 
@@ -113,7 +111,9 @@ def joint_prediction(
 
 @pytest.mark.parametrize("trend", Trend)
 @pytest.mark.parametrize("family", CORRELATIONS)
-def test_prediction_is_the_conditional_mean_of_a_joint_normal_distribution(family: Family, trend: Trend) -> None:
+def test_prediction_is_the_conditional_mean_of_a_joint_normal_distribution(
+    family: SignalKind, trend: Trend
+) -> None:
     data, cov, at = observed(30, sigma=0.05), covariance(family), places(20, seed=8)
     value, sigma = joint_prediction(data, cov, at, trend)
     found = Collocation(data, cov, trend).predict(at)
@@ -126,7 +126,7 @@ def test_prediction_is_the_conditional_mean_of_a_joint_normal_distribution(famil
 
 
 @pytest.mark.parametrize("family", CORRELATIONS)
-def test_without_noise_it_passes_through_the_control_points(family: Family) -> None:
+def test_without_noise_it_passes_through_the_control_points(family: SignalKind) -> None:
     data = observed(30)
     value = drawn(covariance(family), data.place, np.random.default_rng(2))
     data = Observed(place=data.place, value=value, sigma=data.sigma)
@@ -174,7 +174,7 @@ def test_closed_cross_validation_is_leaving_out_one_by_one(trend: Trend) -> None
 def test_sigmas_are_honest_where_the_covariance_is_known() -> None:
     """Signals, trends and noise drawn a thousand times: the errors have the sigmas that are told."""
     rng, at = np.random.default_rng(11), places(15, seed=12)
-    place, cov = places(25), covariance(Family.BESSEL)
+    place, cov = places(25), covariance(SignalKind.BESSEL)
     every = np.vstack([place, at])
     ratios, validated = [], []
     for _ in range(1000):
@@ -191,9 +191,9 @@ def test_sigmas_are_honest_where_the_covariance_is_known() -> None:
 
 
 @pytest.mark.parametrize("free_noise", [True, False])
-@pytest.mark.parametrize("family", [Family.NONE, *CORRELATIONS])
-def test_partials_of_the_likelihood_are_those_of_central_differences(family: Family, free_noise: bool) -> None:
-    parameters = () if family == Family.NONE else correlation(family).parameters
+@pytest.mark.parametrize("family", [SignalKind.NONE, *CORRELATIONS])
+def test_partials_of_the_likelihood_are_those_of_central_differences(family: SignalKind, free_noise: bool) -> None:
+    parameters = () if family == SignalKind.NONE else correlation(family).parameters
     cov = Covariance(signal=0.09, noise=0.01, correlation=Correlation(family=family, parameters=parameters))
     likelihood = Likelihood(observed(30, sigma=0.1), Trend.PLANE, family, free_noise=free_noise)
     unknowns = unknowns_of(cov, free_noise)
@@ -217,11 +217,11 @@ def test_the_likelihood_is_that_of_contrasts() -> None:
     expected = []
     for scale in (1.0, 1.3):
         expected.append(-multivariate_normal(np.zeros(17), scale * Q.T @ C @ Q).logpdf(Q.T @ data.value))
-    likelihood = Likelihood(data, Trend.PLANE, Family.GAUSSIAN, free_noise=True)
+    likelihood = Likelihood(data, Trend.PLANE, SignalKind.GAUSSIAN, free_noise=True)
     found = []
     for scale in (1.0, 1.3):
         blown = Observed(place=data.place, value=data.value, sigma=data.sigma * np.sqrt(scale))
-        likelihood = Likelihood(blown, Trend.PLANE, Family.GAUSSIAN, free_noise=True)
+        likelihood = Likelihood(blown, Trend.PLANE, SignalKind.GAUSSIAN, free_noise=True)
         scaled = Covariance(signal=scale * cov.signal, noise=scale * cov.noise, correlation=cov.correlation)
         found.append(likelihood(unknowns_of(scaled, True))[0])
     # they differ by a constant, the size of the contrasts; the jitter moves the tenth digit
@@ -229,7 +229,7 @@ def test_the_likelihood_is_that_of_contrasts() -> None:
 
 
 def test_covariances_of_a_known_process_are_found_again() -> None:
-    rng, cov, place = np.random.default_rng(3), covariance(Family.GAUSSIAN), places(150)
+    rng, cov, place = np.random.default_rng(3), covariance(SignalKind.GAUSSIAN), places(150)
     sums, count = np.zeros(6), 60
     for _ in range(count):
         value = drawn(cov, place, rng) + rng.normal(0.0, 0.1, 150)
@@ -251,8 +251,8 @@ def test_residuals_have_no_trend() -> None:
     assert abs(residuals(tilted, Trend.CONSTANT).mean()) < 1e-12
 
 
-@pytest.mark.parametrize("family", [Family.GAUSSIAN, pytest.param(Family.BESSEL, marks=pytest.mark.slow)])
-def test_an_estimate_comes_near_the_covariance_drawn_from(family: Family) -> None:
+@pytest.mark.parametrize("family", [SignalKind.GAUSSIAN, pytest.param(SignalKind.BESSEL, marks=pytest.mark.slow)])
+def test_an_estimate_comes_near_the_covariance_drawn_from(family: SignalKind) -> None:
     rng, place = np.random.default_rng(21), places(180)
     value = drawn(covariance(family), place, rng) + rng.normal(0.0, 0.1, 180)
     found = estimate(
@@ -261,7 +261,7 @@ def test_an_estimate_comes_near_the_covariance_drawn_from(family: Family) -> Non
     # noise from 180 points: 1 / sqrt(360) of it; lengths and waves from some ten patches
     assert found.noise**0.5 == pytest.approx(0.1, rel=0.2)
     assert np.exp(found.correlation.parameters[0]) == pytest.approx(
-        np.exp(CORRELATIONS[family][0]), rel=0.35 if family == Family.GAUSSIAN else 0.05
+        np.exp(CORRELATIONS[family][0]), rel=0.35 if family == SignalKind.GAUSSIAN else 0.05
     )
 
 
@@ -273,11 +273,11 @@ def test_a_swell_is_found_with_its_length_and_direction() -> None:
     peak = wave_vectors(place, value - value.mean(), spacing(place), extent(place))[0]
     assert min(np.hypot(*(peak - wave)), np.hypot(*(peak + wave))) < 0.4 / extent(place)  # a mesh
     found = interpolate(data)
-    assert found.best.family == Family.SWELL
+    assert found.best.family == SignalKind.SWELL
     p = np.array(found.best.estimate.covariance.correlation.parameters[:2])
     # a wave of 0.4 m in noise of 0.05 m, 40 points over 500 m: about 0.05 / 0.4 / sqrt(40) / 500 cycles per m
     assert min(np.hypot(*(p - wave)), np.hypot(*(p + wave))) < 3e-4
-    assert found.verdict == Verdict.HELPS and found.removed > 0.7
+    assert found.verdict == Benefit.HELPS and found.removed > 0.7
     at = places(200, seed=30)
     truth = 0.4 * np.cos(2.0 * np.pi * at @ wave + 1.0)
     assert np.sqrt(np.mean((found.uncertain.predict(at).value - truth) ** 2)) < 0.05
@@ -289,14 +289,17 @@ def test_what_is_noise_is_not_corrected() -> None:
     for seed in range(12):
         rng = np.random.default_rng(seed)
         data = Observed(place=places(25, seed), value=rng.normal(0.0, 0.3, 25), sigma=np.zeros(25))
-        options = Options(families=(Family.NONE, Family.GAUSSIAN, Family.SWELL))
-        assert interpolate(data, options).verdict != Verdict.HELPS, seed
+        options = InterpolationOptions(families=(SignalKind.NONE, SignalKind.GAUSSIAN, SignalKind.SWELL))
+        assert interpolate(data, options).verdict != Benefit.HELPS, seed
 
 
 def test_the_sigma_of_an_estimated_wave_is_larger_than_of_a_given_one() -> None:
     place = places(25)
     value = 0.4 * np.cos(2.0 * np.pi * place @ [0.011, 0.006]) + np.random.default_rng(6).normal(0.0, 0.1, 25)
-    found = interpolate(Observed(place=place, value=value, sigma=np.zeros(25)), Options(families=(Family.SWELL,)))
+    found = interpolate(
+        Observed(place=place, value=value, sigma=np.zeros(25)),
+        InterpolationOptions(families=(SignalKind.SWELL,)),
+    )
     away = np.array([[600.0, 0.0]])  # three hundred m outside: a wrong length shows most there
     assert found.uncertain.predict(away).sigma[0] > 1.3 * found.collocation.predict(away).sigma[0]
     assert np.array_equal(found.uncertain.predict(away).value, found.collocation.predict(away).value)
@@ -315,14 +318,14 @@ def test_gross_errors_are_left_out_and_said() -> None:
     assert sign == {7: 1.0, 33: -1.0}
     kept = interpolate(
         Observed(place=data.place, value=value, sigma=data.sigma),
-        Options(reject=False, families=(Family.GAUSSIAN,)),
+        InterpolationOptions(reject=False, families=(SignalKind.GAUSSIAN,)),
     )
     assert kept.used.all() and not kept.outliers
 
 
 def test_sigmas_given_are_used_without_noise() -> None:
     data = observed(40, sigma=0.02)
-    found = interpolate(data, Options(free_noise=False, families=(Family.GAUSSIAN,)))
+    found = interpolate(data, InterpolationOptions(free_noise=False, families=(SignalKind.GAUSSIAN,)))
     assert found.best.estimate.covariance.noise == 0.0
     weak = np.where(np.arange(40) == 0, 5.0, 0.02)
     spoiled = Observed(place=data.place, value=data.value + 3.0 * (np.arange(40) == 0), sigma=weak)
@@ -362,7 +365,7 @@ def test_control_points_that_are_measured_twice_are_no_error() -> None:
         sigma=np.tile(data.sigma, 2),
     )
     assert spacing(twice.place) == spacing(data.place) > 0.0
-    found = interpolate(twice, Options(families=(Family.GAUSSIAN,)))
+    found = interpolate(twice, InterpolationOptions(families=(SignalKind.GAUSSIAN,)))
     assert np.isfinite(found.grouped.rms)
 
 
@@ -370,7 +373,7 @@ def test_two_control_points_at_one_place_without_noise_are_an_error() -> None:
     data = observed(10)
     twice = data.place.copy()
     twice[1] = twice[0]
-    bad = Covariance(signal=0.0, noise=0.0, correlation=correlation(Family.GAUSSIAN))
+    bad = Covariance(signal=0.0, noise=0.0, correlation=correlation(SignalKind.GAUSSIAN))
     with pytest.raises(CollocationError, match="singular"):
         Collocation(Observed(place=twice, value=data.value, sigma=data.sigma), bad)
 

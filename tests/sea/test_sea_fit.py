@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from musatpy.refraction.waves import Harmonic, sinusoidal
-from musatpy.sea.stereo import splines
+from musatpy.sea.stereo import grid as splines
 from musatpy.sea.stereo.estimate import SurfaceFit, fit_fourier, fit_grid
-from musatpy.sea.stereo.fitted import height_sigma
 from musatpy.sea.stereo.fourier import FourierSurface, shape_partials
 from musatpy.sea.stereo.grid import GridSurface, estimate, mesh
 from musatpy.sea.stereo.spectrum import band, spectrum
-from musatpy.sea.stereo.surface_points import SurfacePoints, intersected, intersection_covariance
+from musatpy.sea.stereo.surface_points import SurfacePoints, height_sigma, intersected, intersection_covariance
 
 CAMERAS = np.array([[0.0, 0.0, 490.0], [264.0, 0.0, 490.0]])
 SEA = sinusoidal(amplitude=[0.49, 0.15], length=[92.0, 40.0], azimuth=[0.5, 1.2], crest=[3.0, 4.0], level=0.1)

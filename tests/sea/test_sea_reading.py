@@ -21,7 +21,7 @@ from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.refraction import fermat
 from musatpy.reports.record import dumps, record
 from musatpy.sea.interpolation.control_tables import control_of, deck_control
-from musatpy.sea.stereo.point_records import Precision, read_points
+from musatpy.sea.stereo.point_records import PointPrecision, read_points
 from musatpy.sea.stereo.surface_file import load_surface
 from musatpy.sea.stereo.surface_points import intersection_covariance
 from musatpy.systems.statement import ellipsoid_of
@@ -34,7 +34,7 @@ def test_points_of_a_run_with_their_covariances(tmp_path: Path) -> None:
     solution = sample_solution(CoordinateSystem.LOCAL)
     path = tmp_path / "job.json"
     path.write_text(dumps(record(solution)))
-    read = read_points(path, Precision())
+    read = read_points(path, PointPrecision())
     points, block = solution.points, solution.block
     whole = np.isfinite(points.position).all(axis=1) & np.isfinite(points.covariance).all(axis=(1, 2))
     assert whole.any()
@@ -49,7 +49,7 @@ def test_a_run_on_the_ellipsoid_has_its_points_on_a_map(tmp_path: Path, system: 
     solution = sample_solution(system)
     path = tmp_path / "job.json"
     path.write_text(dumps(record(solution)))
-    read = read_points(path, Precision())
+    read = read_points(path, PointPrecision())
     ellipsoid = ellipsoid_of(solution.block)
     points = solution.points.position[np.isin(solution.block.points.ids, read.points.ids)]
     position = points if system is CoordinateSystem.GEOCENTRIC else ellipsoid.geocentric(points)
@@ -65,18 +65,18 @@ def test_a_run_on_the_ellipsoid_has_its_points_on_a_map(tmp_path: Path, system: 
         atol=1e-5,
     )
     with pytest.raises(SeaError, match="has covariances, and sigmas are given too"):
-        read_points(path, Precision(sigma=(1.0, 1.0, 1.0)))
+        read_points(path, PointPrecision(sigma=(1.0, 1.0, 1.0)))
 
 
 def test_sigmas_of_the_file_of_all_points_or_of_the_pair(tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
     path.write_text("Z, ID ,X,Y\n0.5,a,10,20\n\n0.25,b,-10,5\n")
-    same = read_points(path, Precision(sigma=(0.1, 0.2, 0.3))).points
+    same = read_points(path, PointPrecision(sigma=(0.1, 0.2, 0.3))).points
     assert same.ids == ("a", "b")
     np.testing.assert_array_equal(same.position, [[10.0, 20.0, 0.5], [-10.0, 5.0, 0.25]])
     np.testing.assert_array_equal(same.covariance, np.tile(np.diag(np.square([0.1, 0.2, 0.3])), (2, 1, 1)))
     cameras = sea_fixtures.SETUP.cameras
-    pair = read_points(path, Precision(cameras=cameras, image_sigma=1e-5), only=("b",)).points
+    pair = read_points(path, PointPrecision(cameras=cameras, image_sigma=1e-5), only=("b",)).points
     np.testing.assert_array_equal(pair.covariance, intersection_covariance(cameras, pair.position, 1e-5))
     assert pair.ids == ("b",)
 
@@ -84,25 +84,25 @@ def test_sigmas_of_the_file_of_all_points_or_of_the_pair(tmp_path: Path) -> None
 def test_points_without_their_own_sigmas_take_those_given(tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
     path.write_text("id,x,y,z,sx,sy,sz\na,10,20,0.5,1,2,3\nb,-10,5,0.25,, ,\n")
-    found = read_points(path, Precision(sigma=(0.1, 0.2, 0.3))).points.covariance
+    found = read_points(path, PointPrecision(sigma=(0.1, 0.2, 0.3))).points.covariance
     np.testing.assert_array_equal(found, [np.diag([1.0, 4.0, 9.0]), np.diag(np.square([0.1, 0.2, 0.3]))])
     cameras = sea_fixtures.SETUP.cameras
-    pair = read_points(path, Precision(cameras=cameras, image_sigma=1e-5)).points
+    pair = read_points(path, PointPrecision(cameras=cameras, image_sigma=1e-5)).points
     np.testing.assert_array_equal(pair.covariance[0], np.diag([1.0, 4.0, 9.0]))
     np.testing.assert_array_equal(pair.covariance[1:], intersection_covariance(cameras, pair.position[1:], 1e-5))
     with pytest.raises(SeaError, match=r"points\.csv:3 col 14 sx: no sigmas here, and none are given") as caught:
-        read_points(path, Precision())
+        read_points(path, PointPrecision())
     assert len(caught.value.problems) == 1
     path.write_text("id,x,y,z,sx,sy,sz\nb,-10,5,0.25,1,,1\n")
     with pytest.raises(SeaError, match="col 16 sy: sx, sy, sz go together"):
-        read_points(path, Precision(sigma=(0.1, 0.2, 0.3)))
+        read_points(path, PointPrecision(sigma=(0.1, 0.2, 0.3)))
 
 
 def test_a_column_of_sigmas_is_none_of_coordinates(tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
     path.write_text("id,NORTH,East,Up,sx,sy,sz\na,20,10,0.5,1,2,3\n")
     with pytest.raises(SeaError, match="column sx is none of coordinates"):
-        read_points(path, Precision(), columns=("east", "north", "sx"))
+        read_points(path, PointPrecision(), columns=("east", "north", "sx"))
 
 
 def test_stations_do_without_a_tide_where_the_surface_has_its_level(tmp_path: Path) -> None:

@@ -9,10 +9,16 @@ from musatpy.geometry.collinearity import nearest_point
 from musatpy.refraction import fermat
 from musatpy.refraction.apparent import Stations, true_points
 from musatpy.refraction.surface import Plane, Surface
-from musatpy.sea.stereo.corrected_points import REASONS, Fault, correct
 from musatpy.sea.stereo.estimate import fit_fourier, fit_grid
 from musatpy.sea.stereo.surface_points import SurfacePoints, intersection_covariance
-from musatpy.sea.stereo.through import intersect_rays, true_points_of_apparent, true_points_of_rays
+from musatpy.sea.stereo.through import (
+    REASONS,
+    Fault,
+    correct,
+    intersect_rays,
+    true_points_of_apparent,
+    true_points_of_rays,
+)
 from refraction.seas import CHOP, SEAS, Tilted
 from studies.stereo import METHODS, Setup, run, simulate, through
 

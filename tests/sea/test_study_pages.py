@@ -9,7 +9,7 @@ import pytest
 from drivers import collocation_tables, sea_tables
 from drivers import okamoto_tables as tables
 from drivers import unknown_waves_study as study
-from musatpy.sea.interpolation.correlation import Family
+from musatpy.sea.interpolation.correlation import SignalKind
 from musatpy.sea.interpolation.prediction import Collocation
 from studies import okamoto
 from studies.collocation import Case, Outcome, SeaState, isotropic, outcome, simulated
@@ -36,7 +36,7 @@ def test_a_swell_is_taken_out_by_few_points_and_other_seas_by_many(outcomes: dic
         outcomes[case]
         for case in (Case(number=25), *(Case(state=SeaState.CONFUSED, number=number) for number in (12, 100)))
     )
-    assert swell.found.best.family == Family.SWELL and swell.removed > 0.7
+    assert swell.found.best.family == SignalKind.SWELL and swell.removed > 0.7
     assert 2.0 * few.spacing / few.wave_length > 2.0 and few.removed < 0.1
     assert 2.0 * many.spacing / many.wave_length < 1.1 and many.removed > 0.5
     assert many.removed_by_theory > many.removed > many.removed_by_gaussian

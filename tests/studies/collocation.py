@@ -13,9 +13,9 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.refraction.waves import Harmonic, sinusoidal
 from musatpy.sea.experiment import Experiment, run
-from musatpy.sea.interpolation.correlation import Correlation, Family
+from musatpy.sea.interpolation.correlation import Correlation, SignalKind
 from musatpy.sea.interpolation.estimation import estimate
-from musatpy.sea.interpolation.interpolate import Interpolation, Options, interpolate
+from musatpy.sea.interpolation.interpolate import Interpolation, InterpolationOptions, interpolate
 from musatpy.sea.interpolation.prediction import Collocation, Covariance, Observed, Trend
 from musatpy.sea.theory import linear_wave
 from musatpy.units import DEGREE
@@ -27,7 +27,7 @@ DEEP_HEIGHT, AZIMUTH = 1.0, 30.0 * DEGREE  # m from trough to crest, of the swel
 WAVES = 24  # of a confused or a wind sea
 SPREAD, FAN = 0.3, 45.0 * DEGREE  # parts of the period, to either side of the azimuth, of a wind sea
 CHECKS = (15, 30)  # check points along x and y
-FAMILIES = (Family.NONE, Family.GAUSSIAN, Family.BESSEL, Family.SWELL)
+FAMILIES = (SignalKind.NONE, SignalKind.GAUSSIAN, SignalKind.BESSEL, SignalKind.SWELL)
 
 
 class SeaState(StrEnum):
@@ -137,10 +137,10 @@ def _mapped(case: Case, place: FloatArray) -> tuple[FloatArray, FloatArray]:
     return (points + found.error)[:, :2], found.error[:, 2]
 
 
-def outcome(case: Case, families: tuple[Family, ...] = FAMILIES) -> Outcome:
+def outcome(case: Case, families: tuple[SignalKind, ...] = FAMILIES) -> Outcome:
     """Return what comes of a case."""
     data = simulated(case)
-    found = interpolate(data.control, Options(families=families))
+    found = interpolate(data.control, InterpolationOptions(families=families))
     predicted = found.uncertain.predict(data.place)
     before = _rms(data.error)
     length = float(linear_wave(case.period, DEPTH).length)
@@ -159,14 +159,14 @@ def outcome(case: Case, families: tuple[Family, ...] = FAMILIES) -> Outcome:
 
 
 def _gaussian(data: Simulated) -> Collocation:
-    found = estimate(data.control, Trend.CONSTANT, Family.GAUSSIAN, free_noise=True)
+    found = estimate(data.control, Trend.CONSTANT, SignalKind.GAUSSIAN, free_noise=True)
     return Collocation(data.control, found.covariance)
 
 
 def isotropic(data: Simulated, length: float, size: float, noise: float) -> Collocation:
     """Return the collocation of a signal of RMS `size` (m) made of waves of one length (m) from all directions."""
     fade = float(np.log(10.0 * np.ptp(AREA)))  # none worth mentioning
-    correlation = Correlation(family=Family.BESSEL, parameters=(float(np.log(length)), fade))
+    correlation = Correlation(family=SignalKind.BESSEL, parameters=(float(np.log(length)), fade))
     return Collocation(data.control, Covariance(signal=size**2, noise=noise**2, correlation=correlation))
 
 

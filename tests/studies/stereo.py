@@ -16,11 +16,10 @@ from musatpy.geometry.collinearity import cross
 from musatpy.refraction import fermat
 from musatpy.refraction.surface import Plane, Surface
 from musatpy.refraction.waves import Harmonic, sinusoidal
-from musatpy.sea.stereo.corrected_points import Endless
 from musatpy.sea.stereo.estimate import SurfaceFit, fit_fourier, fit_grid
 from musatpy.sea.stereo.spectrum import mean_spacing
 from musatpy.sea.stereo.surface_points import SurfacePoints, intersected
-from musatpy.sea.stereo.through import intersect_rays, true_points_of_rays
+from musatpy.sea.stereo.through import Endless, intersect_rays, true_points_of_rays
 from musatpy.sea.theory import linear_wave
 from musatpy.units import DEGREE
 

@@ -12,7 +12,7 @@ from musatpy.cli.correct import correction_options
 from musatpy.cli.depth_options import (
     NUMBER,
     POSITIVE,
-    View,
+    ModelView,
     area_options,
     check_step,
     depths_option,
@@ -36,7 +36,7 @@ def table(listed: Path | None, depths: tuple[float, ...], **given: Any) -> None:
     """Print the depth factor at places of a model, for some apparent depths."""
     from musatpy.depth.factor_tables import factor_table
 
-    view = View(given)
+    view = ModelView(given)
     places, factors = view.listed(listed, depths) if listed else view.over_grid(depths)
     tell(view.heading())
     tell("\n".join(factor_table(places, factors)))
@@ -58,7 +58,7 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
     from musatpy.depth.factor_tables import normalised_table, single_table
     from musatpy.depth.views import normalised, single_value
 
-    view = View(given)
+    view = ModelView(given)
     places, factors = view.over_grid(depths)
     _, at_normal = view.over_grid((normal,))
     factor = at_normal.factor[:, 0]
@@ -92,7 +92,7 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
     from musatpy.depth.picture import contour_picture
 
     given["grid"] = tuple(max(61.0, number) for number in given["grid"])  # smooth lines
-    view = View(given)
+    view = ModelView(given)
     x, y = view.grid()
     _, factors = view.over_grid((depth,))
     factor = factors.factor.reshape(len(y), len(x))

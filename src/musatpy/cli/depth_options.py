@@ -183,7 +183,7 @@ def check_step(step: float, factor: Any) -> None:
         raise click.UsageError(f"--step: {step:g} makes {levels:.0f} levels, more than {_MOST_LEVELS}")
 
 
-class View:
+class ModelView:
     """The pair or the stations of a command, and its places."""
 
     def __init__(self, given: dict[str, Any]) -> None:

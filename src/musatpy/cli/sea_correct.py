@@ -13,7 +13,7 @@ from musatpy.cli.options import columns_of, refuse_overwriting
 from musatpy.cli.sea_options import pair_by, precision_by, precision_options, sea_system
 
 if TYPE_CHECKING:
-    from musatpy.sea.stereo.corrected_points import Corrected
+    from musatpy.sea.stereo.through import Corrected
 
 
 @click.command(name="correct", short_help="True points of apparent ones through such a surface.")
@@ -33,9 +33,9 @@ def command(points: Path, out: Path, surface: Path, stations: Path, quiet: bool,
     from musatpy.errors import Problem, SeaError
     from musatpy.files import write_files
     from musatpy.reports.sea import corrected_csv
-    from musatpy.sea.stereo.corrected_points import correct
     from musatpy.sea.stereo.point_records import read_points
     from musatpy.sea.stereo.surface_file import load_map, load_surface
+    from musatpy.sea.stereo.through import correct
 
     refuse_overwriting([out], [points, stations, surface])
     index, fitted, pair = index_by(given), load_surface(surface), pair_by(stations, given)
@@ -64,7 +64,7 @@ def _require_one_earth(surface: Path, surface_map: Any, plan: Any) -> None:
 
 def _tell(out: Path, corrected: Corrected, left: tuple[str, ...]) -> None:
     """Print how many points are corrected, and why the others are not."""
-    from musatpy.sea.stereo.corrected_points import REASONS, Fault
+    from musatpy.sea.stereo.through import REASONS, Fault
 
     good = int((corrected.fault == Fault.NONE).sum())
     tell(f"{name_of(out)}: {len(corrected.fault)} points, {good} corrected")

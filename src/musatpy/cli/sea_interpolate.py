@@ -70,7 +70,7 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     from musatpy.files import write_files
     from musatpy.reports.sea import collocation_text, verdict_line
     from musatpy.sea.interpolation.control_tables import on_plan
-    from musatpy.sea.interpolation.interpolate import Verdict, interpolate
+    from musatpy.sea.interpolation.interpolate import Benefit, interpolate
     from musatpy.sea.interpolation.mapped_points import corrected_record
 
     columns = columns_of(points, given["columns"])
@@ -95,7 +95,7 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     write_files(files)
     if not quiet:
         tell(f"{name_of(out)}: {tally.in_words()}\n{verdict_line(result)}")
-    if result.verdict == Verdict.NOT:
+    if result.verdict == Benefit.NOT:
         click.get_current_context().exit(UNHELPFUL)
 
 
@@ -111,12 +111,12 @@ def _check_outputs(results: Sequence[Path], inputs: Sequence[Path]) -> None:
 
 
 def _options(given: dict[str, Any]) -> Any:
-    from musatpy.sea.interpolation.correlation import Family
-    from musatpy.sea.interpolation.interpolate import Options
+    from musatpy.sea.interpolation.correlation import SignalKind
+    from musatpy.sea.interpolation.interpolate import InterpolationOptions
     from musatpy.sea.interpolation.prediction import Trend
 
-    families = tuple(family for family in Family if not given["families"] or family in given["families"])
-    return Options(
+    families = tuple(family for family in SignalKind if not given["families"] or family in given["families"])
+    return InterpolationOptions(
         trend=Trend.PLANE if given["trend"] == "plane" else Trend.CONSTANT,
         families=families,
         free_noise=not given["no_noise"],

@@ -12,10 +12,10 @@ from musatpy.cli.messages import count_of, name_of
 from musatpy.cli.options import columns_option, options_of, quiet_option
 
 if TYPE_CHECKING:
-    from musatpy.sea.stereo.point_records import Precision
+    from musatpy.sea.stereo.point_records import PointPrecision
 
 
-class Sigmas(Numbers):
+class SigmaOption(Numbers):
     """Sigmas of three coordinates, or one of all."""
 
     name = "sigmas"
@@ -33,7 +33,7 @@ class Sigmas(Numbers):
 precision_options = options_of(
     click.option(
         "--sigma",
-        type=Sigmas(),
+        type=SigmaOption(),
         metavar="M|X,Y,Z",
         help="Of points without their own: of every coordinate, or each.",
     ),
@@ -79,9 +79,9 @@ def sea_system(given: dict[str, Any], pair: Any) -> Any:
     return system_of_points(Path(), pair, given["crs"], given["geoid"])
 
 
-def precision_by(given: dict[str, Any], pair: Any) -> Precision:
+def precision_by(given: dict[str, Any], pair: Any) -> PointPrecision:
     """Return how precise points are by the options, and by the cameras of their pair where they are known."""
-    from musatpy.sea.stereo.point_records import Precision
+    from musatpy.sea.stereo.point_records import PointPrecision
 
     sigma, image, focal = (given[name] for name in ("sigma", "image_sigma", "focal"))
     if (image is None) != (focal is None):
@@ -89,9 +89,9 @@ def precision_by(given: dict[str, Any], pair: Any) -> Precision:
     if sigma is not None and image is not None:
         raise click.UsageError("--sigma and --image-sigma: one or the other")
     if sigma is not None:
-        return Precision(sigma=sigma)
+        return PointPrecision(sigma=sigma)
     if image is None:
-        return Precision()
+        return PointPrecision()
     if pair is None:
         raise click.UsageError("--image-sigma needs --cameras")
-    return Precision(cameras=pair.stations.position, image_sigma=image * 1e-3 / focal)
+    return PointPrecision(cameras=pair.stations.position, image_sigma=image * 1e-3 / focal)

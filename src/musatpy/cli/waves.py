@@ -25,8 +25,8 @@ def command(spec: Path, plots: bool, out_dir: Path | None) -> None:
     """Run the wave experiment of SPEC: its report goes to NAME.waves.txt, every point to NAME.waves.csv."""
     from musatpy.files import write_files
     from musatpy.reports.sea import points_csv, waves_text
+    from musatpy.sea.experiment import study
     from musatpy.sea.experiment_spec import load_spec
-    from musatpy.sea.study import study
 
     folder = spec.parent if out_dir is None else out_dir
     result = study(load_spec(spec), str(spec))

@@ -12,14 +12,14 @@ from musatpy.compilation.datums import Datum
 from musatpy.compilation.joined_surfaces import Surface
 from musatpy.errors import CollocationError, CompilationError, Problem
 from musatpy.model.compilation import GridSpecs
-from musatpy.sea.interpolation.correlation import Family
-from musatpy.sea.interpolation.interpolate import Options, interpolate
+from musatpy.sea.interpolation.correlation import SignalKind
+from musatpy.sea.interpolation.interpolate import InterpolationOptions, interpolate
 from musatpy.sea.interpolation.prediction import CrossValidation, Observed, Trend
 from musatpy.surfaces.tin import Tin
 
 _MOST = 250_000  # posts: with listing and layers 270 MB and 34 s of a busy processor
 _MOST_COLLOCATED = 2000  # points: their covariances are factorised some dozen times
-_FAMILIES = (Family.GAUSSIAN, Family.EXPONENTIAL)  # of a bottom: smooth, or rough
+_FAMILIES = (SignalKind.GAUSSIAN, SignalKind.EXPONENTIAL)  # of a bottom: smooth, or rough
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,7 +130,7 @@ def _predicted(name: str, tin: Tin, posts: FloatArray) -> tuple[FloatArray, Floa
         message = f"grid {name}: {len(tin.z)} points are too many for a collocation ({_MOST_COLLOCATED} at most)"
         raise CompilationError([Problem(message=message)])
     observed = Observed(place=tin.xy, value=tin.z, sigma=tin.sigma)
-    options = Options(trend=Trend.PLANE, families=_FAMILIES, free_noise=False, reject=False)
+    options = InterpolationOptions(trend=Trend.PLANE, families=_FAMILIES, free_noise=False, reject=False)
     try:
         found = interpolate(observed, options)
     except CollocationError as error:

@@ -11,16 +11,16 @@ from musatpy.arrays import FloatArray
 from musatpy.model.tables import falling
 from musatpy.reports.pages import text_of
 from musatpy.reports.table import Table, sheet
-from musatpy.sea.interpolation.correlation import Family
-from musatpy.sea.interpolation.interpolate import Interpolation, Verdict
+from musatpy.sea.experiment import WIDE, Trials, WaveStudy, flying_height
+from musatpy.sea.interpolation.correlation import SignalKind
+from musatpy.sea.interpolation.interpolate import Benefit, Interpolation
 from musatpy.sea.interpolation.prediction import Trend
-from musatpy.sea.stereo.corrected_points import REASONS, Corrected, Fault
 from musatpy.sea.stereo.estimate import SurfaceFit
-from musatpy.sea.stereo.fitted import height_sigma
 from musatpy.sea.stereo.fourier import FourierSurface
 from musatpy.sea.stereo.grid import GridSurface, Mesh, cell_counts
 from musatpy.sea.stereo.point_records import ReadPoints
-from musatpy.sea.study import WIDE, Trials, WaveStudy, flying_height
+from musatpy.sea.stereo.surface_points import height_sigma
+from musatpy.sea.stereo.through import REASONS, Corrected, Fault
 from musatpy.units import DEGREE
 
 CORRECTED = (
@@ -147,9 +147,9 @@ def _decimal(place: FloatArray, decimals: tuple[int, int, int]) -> list[str]:
 
 
 _SAYS = {
-    Verdict.HELPS: "the interpolation helps",
-    Verdict.LITTLE: "the interpolation helps little",
-    Verdict.NOT: "the interpolation does not help: leave the heights as they are",
+    Benefit.HELPS: "the interpolation helps",
+    Benefit.LITTLE: "the interpolation helps little",
+    Benefit.NOT: "the interpolation does not help: leave the heights as they are",
 }
 
 
@@ -227,7 +227,7 @@ def verdict_line(result: Interpolation) -> str:
 
 def _cautions(result: Interpolation) -> Iterator[str]:
     wave = result.best.estimate.covariance.correlation.wave_length
-    if result.best.family == Family.NONE:
+    if result.best.family == SignalKind.NONE:
         yield "note: no function of distance explains the errors: the trend alone is taken off"
     if wave is not None and result.spacing > wave / 2.0:
         yield (

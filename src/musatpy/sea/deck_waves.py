@@ -10,8 +10,7 @@ from musatpy.arrays import FloatArray
 from musatpy.model import Waves, WaveShape
 from musatpy.refraction.surface import Surface
 from musatpy.refraction.waves import superposed
-from musatpy.sea.surfaces import Shape, wave_surface
-from musatpy.sea.theory import LinearWave, linear_wave, period_of
+from musatpy.sea.theory import LinearWave, Shape, linear_wave, period_of, wave_surface
 
 SHAPES = {
     "": Shape.SINUSOIDAL,

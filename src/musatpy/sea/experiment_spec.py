@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from musatpy.model.water import index_fault
-from musatpy.sea.surfaces import Shape
-from musatpy.sea.theory import GRAVITY
+from musatpy.sea.theory import GRAVITY, Shape
 from musatpy.specs import Pair, Triple, key, spec_of, spec_table
 
 
@@ -26,7 +25,7 @@ class Stereo:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WaterKeys:
+class StillWater:
     """[water]: index and depth."""
 
     depth: float = key(doc="of a level bottom below the mean water level", unit="m", low=0.01)
@@ -67,7 +66,7 @@ class WaveKeys:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Area:
+class CheckArea:
     """[area]: check points on the bottom, numbered along y first."""
 
     first: Pair = key(doc="x and y of the first", unit="m")
@@ -76,7 +75,7 @@ class Area:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Study:
+class Variations:
     """[study]: what else is tried, one thing at a time; cameras keep their heights above the water."""
 
     depths: tuple[float, ...] = key((), "other depths", unit="m", low=0.01)
@@ -99,10 +98,10 @@ class WaveSpec:
 
     title: str = key("WAVES", "first line of the report", longest=120)
     stereo: Stereo = key()
-    water: WaterKeys = key()
+    water: StillWater = key()
     wave: tuple[WaveKeys, ...] = key()
-    area: Area = key()
-    study: Study = key(Study)
+    area: CheckArea = key()
+    study: Variations = key(Variations)
     accuracy: Accuracy = key(Accuracy)
 
     def __post_init__(self) -> None:

@@ -11,10 +11,9 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.figures import BLUE, GREY, INK, RED, add_bar, image_of, lay_out, new_panels, styled
 
 if TYPE_CHECKING:
-    from musatpy.sea.experiment import Histogram
+    from musatpy.sea.experiment import Histogram, Trials, WaveStudy
     from musatpy.sea.interpolation.interpolate import Interpolation
     from musatpy.sea.stereo.estimate import SurfaceFit
-    from musatpy.sea.study import Trials, WaveStudy
 
 _COORDINATES = ("X", "Y", "Z")
 _LONG, _LEAST = 4.0, 2.4  # inches, of the sides of a map
@@ -155,7 +154,7 @@ def _draw_covariances(plot: Any, interpolation: Interpolation) -> None:
 @styled
 def surface_picture(fit: SurfaceFit, title: str) -> bytes:
     """Return maps of the height and of its sigma where the surface is known; rejected points as crosses."""
-    from musatpy.sea.stereo.fitted import height_sigma
+    from musatpy.sea.stereo.surface_points import height_sigma
 
     fitted, points = fit.fitted, fit.points.position
     place = points[:, :2] - fitted.origin

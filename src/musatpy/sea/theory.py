@@ -9,11 +9,14 @@ Dalrymple, Water Wave Mechanics for Engineers and Scientists (1991), chapters 3 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import BoolArray, FloatArray
+from musatpy.refraction.surface import Surface
+from musatpy.refraction.waves import Trochoid, sinusoidal, stokes
 
 GRAVITY = 9.80665  # m/s2, standard
 DEPTH_BREAKING = 0.78  # height over depth of the highest solitary wave, McCowan (1894)
@@ -146,3 +149,25 @@ def _number(T: FloatArray, h: FloatArray, gravity: float) -> FloatArray:
         if np.all(np.abs(step) <= 4e-16 * x):
             break
     return np.where(infinite, deep, x / h)
+
+
+class Shape(StrEnum):
+    """Shapes of a wave."""
+
+    SINUSOIDAL = "sinusoidal"
+    STOKES = "stokes"
+    TROCHOIDAL = "trochoidal"
+
+
+def wave_surface(
+    shape: Shape, *, amplitude: float, length: float, azimuth: float, speed: float, crest: float, depth: float
+) -> Surface:
+    """Return a wave about level 0; the arguments are those of `sinusoidal`, and the mean depth (m) of the water.
+
+    Raises `ValueError` where it is too high for the theory of its shape.
+    """
+    if shape is Shape.STOKES:
+        return stokes(amplitude=amplitude, length=length, azimuth=azimuth, speed=speed, crest=crest, depth=depth)
+    if shape is Shape.TROCHOIDAL:
+        return Trochoid(amplitude=amplitude, length=length, azimuth=azimuth, speed=speed, crest=crest)
+    return sinusoidal(amplitude=amplitude, length=length, azimuth=azimuth, speed=speed, crest=crest)

@@ -20,7 +20,7 @@ from musatpy.units import DEGREE
 Evaluation = tuple[FloatArray, list[FloatArray]]  # correlations, and their partials by each parameter
 
 
-class Family(StrEnum):
+class SignalKind(StrEnum):
     """Kinds of correlation functions."""
 
     NONE = "none"  # no signal: trend and noise alone
@@ -31,7 +31,7 @@ class Family(StrEnum):
     SWELL = "swell"
 
 
-class Unknown(StrEnum):
+class ParameterKind(StrEnum):
     """What a parameter of a correlation function is."""
 
     LENGTH = "ln of a length"
@@ -45,7 +45,7 @@ class Unknown(StrEnum):
 class Correlation:
     """A correlation function with its parameters, in the units of `names`: ln m for lengths, cycles/m for waves."""
 
-    family: Family
+    family: SignalKind
     parameters: tuple[float, ...] = ()
 
     def __call__(self, lag: FloatArray) -> FloatArray:
@@ -64,24 +64,27 @@ class Correlation:
     def length(self) -> float:
         """Length (m) over which the function dies away; 0 without a signal."""
         named = zip(parameter_kinds(self.family), self.parameters, strict=True)
-        return max((float(np.exp(p)) for kind, p in named if kind in (Unknown.LENGTH, Unknown.FADE)), default=0.0)
+        return max(
+            (float(np.exp(p)) for kind, p in named if kind in (ParameterKind.LENGTH, ParameterKind.FADE)),
+            default=0.0,
+        )
 
     @property
     def wave_length(self) -> float | None:
         """Wave length (m) of a function that is nearly periodic, None of others."""
-        if self.family == Family.BESSEL:
+        if self.family == SignalKind.BESSEL:
             return float(np.exp(self.parameters[0]))
-        if self.family == Family.SWELL:
+        if self.family == SignalKind.SWELL:
             return float(1.0 / np.hypot(self.parameters[0], self.parameters[1]))
         return None
 
     def reach(self, least: float = 0.1) -> float:
         """Return the distance (m) at which the correlation, of a swell its envelope, first falls below `least`."""
-        if self.family == Family.NONE:
+        if self.family == SignalKind.NONE:
             return 0.0
-        if self.family in (Family.SWELL, Family.GAUSSIAN, Family.ELLIPTIC):
+        if self.family in (SignalKind.SWELL, SignalKind.GAUSSIAN, SignalKind.ELLIPTIC):
             return self.length * float(np.sqrt(-np.log(least)))
-        if self.family == Family.EXPONENTIAL:
+        if self.family == SignalKind.EXPONENTIAL:
             return self.length * float(-np.log(least))
         assert self.wave_length is not None
         distance = np.linspace(0.0, self.wave_length, 2001)
@@ -155,30 +158,30 @@ def _azimuth(x: float, y: float) -> float:
 class _Form:
     """What makes a family: its unknowns, its function, and its parameters as they are printed."""
 
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[ParameterKind, ...]
     function: Callable[[FloatArray, FloatArray, bool], Evaluation]
     words: Callable[[FloatArray], str]
 
 
 _FORMS = {
-    Family.NONE: _Form((), _none, lambda p: "trend and noise alone"),
-    Family.GAUSSIAN: _Form((Unknown.LENGTH,), _gaussian, lambda p: f"length {np.exp(p[0]):.1f} m"),
-    Family.EXPONENTIAL: _Form((Unknown.LENGTH,), _exponential, lambda p: f"length {np.exp(p[0]):.1f} m"),
-    Family.ELLIPTIC: _Form(
-        (Unknown.LENGTH, Unknown.LENGTH, Unknown.AZIMUTH),
+    SignalKind.NONE: _Form((), _none, lambda p: "trend and noise alone"),
+    SignalKind.GAUSSIAN: _Form((ParameterKind.LENGTH,), _gaussian, lambda p: f"length {np.exp(p[0]):.1f} m"),
+    SignalKind.EXPONENTIAL: _Form((ParameterKind.LENGTH,), _exponential, lambda p: f"length {np.exp(p[0]):.1f} m"),
+    SignalKind.ELLIPTIC: _Form(
+        (ParameterKind.LENGTH, ParameterKind.LENGTH, ParameterKind.AZIMUTH),
         _elliptic,
         lambda p: (
             f"lengths {np.exp(p[0]):.1f} m along {_azimuth(np.cos(p[2]), np.sin(p[2])):.1f} deg, "
             f"{np.exp(p[1]):.1f} m across"
         ),
     ),
-    Family.BESSEL: _Form(
-        (Unknown.WAVE, Unknown.FADE),
+    SignalKind.BESSEL: _Form(
+        (ParameterKind.WAVE, ParameterKind.FADE),
         _bessel,
         lambda p: f"waves of {np.exp(p[0]):.1f} m, length {np.exp(p[1]):.1f} m",
     ),
-    Family.SWELL: _Form(
-        (Unknown.NUMBER, Unknown.NUMBER, Unknown.FADE),
+    SignalKind.SWELL: _Form(
+        (ParameterKind.NUMBER, ParameterKind.NUMBER, ParameterKind.FADE),
         _swell,
         lambda p: (
             f"waves of {1.0 / np.hypot(p[0], p[1]):.1f} m along {_azimuth(p[0], p[1]):.1f} deg, "
@@ -188,11 +191,11 @@ _FORMS = {
 }
 
 
-def parameter_kinds(family: Family) -> tuple[Unknown, ...]:
+def parameter_kinds(family: SignalKind) -> tuple[ParameterKind, ...]:
     """Return what the parameters of a family are."""
     return _FORMS[family].unknowns
 
 
-def units_of(family: Family, turn: float) -> list[float]:
+def units_of(family: SignalKind, turn: float) -> list[float]:
     """Return units of the parameters of a family in which they matter alike: wave numbers by a `turn`, cycles/m."""
-    return [turn if kind is Unknown.NUMBER else 1.0 for kind in parameter_kinds(family)]
+    return [turn if kind is ParameterKind.NUMBER else 1.0 for kind in parameter_kinds(family)]

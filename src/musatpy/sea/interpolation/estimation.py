@@ -12,11 +12,68 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
-from musatpy.sea.interpolation.correlation import Family, Unknown, parameter_kinds, units_of
-from musatpy.sea.interpolation.empirical import extent, residuals, spacing
+from musatpy.arrays import FloatArray, IntArray
+from musatpy.sea.interpolation.correlation import ParameterKind, SignalKind, parameter_kinds, units_of
 from musatpy.sea.interpolation.likelihood import Likelihood
 from musatpy.sea.interpolation.prediction import Covariance, Observed, Trend
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Empirical:
+    """Classes of distance: mean distance (k,) m, pairs (k,), covariance (k,) m2; the first is that of points alone.
+
+    The first class, at distance 0, is the variance, noise included.
+    """
+
+    distance: FloatArray
+    pairs: IntArray
+    covariance: FloatArray
+
+
+def residuals(observed: Observed, trend: Trend) -> FloatArray:
+    """Return the values (n,) less their trend by plain least squares."""
+    rows = observed.trend_rows(trend)
+    return observed.value - rows @ np.linalg.lstsq(rows, observed.value, rcond=None)[0]
+
+
+def empirical(place: FloatArray, residual: FloatArray, *, width: float, classes: int) -> Empirical:
+    """Return the covariances of residuals (n,) at places (n, 2), classes `width` m wide; empty ones left out."""
+    pairs = np.zeros(classes, dtype=np.int64)
+    products, distances = np.zeros(classes), np.zeros(classes)
+    for row in range(len(place) - 1):  # a row of pairs at a time: all of them would fill the memory
+        lag = place[row + 1 :] - place[row]
+        distance = np.hypot(lag[:, 0], lag[:, 1])
+        near = distance < width * classes
+        index = (distance[near] / width).astype(int)
+        pairs += np.bincount(index, minlength=classes)
+        distances += np.bincount(index, distance[near], minlength=classes)
+        products += np.bincount(index, residual[row] * residual[row + 1 :][near], minlength=classes)
+    full = pairs > 0
+    return Empirical(
+        distance=np.concatenate([[0.0], distances[full] / pairs[full]]),
+        pairs=np.concatenate([[len(place)], pairs[full]]),
+        covariance=np.concatenate([[np.mean(np.square(residual))], products[full] / pairs[full]]),
+    )
+
+
+def spacing(place: FloatArray) -> float:
+    """Return the median distance (m) from a place to the nearest other one; 0 where all are one.
+
+    Points that share a place, measured twice, count once.
+    """
+    from scipy.spatial import cKDTree  # a plain run does without
+
+    single = np.unique(place, axis=0)
+    if len(single) < 2:
+        return 0.0
+    distance, _ = cKDTree(single).query(single, k=2)
+    return float(np.median(np.asarray(distance)[:, 1]))
+
+
+def extent(place: FloatArray) -> float:
+    """Return the diagonal (m) of the rectangle that the points fill."""
+    return float(np.hypot(*np.ptp(place, axis=0)))
+
 
 _PEAKS = 3  # wave vectors to start from
 _LENGTHS = 3  # lengths to start from
@@ -58,13 +115,13 @@ class _Frame:
         """Shortest wave, m."""
         return max(self.spacing, self.extent / _SHORTEST)
 
-    def searched(self, family: Family) -> float:
+    def searched(self, family: SignalKind) -> float:
         """Return how many waves differ by a turn over the extent: those of a half plane, or of all directions."""
         turns = self.extent / self.shortest
-        return {Family.SWELL: 0.5 * np.pi * turns * turns, Family.BESSEL: turns}.get(family, 1.0)
+        return {SignalKind.SWELL: 0.5 * np.pi * turns * turns, SignalKind.BESSEL: turns}.get(family, 1.0)
 
 
-def estimate(observed: Observed, trend: Trend, family: Family, *, free_noise: bool) -> Estimate:
+def estimate(observed: Observed, trend: Trend, family: SignalKind, *, free_noise: bool) -> Estimate:
     """Return the covariance of a family with the largest restricted likelihood."""
     residual = residuals(observed, trend)
     variance = float(np.mean(np.square(residual)))
@@ -112,31 +169,31 @@ def _descend(
     return float(minimum.fun), np.asarray(minimum.x * scale)
 
 
-def _bounds(family: Family, frame: _Frame) -> list[tuple[float, float]]:
+def _bounds(family: SignalKind, frame: _Frame) -> list[tuple[float, float]]:
     """Return the bounds of the parameters of a family."""
     turns, longest = 1.0 / frame.shortest, float(np.log(2.0 * frame.extent))
     bounds = {
-        Unknown.LENGTH: (float(np.log(0.3 * frame.spacing)), float(np.log(10.0 * frame.extent))),
-        Unknown.WAVE: (float(np.log(frame.shortest)), longest),
+        ParameterKind.LENGTH: (float(np.log(0.3 * frame.spacing)), float(np.log(10.0 * frame.extent))),
+        ParameterKind.WAVE: (float(np.log(frame.shortest)), longest),
         # no wave stays in step for ever: the rays of a model cross it at angles that change
-        Unknown.FADE: (float(np.log(frame.spacing)), longest),
-        Unknown.NUMBER: (-turns, turns),
-        Unknown.AZIMUTH: (-2.0 * np.pi, 2.0 * np.pi),
+        ParameterKind.FADE: (float(np.log(frame.spacing)), longest),
+        ParameterKind.NUMBER: (-turns, turns),
+        ParameterKind.AZIMUTH: (-2.0 * np.pi, 2.0 * np.pi),
     }
     return [bounds[kind] for kind in parameter_kinds(family)]
 
 
-def _starts(family: Family, frame: _Frame, place: FloatArray, residual: FloatArray) -> Iterable[list[float]]:
+def _starts(family: SignalKind, frame: _Frame, place: FloatArray, residual: FloatArray) -> Iterable[list[float]]:
     lengths = np.log(np.geomspace(frame.spacing, max(frame.extent / 2.0, 2.0 * frame.spacing), _LENGTHS)).tolist()
     long = float(np.log(frame.extent))
-    if family == Family.NONE:
+    if family == SignalKind.NONE:
         return [[]]
-    if family in (Family.GAUSSIAN, Family.EXPONENTIAL):
+    if family in (SignalKind.GAUSSIAN, SignalKind.EXPONENTIAL):
         return [[length] for length in lengths]
-    if family == Family.ELLIPTIC:
+    if family == SignalKind.ELLIPTIC:
         return [[lengths[2], lengths[1], azimuth] for azimuth in np.arange(4) * np.pi / 4.0]
     peaks = wave_vectors(place, residual, frame.shortest, frame.extent)
-    if family == Family.BESSEL:
+    if family == SignalKind.BESSEL:
         return [[float(-np.log(np.hypot(*peak))), long] for peak in peaks]
     return [[*peak.tolist(), long] for peak in peaks]
 

@@ -15,9 +15,17 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import CollocationError, Problem
-from musatpy.sea.interpolation.correlation import Family
-from musatpy.sea.interpolation.empirical import Empirical, empirical, extent, residuals, spacing
-from musatpy.sea.interpolation.estimation import Estimate, estimate
+from musatpy.sea.interpolation.correlation import SignalKind
+from musatpy.sea.interpolation.estimation import (
+    Empirical,
+    Estimate,
+    empirical,
+    estimate,
+    extent,
+    residuals,
+    spacing,
+)
+from musatpy.sea.interpolation.likelihood import Uncertain, uncertain
 from musatpy.sea.interpolation.prediction import (
     Collocation,
     CrossValidation,
@@ -26,7 +34,6 @@ from musatpy.sea.interpolation.prediction import (
     Trend,
     check_count,
 )
-from musatpy.sea.interpolation.uncertainty import Uncertain, uncertain
 
 GROUPS = 5  # of control points that are left out together in the verdict
 _RISK = 0.05  # of calling any of all good control points an outlier
@@ -34,7 +41,7 @@ _MOST_OUT = 0.1  # part of the control points that may be outliers
 _CLASSES = 12  # of distance
 
 
-class Verdict(StrEnum):
+class Benefit(StrEnum):
     """Whether an interpolation helps."""
 
     HELPS = "helps"
@@ -43,14 +50,14 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class InterpolationOptions:
     """What is asked for: the trend, the families tried, whether noise is estimated and outliers are left out.
 
     `reach` (m) is how far from control points is predicted, None for that of the covariance.
     """
 
     trend: Trend = Trend.CONSTANT
-    families: tuple[Family, ...] = tuple(Family)
+    families: tuple[SignalKind, ...] = tuple(SignalKind)
     free_noise: bool = True
     reject: bool = True
     reach: float | None = None
@@ -60,7 +67,7 @@ class Options:
 class Candidate:
     """One family with its estimate and its cross-validation."""
 
-    family: Family
+    family: SignalKind
     estimate: Estimate
     validation: CrossValidation
 
@@ -89,7 +96,7 @@ class Interpolation:
     empirical: Empirical
     spacing: float  # m
     reach: float  # m
-    options: Options
+    options: InterpolationOptions
     collocation: Collocation
     uncertain: Uncertain
     grouped: CrossValidation
@@ -124,16 +131,16 @@ class Interpolation:
         return self.factor * np.sqrt(predicted.sigma**2 + noise)
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> Benefit:
         """Whether it helps: not where less than a twentieth of the root mean square goes, little below a fifth."""
         if self.removed < 0.05:
-            return Verdict.NOT
-        return Verdict.HELPS if self.removed >= 0.2 else Verdict.LITTLE
+            return Benefit.NOT
+        return Benefit.HELPS if self.removed >= 0.2 else Benefit.LITTLE
 
 
-def interpolate(observed: Observed, options: Options | None = None) -> Interpolation:
+def interpolate(observed: Observed, options: InterpolationOptions | None = None) -> Interpolation:
     """Return the interpolation between control points. Raises `CollocationError`."""
-    options = options or Options()
+    options = options or InterpolationOptions()
     count = len(observed.value)
     check_count(count, options.trend, GROUPS)
     if not np.ptp(observed.place, axis=0).any():
@@ -171,19 +178,19 @@ def interpolate(observed: Observed, options: Options | None = None) -> Interpola
     )
 
 
-def _reach(options: Options, best: Candidate, wide: float) -> float:
+def _reach(options: InterpolationOptions, best: Candidate, wide: float) -> float:
     """Return how far from control points is predicted: where the correlation is 0.1, half the extent at most.
 
     A trend alone reaches half the extent.
     """
     if options.reach is not None:
         return options.reach
-    if best.family == Family.NONE:
+    if best.family == SignalKind.NONE:
         return wide / 2.0
     return min(best.estimate.covariance.correlation.reach(), wide / 2.0)
 
 
-def _candidates(observed: Observed, options: Options) -> tuple[Candidate, ...]:
+def _candidates(observed: Observed, options: InterpolationOptions) -> tuple[Candidate, ...]:
     candidates = []
     for family in options.families:
         estimated = estimate(observed, options.trend, family, free_noise=options.free_noise)
@@ -201,7 +208,9 @@ def _worst(observed: Observed, used: BoolArray, best: Candidate, critical: float
     return Outlier(row=int(np.flatnonzero(used)[row]), error=error, sigma=sigma)
 
 
-def grouped(observed: Observed, options: Options, family: Family, groups: int = GROUPS) -> CrossValidation:
+def grouped(
+    observed: Observed, options: InterpolationOptions, family: SignalKind, groups: int = GROUPS
+) -> CrossValidation:
     """Return the validation by groups of control points, the covariance of a family estimated without each."""
     count = len(observed.value)
     member = np.random.default_rng(count).permutation(count) % min(groups, count)

@@ -11,11 +11,10 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.similarity import spread
 from musatpy.sea.stereo import fourier, grid
-from musatpy.sea.stereo.fourier import FourierSurface, Search, Step
+from musatpy.sea.stereo.fourier import FourierSurface, WaveSearch, WaveTrial
 from musatpy.sea.stereo.grid import GridSurface, Mesh
 from musatpy.sea.stereo.spectrum import Band, band, lattice, mean_spacing, nearest_spacing
-from musatpy.sea.stereo.surface_outliers import CRITICAL, Misfits, Snooped, misfits, scale_of, snoop
-from musatpy.sea.stereo.surface_points import SurfacePoints
+from musatpy.sea.stereo.surface_points import CRITICAL, KeptPoints, Misfits, SurfacePoints, misfits, scale_of, snoop
 from musatpy.units import DEGREE
 
 LEAST = 8  # points: fewer are no surface
@@ -40,14 +39,14 @@ class SurfaceFit:
 
     points: SurfacePoints
     fitted: FourierSurface | GridSurface
-    snooped: Snooped
+    snooped: KeptPoints
     misfits: Misfits
     sigma0: float
     freedom: float
     scale: float
     critical: float
     spacing: float
-    steps: tuple[Step, ...] = ()
+    steps: tuple[WaveTrial, ...] = ()
     waves: Band | None = None
     notes: tuple[str, ...] = ()
     impossible: Mapping[str, str] = field(default_factory=dict)
@@ -128,8 +127,8 @@ def fit_fourier(
     points, impossible = on_water(points)
     origin = _origin(points)
     waves = band(points.position[:, :2], shortest, longest)
-    search = Search(waves=waves, most=most, risk=risk)
-    judged = Snooped.everyone(len(points.ids))
+    search = WaveSearch(waves=waves, most=most, risk=risk)
+    judged = KeptPoints.everyone(len(points.ids))
     q, steps = fourier.find_waves(points, origin, search)
     for _ in range(_ROUNDS):
         before = judged.kept
@@ -192,7 +191,7 @@ def fit_grid(
     points, impossible = on_water(points)
     origin = _origin(points)
     mesh = grid.mesh(points.position[:, :2] - origin, spacing, curvature)
-    kept, judged = _not_gross(points.position[:, 2]), Snooped.everyone(len(points.ids))
+    kept, judged = _not_gross(points.position[:, 2]), KeptPoints.everyone(len(points.ids))
     for _ in range(_ROUNDS):
         fitted = _grid_of(points, origin, mesh, kept)
         # while points are judged, the curvature stays: with it, a gross error would explain itself
@@ -243,7 +242,7 @@ def _origin(points: SurfacePoints) -> FloatArray:
 
 
 def _judged(
-    points: SurfacePoints, fitted: FourierSurface | GridSurface, judged: Snooped, freedom: float, critical: float
+    points: SurfacePoints, fitted: FourierSurface | GridSurface, judged: KeptPoints, freedom: float, critical: float
 ) -> SurfaceFit:
     kept = judged.kept
     misfit = misfits(points, fitted, kept)

@@ -125,7 +125,7 @@ def _interleaved(*columns: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Step:
+class WaveTrial:
     """One wave tried: where the spectrum peaks, what the fit makes of it, and whether it is taken.
 
     length (m) and azimuth (rad) of the peak, its power; F of the test and what it has to exceed; reason: why it is
@@ -151,7 +151,7 @@ class Step:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Search:
+class WaveSearch:
     """How waves are looked for: in which band, how many at most, and the risk that noise is taken for one."""
 
     waves: Band
@@ -160,8 +160,8 @@ class Search:
 
 
 def find_waves(
-    points: SurfacePoints, origin: FloatArray, search: Search, start: FloatArray | None = None
-) -> tuple[FloatArray, list[Step]]:
+    points: SurfacePoints, origin: FloatArray, search: WaveSearch, start: FloatArray | None = None
+) -> tuple[FloatArray, list[WaveTrial]]:
     """Return the parameters (p,) of the waves in points, and every step of the search (matching pursuit).
 
     The wave of the highest peak of the spectrum of the residuals joins the model, all parameters are estimated
@@ -169,7 +169,7 @@ def find_waves(
     """
     xy, z = points.position[:, :2] - origin, points.position[:, 2]
     q = np.array([float(np.median(z))]) if start is None else start
-    steps: list[Step] = []
+    steps: list[WaveTrial] = []
     while (len(q) - 1) // PER_WAVE < search.most:
         trial, step = _one_more(points, xy, z, q, search)
         steps.append(step)
@@ -180,8 +180,8 @@ def find_waves(
 
 
 def _one_more(
-    points: SurfacePoints, xy: FloatArray, z: FloatArray, q: FloatArray, search: Search
-) -> tuple[FloatArray, Step]:
+    points: SurfacePoints, xy: FloatArray, z: FloatArray, q: FloatArray, search: WaveSearch
+) -> tuple[FloatArray, WaveTrial]:
     from scipy.special import fdtri  # heavy
 
     height, gradient = height_and_gradient(q, xy)
@@ -191,7 +191,7 @@ def _one_more(
     number, azimuth = float(np.linalg.norm(peak)), float(np.arctan2(peak[1], peak[0]))
     length = 2.0 * np.pi / number if number else np.inf
     freedom = int(heard.sum()) - len(q) - PER_WAVE
-    step = Step(length=length, azimuth=azimuth, power=power, ratio=0.0, critical=np.inf, reason="")
+    step = WaveTrial(length=length, azimuth=azimuth, power=power, ratio=0.0, critical=np.inf, reason="")
     if power <= 0.0:
         return q, replace(step, length=np.nan, azimuth=np.nan, reason="no wave of the band is in the residuals")
     if freedom < len(q) + PER_WAVE:
@@ -209,7 +209,7 @@ def _one_more(
     return after, replace(step, reason=_why_not(after, xy[heard], weight[heard], step, search.waves))
 
 
-def _why_not(q: FloatArray, xy: FloatArray, weight: FloatArray, step: Step, waves: Band) -> str:
+def _why_not(q: FloatArray, xy: FloatArray, weight: FloatArray, step: WaveTrial, waves: Band) -> str:
     if not step.ratio > step.critical:
         return "no better than noise"
     if not all(waves.holds(vector) for vector in _polar(q)[2]):

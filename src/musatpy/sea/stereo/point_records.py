@@ -41,7 +41,7 @@ _NEEDS = {"options": ("system",), "points": ("point", "position", "covariance")}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Precision:
+class PointPrecision:
     """How precise points without sigmas of their own are: sigmas (m), or a pair and the sigma of images (rad)."""
 
     sigma: tuple[float, float, float] | None = None
@@ -83,7 +83,7 @@ class ReadPoints:
 
 def read_points(
     path: Path,
-    precision: Precision,
+    precision: PointPrecision,
     only: Sequence[str] = (),
     columns: Sequence[str] = AXES,
     system: System | None = None,
@@ -151,7 +151,7 @@ def _check_any(path: Path, count: int, only: Sequence[str]) -> None:
 
 
 def _read_record(
-    path: Path, precision: Precision, only: Sequence[str], surface_map: Projected | None
+    path: Path, precision: PointPrecision, only: Sequence[str], surface_map: Projected | None
 ) -> ReadPoints:
     if precision.is_known:
         message = "the record of a run has covariances, and sigmas are given too: one or the other"

@@ -17,8 +17,7 @@ from musatpy.geometry.projected import Projected
 from musatpy.json_files import read_json
 from musatpy.sea.stereo.estimate import SurfaceFit
 from musatpy.sea.stereo.fourier import PER_WAVE, FourierSurface
-from musatpy.sea.stereo.grid import GridSurface
-from musatpy.sea.stereo.splines import bandwidth
+from musatpy.sea.stereo.grid import GridSurface, bandwidth
 
 VERSION = "1.1"
 _LEAST_NODES = 4
