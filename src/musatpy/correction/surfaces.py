@@ -99,21 +99,28 @@ def _outside(done: _Settled, first: int, step: int, beside: int, rows: int) -> b
 
 
 def _settled(correction: Correction, strip: _Strip) -> _Settled | Problem:
-    """Return the true points over the wanted places; a function of the module: other processes call it."""
-    place, low, high = strip.wanted.copy(), np.inf, -np.inf
-    bare = replace(correction, errors=None)
-    for turn in range(_TURNS):
-        row = (place[:, 1] - strip.posts.south) / strip.posts.spacing
-        low, high = min(low, float(row.min())), max(high, float(row.max()))
-        apparent = np.column_stack([place, _bilinear(strip, place)])
-        corrected = attempted(correction if turn == _TURNS - 1 else bare, "", apparent)
-        if isinstance(corrected, Problem):
-            return corrected
-        points, _ = corrected
-        done = _Settled(heights=apparent[:, 2], points=points, low=low, high=high)
-        moved = points.fault == Fault.NONE
-        place[moved] -= points.position[moved, :2] - strip.wanted[moved]
-    return done
+    """Return the true points over the wanted places; a function of the module: other processes call it.
+
+    How far a true point lies beside its apparent one grows with the depth: what it is at each post, for the depth
+    there, leads to the apparent places, and is asked of the rays no more than once.
+    """
+    apparent = np.column_stack([strip.wanted, _bilinear(strip, strip.wanted)])
+    first = attempted(replace(correction, errors=None), "", apparent)
+    if isinstance(first, Problem):
+        return first
+    beside, height = first[0].position[:, :2] - strip.wanted, apparent[:, 2].copy()
+    with np.errstate(invalid="ignore"):  # of points without a true place
+        apparent_depth = first[0].depth / first[0].factor
+        for _ in range(_TURNS):
+            share = 1.0 - (apparent[:, 2] - height) / apparent_depth
+            moved = share > 0.0
+            apparent[moved, :2] = (strip.wanted - beside * share[:, None])[moved]
+            apparent[:, 2] = _bilinear(strip, apparent[:, :2])
+    corrected = attempted(correction, "", apparent)
+    if isinstance(corrected, Problem):
+        return corrected
+    row = (apparent[:, 1] - strip.posts.south) / strip.posts.spacing
+    return _Settled(heights=apparent[:, 2], points=corrected[0], low=float(row.min()), high=float(row.max()))
 
 
 def _bilinear(strip: _Strip, place: FloatArray) -> FloatArray:
