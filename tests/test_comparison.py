@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from cli.commands import musat
 from musatpy.cli.main import main
-from musatpy.comparison import Comparison, compare
+from musatpy.comparison import ComparedRuns, compare
 from musatpy.errors import MusatError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import CoordinateSystem
@@ -29,7 +29,7 @@ def solution_record(system: CoordinateSystem = CoordinateSystem.GEOGRAPHIC) -> d
     return rows
 
 
-def compared(first: dict[str, Any], second: dict[str, Any], labels: tuple[str, str] = ("A", "B")) -> Comparison:
+def compared(first: dict[str, Any], second: dict[str, Any], labels: tuple[str, str] = ("A", "B")) -> ComparedRuns:
     """The comparison of two records by rows."""
     return compare(with_columns(first), with_columns(second), labels)
 

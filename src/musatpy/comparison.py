@@ -43,7 +43,7 @@ OPTIONAL = {  # what records of earlier versions have not, or those without tabl
 
 
 @dataclass(frozen=True, kw_only=True)
-class Differences:
+class ComparedRows:
     """Rows that both solutions have, by falling largest ratio.
 
     Second minus first, (r, k); the sigmas of the second; NaN where one of them has no value.
@@ -66,7 +66,7 @@ class Differences:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Depths:
+class ComparedDepths:
     """Submerged points (s,) with their depths in both, m, by falling difference."""
 
     ids: TextArray
@@ -75,15 +75,15 @@ class Depths:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison:
+class ComparedRuns:
     """Two solutions of one deck."""
 
     labels: tuple[str, str]
     facts: tuple[tuple[str, str, str], ...]  # what, in the first, in the second
-    stations: Differences  # east, north, up, X-tilt, Y-tilt, heading
-    points: Differences  # east, north, up
-    waves: Differences  # height, length, azimuth, crest
-    depths: Depths
+    stations: ComparedRows  # east, north, up, X-tilt, Y-tilt, heading
+    points: ComparedRows  # east, north, up
+    waves: ComparedRows  # height, length, azimuth, crest
+    depths: ComparedDepths
     only_one: tuple[str, ...]  # what one of them has, or determined, and the other not
 
     @property
@@ -92,7 +92,7 @@ class Comparison:
         return float(max(part.largest.max(initial=0.0) for part in (self.stations, self.points, self.waves)))
 
 
-def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B")) -> Comparison:
+def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B")) -> ComparedRuns:
     """Return the comparison of the JSON records of two solutions (`musatpy.reports.record`).
 
     Raises `MusatError` where they are not of one block: other coordinate systems, or no photo in common.
@@ -106,7 +106,7 @@ def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B"))
         raise MusatError(f"nothing to compare: {labels[0]} and {labels[1]} have no photo in common")
     waves = [NamedRows("wave", _waves_of(record)) for record in (first, second)]
     one_origin = first.get("wave_origin") == second.get("wave_origin")
-    return Comparison(
+    return ComparedRuns(
         labels=labels,
         facts=_facts(first, second),
         stations=_placed(first, photos[0], photos[1], "position_sigma", attitude=True),
@@ -173,7 +173,7 @@ def metric_differences(record: Record, first: FloatArray, second: FloatArray) ->
     return ellipsoid.metric_differences(first, second, system == "GEOG")
 
 
-def _placed(record: Record, first: NamedRows, second: NamedRows, sigma: str, attitude: bool) -> Differences:
+def _placed(record: Record, first: NamedRows, second: NamedRows, sigma: str, attitude: bool) -> ComparedRows:
     """Return the differences of positions, and of attitudes, where both have them; `sigma` is that of positions."""
     ids = second.common(first)
     difference = metric_differences(record, *(of.array(ids, "position", 3) for of in (first, second)))
@@ -200,7 +200,7 @@ def _waves_of(record: Record) -> Record:
     }
 
 
-def _waves(first: NamedRows, second: NamedRows, one_origin: bool) -> Differences:
+def _waves(first: NamedRows, second: NamedRows, one_origin: bool) -> ComparedRows:
     """Return the differences of waves: azimuths within half a turn, crests within half a length of the second.
 
     A crest a length away is one of the same wave. Where crests count from two origins, they are not compared.
@@ -216,18 +216,18 @@ def _waves(first: NamedRows, second: NamedRows, one_origin: bool) -> Differences
     return _sorted(ids, difference, second.array(ids, "sigma", len(WAVE_VALUES)))
 
 
-def _sorted(ids: list[str], difference: FloatArray, sigma: FloatArray) -> Differences:
-    rows = Differences(ids=np.array(ids, dtype=str), difference=difference, sigma=sigma)
+def _sorted(ids: list[str], difference: FloatArray, sigma: FloatArray) -> ComparedRows:
+    rows = ComparedRows(ids=np.array(ids, dtype=str), difference=difference, sigma=sigma)
     order = falling(rows.largest, _ROUNDING)
-    return Differences(ids=rows.ids[order], difference=difference[order], sigma=sigma[order])
+    return ComparedRows(ids=rows.ids[order], difference=difference[order], sigma=sigma[order])
 
 
-def _depths(first: Record, second: Record) -> Depths:
+def _depths(first: Record, second: Record) -> ComparedDepths:
     tables = [NamedRows("point", record["bathymetric_points"]) for record in (first, second)]
     ids = tables[1].common(tables[0])
     depth = np.stack([table.array(ids, "depth") for table in tables], axis=1)
     order = falling(np.nan_to_num(np.abs(depth[:, 1] - depth[:, 0]), nan=-1.0), _ROUNDING)
-    return Depths(
+    return ComparedDepths(
         ids=np.array(ids, dtype=str)[order],
         depth=depth[order],
         sigma=tables[1].array(ids, "depth_sigma")[order],

@@ -45,7 +45,7 @@ _PLATE = ObservationKind.PLATE.name.lower()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Images:
+class InquiredImages:
     """The k images of a point, or on a photo; NaN of those that took no part, and of what nothing checks."""
 
     photo: TextArray  # (k,)
@@ -70,7 +70,7 @@ class Images:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Others:
-    """The o observations besides images, in the units of their kinds (m, rad); NaN as of `Images`."""
+    """The o observations besides images, in the units of their kinds (m, rad); NaN as of `InquiredImages`."""
 
     kind: tuple[ObservationKind, ...]
     of: tuple[str, ...]
@@ -102,7 +102,7 @@ class About:
     name: str
     is_photo: bool
     row: dict[str, Any]  # of `points` or `stations`
-    images: Images
+    images: InquiredImages
     others: Others
     neighbours: Neighbours
     control: dict[str, Any] | None  # row of the table of control
@@ -119,7 +119,7 @@ def inquire(record: Record, name: str) -> tuple[About, ...]:
 
     Raises `MusatError` with the nearest name where there is neither.
     """
-    run = _Run(record)
+    run = _RecordedRun(record)
     found = tuple(run.about(name, photo) for photo in (False, True) if name in run.named[photo].rows)
     if not found:
         likely = nearest(name, (*run.named[False].rows, *run.named[True].rows))
@@ -127,7 +127,7 @@ def inquire(record: Record, name: str) -> tuple[About, ...]:
     return found
 
 
-class _Run:
+class _RecordedRun:
     """The tables of a record: its points and photos by names, the rows of observations of its images."""
 
     def __init__(self, record: Record) -> None:
@@ -162,7 +162,7 @@ class _Run:
             moved=self._moved(name) if is_photo else float("nan"),
         )
 
-    def _images(self, rows: IntArray) -> Images:
+    def _images(self, rows: IntArray) -> InquiredImages:
         photo, point = self.photo[rows], self.point[rows]
         observations = [self.observed.get(key, {}) for key in zip(photo, point, strict=True)]
 
@@ -179,7 +179,7 @@ class _Run:
         change = _without(effect, detectable, error).sum(axis=1)
         taken = measured("triangulated").astype(bool)
         change[~taken | ~self._stay(point)] = np.nan
-        return Images(
+        return InquiredImages(
             photo=photo,
             point=point,
             submerged=self.named[False].array(point, "bathymetric").astype(bool),
@@ -228,7 +228,7 @@ class _Run:
             change=change,
         )
 
-    def _neighbours(self, name: str, is_photo: bool, images: Images) -> Neighbours:
+    def _neighbours(self, name: str, is_photo: bool, images: InquiredImages) -> Neighbours:
         """Return the photos that have points of a photo, or the points that are on the photos of a point."""
         here, there = (self.photo, self.point) if is_photo else (self.point, self.photo)
         shared = np.isin(there, images.point if is_photo else images.photo) & (here != name)

@@ -24,7 +24,7 @@ from musatpy.reports.record import record_of, texts_of
 from musatpy.statistics import Statistics
 
 if TYPE_CHECKING:
-    from musatpy.comparison import Comparison
+    from musatpy.comparison import ComparedRuns
     from musatpy.formats.cards.settings import Setting
     from musatpy.formats.cards.spec import Family
     from musatpy.formats.families import FormatFamily
@@ -219,7 +219,7 @@ def _punched(
     return rendered.contents, notes + tuple(f"punched files: {line}" for line in rendered.left_out)
 
 
-def compared(first: Path, second: Path, labels: tuple[str, str]) -> Comparison:
+def compared(first: Path, second: Path, labels: tuple[str, str]) -> ComparedRuns:
     """Return the comparison of two solutions, each a record that a run left (`.json`), or a deck that is adjusted.
 
     Raises `MusatError` where a file is neither, or they are not of one block, and `OSError`.

@@ -12,10 +12,10 @@ import musatpy
 
 PACKAGE = Path(musatpy.__file__).parent
 ADDED = """
-from musatpy.adjustment.compiled.points import Points, follow
+from musatpy.adjustment.compiled.points import LinearPoints, follow
 import numpy as np
 i, list_, table, stack = np.zeros(0, dtype=int), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2, 3))
-points = Points(stack, stack, table, stack, table, list_, list_)
+points = LinearPoints(stack, stack, table, stack, table, list_, list_)
 follow(i, i, i, points, (0,), table, table)
 print(sum(follow.stats.cache_hits.values()))
 """

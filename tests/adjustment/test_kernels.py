@@ -22,7 +22,7 @@ from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.iteration import Linearisation, State
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kernels import loops_of
-from musatpy.adjustment.musat2a import Triangulation
+from musatpy.adjustment.musat2a import GeodeticRestraint
 from musatpy.adjustment.network import Network, job_frame
 from musatpy.cli import run
 from musatpy.errors import AdjustmentError
@@ -116,7 +116,7 @@ def test_both_have_the_same_conditions_and_points_at_rest(
     for kind in BOTH:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv(kernels.VARIABLE, kind)
-            problem = Triangulation(network=replace(network), options=options)
+            problem = GeodeticRestraint(network=replace(network), options=options)
             # the last step of a point is below 10 um, of which Gauss-Newton leaves up to a fifth where stations are
             # off by metres; numpy goes on with the points of a group until the last one is there
             settled.append(ground.settle(network, ground.settle(network, ground.settle(network, state))))
@@ -289,7 +289,7 @@ def test_sums_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyP
             problem = Simultaneous(network=replace(network, gathered={}), options=options)
             lines.append(problem.linearise(problem.with_squares(state)))
         else:
-            pass_points = Triangulation(network=replace(network, gathered={}), options=options)
+            pass_points = GeodeticRestraint(network=replace(network, gathered={}), options=options)
             lines.append(pass_points.linearise(ground.settle(pass_points.network, state)))
     a, b = lines
     np.testing.assert_array_equal(a.matrix.blocks, b.matrix.blocks)

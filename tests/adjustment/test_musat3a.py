@@ -22,7 +22,7 @@ from musatpy.adjustment import adjust, musat2a
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import State
-from musatpy.adjustment.musat2a import Triangulation, fully_weighted
+from musatpy.adjustment.musat2a import GeodeticRestraint, fully_weighted
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.sightings import image_coordinates
@@ -273,14 +273,14 @@ def last_of(deck: str, refraction: model.Refraction | None) -> Seen:
     options = {"program": model.Program.IIA, "weights": model.Weights.FULL}
     block = with_options(block, **options, **({} if refraction is None else {"refraction": refraction}))
     seen: list[Seen] = []
-    linearise = Triangulation.linearise
+    linearise = GeodeticRestraint.linearise
 
-    def spied(self: Triangulation, state: State) -> object:
+    def spied(self: GeodeticRestraint, state: State) -> object:
         seen.append(Seen(network=self.network, state=state))
         return linearise(self, state)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Triangulation, "linearise", spied)
+        patch.setattr(GeodeticRestraint, "linearise", spied)
         adjust(block, lambda *_: None)  # anew
     return seen[-1]
 

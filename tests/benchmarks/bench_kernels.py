@@ -23,7 +23,7 @@ from musatpy.adjustment import ground, kernels
 from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.musat2a import Triangulation
+from musatpy.adjustment.musat2a import GeodeticRestraint
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
 from musatpy.model import Options, Program
@@ -46,7 +46,7 @@ def scene(photos: int) -> tuple[Network, State, Options]:
 def work(network: Network, state: State, options: Options) -> Work:
     """Return what is measured, by name; which kernels it takes is asked as it is made."""
     simultaneous = Simultaneous(network=replace(network), options=options)
-    triangulation = Triangulation(network=replace(network), options=options)
+    triangulation = GeodeticRestraint(network=replace(network), options=options)
     line = simultaneous.linearise(simultaneous.with_squares(state))
     step = np.full(len(line.rhs), 1e-7)
     matrix = replace(line.matrix, pattern=replace(line.matrix.pattern))  # which keeps what has been chosen for it

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from musatpy.refraction import fermat, flat
-from musatpy.refraction.stationary import Rays, path, stationary
+from musatpy.refraction.stationary import RayEnds, path, stationary
 from musatpy.refraction.waves import sinusoidal
 
 INDEX, SEARCHED, NETTED, REGULAR = 1.34, 200, 3, 50_000
@@ -38,7 +38,7 @@ def seconds(function: Callable[[], object]) -> float:
 
 def by_net(place: np.ndarray) -> None:
     """Look for the refraction points of one ray in every twelfth of a wave, all over its reach."""
-    ray = Rays.of(CAMERA, place, INDEX, 0.0)
+    ray = RayEnds.of(CAMERA, place, INDEX, 0.0)
     reach = float(ray.reach(SHORT).radius[0])
     nodes = np.linspace(-reach, reach, int(2.0 * reach / SHORT.limits.length * 12.0) + 2)
     net = place[:2] + np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1)

@@ -13,7 +13,7 @@ import pytest
 from benchmarks.blocks import simulated
 from musatpy.adjustment.iteration import State
 from musatpy.blunders import names
-from musatpy.blunders.scene import Effort, Scene, staged
+from musatpy.blunders.scene import Effort, StagedBlock, staged
 
 
 @pytest.mark.parametrize(("share", "named"), [(0.0, True), (0.25, True), (0.35, False), (0.6, False)])
@@ -31,7 +31,7 @@ def test_exchanged_photos_stand_near_the_card_of_the_other_one(
 
 
 @cache
-def scene() -> tuple[Scene, State]:
+def scene() -> tuple[StagedBlock, State]:
     """A block of two strips over land and water up to 60 m deep, from 1,500 m."""
     return staged(simulated(18, submerged=0.5, seed=4, depth=60.0)[0], None, None, Effort(left=math.inf))
 

@@ -11,7 +11,7 @@ import pytest
 from altered import added, altered, put
 from benchmarks.blocks import simulated
 from musatpy.adjustment import adjust, kernels
-from musatpy.blunders.scene import Effort, Scene, deviations, settled, sizes, staged, weights
+from musatpy.blunders.scene import Effort, StagedBlock, deviations, settled, sizes, staged, weights
 from musatpy.blunders.snooping import Judgement, _leaving, factors_of, judged, snooped, units_of
 from musatpy.model import AirBases, Block, ObservationKind, WaterLevel
 from musatpy.statistics import Statistics
@@ -33,7 +33,7 @@ def land_block(photos: int = 8) -> Block:
     )
 
 
-def judgement_without(block: Block, *rows: tuple[ObservationKind, int]) -> tuple[Scene, Judgement]:
+def judgement_without(block: Block, *rows: tuple[ObservationKind, int]) -> tuple[StagedBlock, Judgement]:
     """Return the tests with some rows of the tables out."""
     scene, state = staged(block, None, None, Effort(left=math.inf))
     out = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}

@@ -7,7 +7,7 @@ import pytest
 
 from musatpy.refraction import bending, flat
 from musatpy.refraction.all_refraction_points import disc, search
-from musatpy.refraction.stationary import Rays, path, stationary
+from musatpy.refraction.stationary import RayEnds, path, stationary
 from musatpy.refraction.surface import Gridded, Plane, Surface
 from musatpy.refraction.waves import LENGTH, Trains, Trochoid, about, sinusoidal, stokes
 from musatpy.sea.theory import linear_wave
@@ -82,7 +82,7 @@ HARD: dict[str, Surface] = {
 }  # fmt: skip
 
 
-def some_rays(count: int, seed: int, deepest: float = 200.0) -> Rays:
+def some_rays(count: int, seed: int, deepest: float = 200.0) -> RayEnds:
     """Return rays at depths from 5 m, evenly in their logarithm, inclined by 0 to 60 degrees."""
     rng = np.random.default_rng(seed)
     ground = np.column_stack(
@@ -90,10 +90,10 @@ def some_rays(count: int, seed: int, deepest: float = 200.0) -> Rays:
     )
     out, azimuth = 1500.0 * np.tan(np.radians(rng.uniform(0.0, 60.0, count))), rng.uniform(0.0, 6.28, count)
     camera = np.column_stack([out * np.cos(azimuth), out * np.sin(azimuth), np.full(count, 1500.0)])
-    return Rays.of(camera, ground, N, 0.0)
+    return RayEnds.of(camera, ground, N, 0.0)
 
 
-def by_force(surface: Surface, ray: Rays) -> np.ndarray:
+def by_force(surface: Surface, ray: RayEnds) -> np.ndarray:
     """Return the refraction points (k, 2) of a ray that Newton reaches from a net over its reach.
 
     Neither the disc nor the bounds of the search are asked: only where Snell's law lets a ray go.

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from musatpy.refraction import bending, fermat, flat
 from musatpy.refraction.all_refraction_points import search
 from musatpy.refraction.flat import water_tangent_ratio
-from musatpy.refraction.stationary import Rays
+from musatpy.refraction.stationary import RayEnds
 from musatpy.refraction.surface import Gridded, Plane
 from musatpy.refraction.waves import sinusoidal
 from refraction.bisection import incidence_distance
@@ -136,19 +136,19 @@ def test_a_ray_that_is_called_single_has_one_refraction_point() -> None:
         length = rng.uniform(4.0, 40.0)
         sea = sinusoidal(amplitude=rng.uniform(0.0, 0.03) * length, length=length, azimuth=rng.uniform(0, 6))
         ground = np.array([rng.uniform(-200, 200), rng.uniform(-200, 200), rng.uniform(-25.0, -2.0)])
-        ray = Rays.of(CAMERA, ground, N, 0.0)
+        ray = RayEnds.of(CAMERA, ground, N, 0.0)
         checked += 1
         if fermat.is_single(sea, ray)[0]:
             single += 1
             assert len(search(sea, ray).xy) == 1
     assert 0.3 < single / checked < 1.0
-    assert not fermat.is_single(STEEP, Rays.of(CAMERA, GROUND, N, 0.0)).any()
+    assert not fermat.is_single(STEEP, RayEnds.of(CAMERA, GROUND, N, 0.0)).any()
 
 
 @pytest.mark.parametrize("name", SEAS)
 def test_no_ray_meets_the_water_beyond_its_reach(name: str) -> None:
     """Of a surface without a highest place too, whose slope bounds what a ray can meet."""
-    rays = Rays.of(CAMERA, GROUND, N, 1.5)
+    rays = RayEnds.of(CAMERA, GROUND, N, 1.5)
     W = CAMERA + fermat.incidence(SEAS[name], CAMERA, GROUND, N, 1.5).v
     reach, depth = rays.reach(SEAS[name]), W[:, 2] - GROUND[:, 2]
     assert np.isfinite(reach.radius).all()

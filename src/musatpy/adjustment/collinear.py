@@ -201,7 +201,7 @@ def _water_extras(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reduced:
+class ReducedNormals:
     """Reduced normal equations of k points with m rays: of their stations, and of the X globals of their extras.
 
     Plain arrays out of plain arrays: what forms them knows nothing of how they are stored and solved.
@@ -213,7 +213,7 @@ class Reduced:
     corner_rhs: FloatArray  # (k, X)
 
 
-def reduced(network: Network, group: PointGroup, E: Elimination) -> Reduced:
+def reduced(network: Network, group: PointGroup, E: Elimination) -> ReducedNormals:
     """Return the reduced normal equations of the points of a group."""
     pattern, photo, weight = network.pattern, network.photo[group.rays], group.weights(network.weight)
     k, m, _, q = E.A.shape
@@ -222,10 +222,12 @@ def reduced(network: Network, group: PointGroup, E: Elimination) -> Reduced:
     i, j = upper_triangle(m)
     blocks = -E.cross.reshape(k, m, q, 3)[:, i] @ np.swapaxes(E.by_station, 1, 2)[:, j]
     blocks[:, i == j] += At @ E.A
-    return Reduced(sums=summed(pattern, photo, blocks, rhs), **_of_extras(E, weight))
+    return ReducedNormals(sums=summed(pattern, photo, blocks, rhs), **_of_extras(E, weight))
 
 
-def add_collinear(network: Network, group: PointGroup, E: Elimination, part: Reduced, out: NormalEquations) -> None:
+def add_collinear(
+    network: Network, group: PointGroup, E: Elimination, part: ReducedNormals, out: NormalEquations
+) -> None:
     """Add the reduced normal equations of the points of a group."""
     photo = network.photo[group.rays]
     out.add_sums(part.sums)
@@ -302,7 +304,7 @@ class Simultaneous:
         normals = NormalEquations(network.pattern, network.border.size)
         follows: list[Follow] = []
 
-        def eliminated(part: PointGroup) -> tuple[Elimination, Reduced]:
+        def eliminated(part: PointGroup) -> tuple[Elimination, ReducedNormals]:
             E = eliminate(network, state, part)
             return E, reduced(network, part, E)
 

@@ -221,7 +221,7 @@ class Priors:
 class PointNormals:
     """Normal equations of k points with m rays, in east, north, up (working axes for points without priors)."""
 
-    images: sightings.Images
+    images: sightings.RayImages
     residual: FloatArray  # (k, m, 2) mm, adjusted minus measured
     B: FloatArray  # (k, m, 2, 3) images by the free components of the point
     matrix: FloatArray  # (k, 3, 3)

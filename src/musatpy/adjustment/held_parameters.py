@@ -26,7 +26,7 @@ from musatpy.adjustment.iteration import State, tide_groups
 from musatpy.adjustment.kinds import direct_rows, state_after
 from musatpy.adjustment.kinds.kind import Rows
 from musatpy.adjustment.network import RAYS, Network, Participation, kept_axes, parts_of, together
-from musatpy.adjustment.precision import Precision
+from musatpy.adjustment.precision import Covariances
 from musatpy.adjustment.propagation import PointRows, point_rows
 from musatpy.adjustment.sightings import residuals
 from musatpy.arrays import BoolArray, FloatArray
@@ -71,7 +71,7 @@ class _AtRest:
     network: Network
     state: State
     part: Participation
-    known: Precision
+    known: Covariances
     free: Freedom
 
     @cached_property
@@ -194,7 +194,7 @@ def held_parameters(
     network: Network,
     state: State,
     part: Participation,
-    known: Precision,
+    known: Covariances,
     free: Freedom | None,
 ) -> HeldParameters:
     """Return what errors of the parameters do that a solution at `state` holds.

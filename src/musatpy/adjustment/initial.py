@@ -58,7 +58,7 @@ class InitialValues:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Place:
+class PhotoPlaces:
     """Where the n photos stand: working coordinates, and how each was found or why not."""
 
     frame: Frame
@@ -69,13 +69,15 @@ class Place:
     reasons: dict[int, str]  # photo -> why it was not found
     notes: tuple[str, ...] = ()  # what is to be said of photos that were found
 
-    def having(self, photo: IntArray | BoolArray, C: FloatArray, M: FloatArray, name: str | TextArray) -> Place:
+    def having(
+        self, photo: IntArray | BoolArray, C: FloatArray, M: FloatArray, name: str | TextArray
+    ) -> PhotoPlaces:
         """Return the places with photos found at C (k, 3) with M (k, 3, 3)."""
         place = replace(self, C=self.C.copy(), M=self.M.copy(), found=self.found.copy())
         place.C[photo], place.M[photo], place.found[photo] = C, M, name
         return place
 
-    def without(self, photos: list[int], reason: str) -> Place:
+    def without(self, photos: list[int], reason: str) -> PhotoPlaces:
         """Return the places with the reason why photos have none."""
         return replace(self, reasons={**self.reasons, **dict.fromkeys(photos, reason)})
 
@@ -159,7 +161,7 @@ def initial_photos(block: Block) -> InitialValues:
     )
 
 
-def _found(block: Block, sights: Sights) -> Place:
+def _found(block: Block, sights: Sights) -> PhotoPlaces:
     """Return the places by joined models, or by the mosaic where that finds photos that the models do not."""
     joined = placed(block, sights, models_of(block, sights), MODEL)
     if (joined.found == MODEL).all():
@@ -177,17 +179,17 @@ def _found(block: Block, sights: Sights) -> Place:
     return place
 
 
-def _completed(block: Block, sights: Sights, place: Place) -> Place:
+def _completed(block: Block, sights: Sights, place: PhotoPlaces) -> PhotoPlaces:
     """Return the places with single photos resected, refined as a whole."""
     place = resected(block, sights, place)
     return _refined(block, place) if (place.found != NOT_FOUND).any() else place
 
 
-def _refined(block: Block, place: Place) -> Place:
+def _refined(block: Block, place: PhotoPlaces) -> PhotoPlaces:
     return refined_stations(block, place, typical_height(block, place))
 
 
-def _problems(photos: Photos, rows: IntArray, place: Place) -> tuple[Problem, ...]:
+def _problems(photos: Photos, rows: IntArray, place: PhotoPlaces) -> tuple[Problem, ...]:
     """Return why photos were not found, those with one reason together."""
     alike: dict[str, list[str]] = {}
     for row in rows.tolist():
@@ -198,7 +200,7 @@ def _problems(photos: Photos, rows: IntArray, place: Place) -> tuple[Problem, ..
     )
 
 
-def placed(block: Block, sights: Sights, models: list[Model], name: str) -> Place:
+def placed(block: Block, sights: Sights, models: list[Model], name: str) -> PhotoPlaces:
     """Return the photos of models placed on the control; `name` says how they were found.
 
     Observed stations count as control, other given stations only where a model cannot be placed without them.
@@ -208,7 +210,7 @@ def placed(block: Block, sights: Sights, models: list[Model], name: str) -> Plac
     n = len(block.photos.ids)
     pairless = f"it has no pair of at least {FEWEST} good points in common, and too few known points"
     frame = _frame(block)
-    place = Place(
+    place = PhotoPlaces(
         frame=frame,
         C=np.full((n, 3), np.nan),
         M=np.full((n, 3, 3), np.nan),
@@ -255,7 +257,7 @@ def _known(block: Block, frame: Frame, approximate: bool) -> _Known:
     )
 
 
-def _on_control(place: Place, model: Model, known: _Known, name: str) -> Place | None:
+def _on_control(place: PhotoPlaces, model: Model, known: _Known, name: str) -> PhotoPlaces | None:
     """Return the places with those of a model's photos, None where too little is known of it.
 
     Components that are not known are first taken from the middle of the job, then from the placed model: on a
@@ -308,7 +310,7 @@ def _too_little(model: Model, known: _Known) -> str:
     )
 
 
-def _nominally(block: Block, place: Place, model: Model, known: _Known, name: str) -> Place:
+def _nominally(block: Block, place: PhotoPlaces, model: Model, known: _Known, name: str) -> PhotoPlaces:
     """Return the places with the photos of a model that too little is known of, in a datum of our own.
 
     Its ground lies level, and the x-axis of its first photo points east. The scale is that of measured distances,
@@ -371,7 +373,7 @@ def _nominal_height(block: Block, model: Model) -> float:
     return -float(np.median(model.X[:, 2]))
 
 
-def resected(block: Block, sights: Sights, place: Place) -> Place:
+def resected(block: Block, sights: Sights, place: PhotoPlaces) -> PhotoPlaces:
     """Return the places with photos resected from full control and from the points that found photos intersect.
 
     In each round only the surest ones are taken: they make the others surer.
@@ -392,7 +394,7 @@ def resected(block: Block, sights: Sights, place: Place) -> Place:
                 place = place.having(np.array([photo]), station.C, station.M, RESECTION)
 
 
-def _resected(block: Block, sights: Sights, place: Place, photo: int, ground: FloatArray) -> Resection | None:
+def _resected(block: Block, sights: Sights, place: PhotoPlaces, photo: int, ground: FloatArray) -> Resection | None:
     rows = np.flatnonzero((sights.photo == photo) & finite_rows(ground[sights.point]))
     X = ground[sights.point[rows]]
     sigma = tangent_sigma(block)
@@ -403,7 +405,7 @@ def _resected(block: Block, sights: Sights, place: Place, photo: int, ground: Fl
     return station if station.sigma < UNHELD * height else None
 
 
-def _ground(block: Block, sights: Sights, place: Place) -> FloatArray:
+def _ground(block: Block, sights: Sights, place: PhotoPlaces) -> FloatArray:
     """Return working coordinates (p, 3) of full control, and of points with rays from two found photos or more."""
     ground = np.full((len(block.points.ids), 3), np.nan)
     rows = np.flatnonzero(place.found[sights.photo] != "")
@@ -418,7 +420,7 @@ def _ground(block: Block, sights: Sights, place: Place) -> FloatArray:
     return np.where(np.isfinite(control), control, ground)
 
 
-def full_control(block: Block, place: Place) -> FloatArray:
+def full_control(block: Block, place: PhotoPlaces) -> FloatArray:
     """Return working coordinates (p, 3) of full control that does not contradict the rest, NaN of other points."""
     ground = np.full((len(block.points.ids), 3), np.nan)
     known = _known(block, place.frame, approximate=False)
@@ -428,7 +430,7 @@ def full_control(block: Block, place: Place) -> FloatArray:
     return ground
 
 
-def typical_height(block: Block, place: Place) -> float:
+def typical_height(block: Block, place: PhotoPlaces) -> float:
     """Return the flying height of the photos found over the ground points, m; NaN where there are none."""
     sights = sights_of(block)
     ground = _ground(block, sights, place)
@@ -436,7 +438,7 @@ def typical_height(block: Block, place: Place) -> float:
     return float(np.median(distance[np.isfinite(distance)])) if np.isfinite(distance).any() else float("nan")
 
 
-def misfit(block: Block, sights: Sights, place: Place) -> tuple[int, float]:
+def misfit(block: Block, sights: Sights, place: PhotoPlaces) -> tuple[int, float]:
     """Return how many photos are lost or do not fit the others, and the median image error (tangent) of all."""
     ground = _ground(block, sights, place)
     M, v = place.M[sights.photo], ground[sights.point] - place.C[sights.photo]

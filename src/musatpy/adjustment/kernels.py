@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # these have loops over points themselves
     from musatpy.adjustment.iteration import State
     from musatpy.adjustment.network import Network, PointGroup
     from musatpy.adjustment.normals import Cofactors, NormalEquations
-    from musatpy.adjustment.propagation import Diagonal, Part, PointRows
+    from musatpy.adjustment.propagation import Diagonal, PointRows, PropagatedObservations
     from musatpy.arrays import FloatArray
 
 VARIABLE = "MUSAT_KERNELS"
@@ -92,7 +92,7 @@ class Loops:
 
     def spread(
         self, state: State, cofactors: Cofactors, residual: FloatArray, points: FloatArray, diagonal: Diagonal
-    ) -> tuple[tuple[PointGroup, ...], list[Part]]:
+    ) -> tuple[tuple[PointGroup, ...], list[PropagatedObservations]]:
         """Set the cofactors of `points` (p, 3, 3) along east, north, up, and return those of their images.
 
         Adds to the diagonal; `residual` (all measurements, 2) mm.

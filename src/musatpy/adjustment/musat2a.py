@@ -41,11 +41,11 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     stations free.
     """
     job, state = prepared(block, progress, sea)
-    return _Run(job=job).solution(state)
+    return _RunOfIIA(job=job).solution(state)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Run:
+class _RunOfIIA:
     """A run of MUSAT-IIA."""
 
     job: Job
@@ -83,11 +83,11 @@ class _Run:
             problem=self.problem,
         )
 
-    def problem(self, network: Network, state: State) -> Triangulation:
+    def problem(self, network: Network, state: State) -> GeodeticRestraint:
         options = self.job.block.options
         equal = options.weights is Weights.EQUAL
         scale = simple_variances(network, state, options.weights) if equal else None
-        return Triangulation(network=network, options=options, fixed_scale=scale)
+        return GeodeticRestraint(network=network, options=options, fixed_scale=scale)
 
     def first_triangulation(self, state: State) -> tuple[Outcome, tuple[str, ...]]:
         """Return the outcome without refraction, and warnings. Raises `AdjustmentError` naming what is free.
@@ -207,7 +207,7 @@ Scale = tuple[FloatArray, ...] | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Triangulation:
+class GeodeticRestraint:
     """The modified geodetic restraint of a network (ETL-0306 section 3, docs/theory.md).
 
     States that it sees have their points settled; `apply` settles those that it returns.

@@ -73,7 +73,7 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     # it has no other ones, whatever the option card says
     options = replace(block.options, refraction=Refraction.RIGOROUS, weights=Weights.FULL)
     job, state = prepared(replace(block, options=options), progress, sea)
-    return _Run(job=job).solution(state)
+    return _RunOfIIIA(job=job).solution(state)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,7 +87,7 @@ class _Attempt:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Run:
+class _RunOfIIIA:
     """A run of MUSAT-IIIA."""
 
     job: Job

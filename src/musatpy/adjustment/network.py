@@ -67,7 +67,7 @@ class GroundPriors:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Measured:
+class MeasuredTies:
     """The d observations of one kind that were measured between stations and kept points, and take part."""
 
     row: IntArray  # (d,) of the table of the block
@@ -78,7 +78,7 @@ class Measured:
 
 
 _NONE, _NO_ENDS = np.zeros(0, dtype=np.int64), np.zeros((0, 0), dtype=np.int64)
-NOTHING = Measured(row=_NONE, photo=_NO_ENDS, point=_NO_ENDS, value=np.zeros(0), weight=np.zeros(0))
+NOTHING = MeasuredTies(row=_NONE, photo=_NO_ENDS, point=_NO_ENDS, value=np.zeros(0), weight=np.zeros(0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,7 +160,7 @@ class Network:
     control_groups: tuple[PointGroup, ...]  # points with control, or of a group; enter by collinearity
     kept_groups: tuple[PointGroup, ...]  # the points of `border.kept`, which are not eliminated (IIIA)
     left_out: tuple[PointGroup, ...]  # points that took no part and have a position, with all their rays
-    measured: Mapping[ObservationKind, Measured]
+    measured: Mapping[ObservationKind, MeasuredTies]
     pattern: Pattern  # which photos meet in the normal equations, or in a point to be intersected
     turned: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))  # (n,) or (0,): see `iteration`
     # what was gathered of the points once, by its class, for all networks of the same points and rays

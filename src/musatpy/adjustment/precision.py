@@ -52,7 +52,7 @@ FARTHEST = 100.0  # flying heights: a point of the adjustment that is farther ha
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Precision:
+class Covariances:
     """Covariances of a solution, in metres and radians; those of p points along east, north, up."""
 
     unit_sigma: float  # standard deviation of unit weight that scales the covariances of the estimates
@@ -99,7 +99,7 @@ def precision(
     residual: FloatArray,
     squares: float,
     dof: int,
-) -> Precision:
+) -> Covariances:
     """Return the precision of a solution at `state`.
 
     `network` has the true rays: straight ones would make depths look n times as sure. `factor` is that of its
@@ -121,7 +121,7 @@ def precision(
         considered = considered_parameters(block, network, state, full, free.held if free else NOTHING_HELD, inner)
     left = squares - (considered.parameters.explained if considered else 0.0)
     unit_sigma = float(np.sqrt(max(left, 0.0) / dof)) if dof > 0 else 1.0
-    estimates = Errors(network=network, state=state, cofactors=held, inner=inner)
+    estimates = ErrorSources(network=network, state=state, cofactors=held, inner=inner)
     spread, of_depths = _spread(estimates, block, residual)
     points, depths = spread.points * unit_sigma**2, of_depths * unit_sigma**2
     unknowns = estimated = cofactors.times(unit_sigma**2)
@@ -130,7 +130,7 @@ def precision(
         spread = spread_to_observations(replace(estimates, cofactors=full.cofactors()), block, residual)
     observed = propagation.joined(spread.parts)
     if considered is not None:
-        errors = Errors(
+        errors = ErrorSources(
             network=considered.network,
             state=considered.state,
             cofactors=considered.cofactors,
@@ -141,7 +141,7 @@ def precision(
         unknowns = considered.with_covariances(unknowns)
         observed = replace(observed, considered=propagation.variances(other.parts))
     unknowns, estimated = (stated(network, state, of) for of in (unknowns, estimated))
-    return Precision(
+    return Covariances(
         unit_sigma=unit_sigma,
         cofactors=cofactors,
         unknowns=unknowns,
@@ -204,7 +204,7 @@ def _water_precision(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Errors:
+class ErrorSources:
     """Errors that spread to points: those of unknowns with these cofactors, and of the images and priors of points.
 
     Without the latter where they come from considered parameters alone.
@@ -223,15 +223,15 @@ class Errors:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Spread:
+class PropagatedCofactors:
     """Cofactors of points (p, 3, 3), NaN where not determined, and those of the observations."""
 
     points: FloatArray
-    parts: list[propagation.Part]
+    parts: list[propagation.PropagatedObservations]
     diagonal: Diagonal
 
 
-def spread_to_observations(errors: Errors, block: Block, residual: FloatArray) -> Spread:
+def spread_to_observations(errors: ErrorSources, block: Block, residual: FloatArray) -> PropagatedCofactors:
     """Return how errors spread to the points that take part and to all observations; `residual` (m, 2) mm."""
     network, state, cofactors = errors.network, errors.state, errors.cofactors
     points = np.full((network.points, 3, 3), np.nan)
@@ -246,10 +246,10 @@ def spread_to_observations(errors: Errors, block: Block, residual: FloatArray) -
             points[group.point[rows]] = point_covariances(network, piece, cofactors, errors.inner)
             parts += [propagation.images(network, piece, residual), *propagation.priors(piece, block)]
             diagonal.add(network, piece)
-    return Spread(points=points, parts=parts, diagonal=diagonal)
+    return PropagatedCofactors(points=points, parts=parts, diagonal=diagonal)
 
 
-def _spread(errors: Errors, block: Block, residual: FloatArray) -> tuple[Spread, FloatArray]:
+def _spread(errors: ErrorSources, block: Block, residual: FloatArray) -> tuple[PropagatedCofactors, FloatArray]:
     """Return the same with the points that took no part and have a position, and the cofactors (p,) of depths."""
     spread = spread_to_observations(errors, block, residual)
     for group in errors.network.left_out:
@@ -259,7 +259,7 @@ def _spread(errors: Errors, block: Block, residual: FloatArray) -> tuple[Spread,
     return spread, _depths(errors, block, spread.points)
 
 
-def _depths(errors: Errors, block: Block, points: FloatArray) -> FloatArray:
+def _depths(errors: ErrorSources, block: Block, points: FloatArray) -> FloatArray:
     """Return the cofactors (p,) of depths, NaN for points on land; `points` (p, 3, 3) are those of positions."""
     network, state, submerged = errors.network, errors.state, block.points.bathymetric
     depths = np.full(network.points, np.nan)
@@ -275,7 +275,7 @@ def _depths(errors: Errors, block: Block, points: FloatArray) -> FloatArray:
     return depths
 
 
-def _pieces(errors: Errors, group: PointGroup) -> Iterator[tuple[slice, propagation.Piece]]:
+def _pieces(errors: ErrorSources, group: PointGroup) -> Iterator[tuple[slice, propagation.Piece]]:
     for rows, piece in pieces(errors.network, errors.state, group, errors.cofactors):
         if errors.of_parameters:
             piece = replace(piece, E=replace(piece.E, inverse=np.zeros_like(piece.E.inverse)))
@@ -350,24 +350,24 @@ def _correlated(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reach:
+class RayReach:
     """Lengths of rays: the `nearest` (p,) m of each point, and the flying height, which is their median."""
 
     nearest: FloatArray
     height: float
 
 
-def reach_of(network: Network, state: State, part: Participation) -> Reach:
+def reach_of(network: Network, state: State, part: Participation) -> RayReach:
     """Return the lengths of the rays at `state`."""
     with np.errstate(invalid="ignore", over="ignore"):
         rays = np.linalg.norm(state.ground[network.point] - state.position[network.photo], axis=1)
     nearest = np.full(network.points, np.inf)
     np.fmin.at(nearest, network.point, rays)
     rays = rays[part.used & np.isfinite(rays)]
-    return Reach(nearest=nearest, height=float(np.median(rays)) if len(rays) else np.inf)
+    return RayReach(nearest=nearest, height=float(np.median(rays)) if len(rays) else np.inf)
 
 
-def undetermined_points(network: Network, state: State, reach: Reach, covariance: FloatArray) -> dict[int, str]:
+def undetermined_points(network: Network, state: State, reach: RayReach, covariance: FloatArray) -> dict[int, str]:
     """Return the points that their rays do not determine, with the reason: points with `covariance` (p, 3, 3) m2.
 
     The largest axis of their ellipsoid is above a tenth of the flying height, and that of the one by their rays

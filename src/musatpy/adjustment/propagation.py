@@ -53,7 +53,7 @@ class Piece:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Part:
+class PropagatedObservations:
     """Observations of one kind; `weight` is 1/sigma^2."""
 
     kind: ObservationKind
@@ -65,7 +65,7 @@ class Part:
     covariance: FloatArray  # (o, 3) cofactors of the own position and the adjusted observation
 
 
-def joined(parts: Iterable[Part]) -> Observations:
+def joined(parts: Iterable[PropagatedObservations]) -> Observations:
     """Return the observations of all parts in the order of kinds, rows and components."""
     every = list(parts)
     kind, row, component, weight, order = _ordered(every)
@@ -83,14 +83,14 @@ def joined(parts: Iterable[Part]) -> Observations:
     )
 
 
-def variances(parts: Iterable[Part]) -> FloatArray:
+def variances(parts: Iterable[PropagatedObservations]) -> FloatArray:
     """Return the cofactors (o,) of all parts in the same order."""
     every = list(parts)
     order = _ordered(every)[-1]
     return np.concatenate([part.cofactor for part in every])[order]
 
 
-def _ordered(parts: list[Part]) -> tuple[IntArray, IntArray, IntArray, FloatArray, IntArray]:
+def _ordered(parts: list[PropagatedObservations]) -> tuple[IntArray, IntArray, IntArray, FloatArray, IntArray]:
     """Return kinds, rows, components and weights of all observations, and the order of those with a weight."""
     kind = np.concatenate([np.full(len(part.row), part.kind) for part in parts])
     row = np.concatenate([part.row for part in parts])
@@ -104,7 +104,7 @@ def _ordered(parts: list[Part]) -> tuple[IntArray, IntArray, IntArray, FloatArra
     return kind, row, component, weight, order[weight[order] > 0.0]
 
 
-def images(network: Network, piece: Piece, residual: FloatArray) -> Part:
+def images(network: Network, piece: Piece, residual: FloatArray) -> PropagatedObservations:
     """Return the plate coordinates of a piece; `residual` (all measurements, 2) mm."""
     group = piece.group
     k, m = group.rays.shape
@@ -149,7 +149,7 @@ def prior_partials(piece: Piece) -> tuple[FloatArray, FloatArray]:
     return a, b
 
 
-def priors(piece: Piece, block: Block) -> Iterator[Part]:
+def priors(piece: Piece, block: Block) -> Iterator[PropagatedObservations]:
     """Yield the control and the equal elevations of a piece."""
     known = piece.E.normals.priors
     if known is None:
@@ -176,14 +176,14 @@ def _part(
     component: IntArray,
     residual: FloatArray,
     weight: FloatArray,
-) -> Part:
+) -> PropagatedObservations:
     """Return observations (k, o) of points with partials a (k, o, T) by stations and b (k, o, 3) by the point."""
     aQ = a @ piece.Q
     bN = b @ piece.E.inverse
     cofactor = np.einsum("kot,kot->ko", aQ, a) + np.einsum("koi,koi->ko", bN, b)
     position = aQ[:, :, -3:] if piece.group.kept else bN - aQ @ np.swapaxes(piece.F, 1, 2)
     covariance = position @ np.swapaxes(piece.axes, 1, 2)
-    return Part(
+    return PropagatedObservations(
         kind=kind,
         row=row.reshape(-1),
         component=component.reshape(-1),
@@ -194,14 +194,14 @@ def _part(
     )
 
 
-def direct(network: Network, state: State, cofactors: Cofactors) -> Iterator[Part]:
+def direct(network: Network, state: State, cofactors: Cofactors) -> Iterator[PropagatedObservations]:
     """Yield the observations that concern no image."""
     for kind, rows in direct_rows(network, state):
         aQ = np.einsum("rx,rxy->ry", rows.partials, cofactors.between(rows.index, rows.index))
         covariance = np.full((len(rows.row), 3), np.nan)
         if rows.position is not None:
             covariance = np.einsum("rx,rxi->ri", rows.partials, cofactors.between(rows.index, rows.position))
-        yield Part(
+        yield PropagatedObservations(
             kind=kind.observed,
             row=rows.row,
             component=rows.component,

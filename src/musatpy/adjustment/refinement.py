@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.iteration import SingularNormalsError, State, initial_state, iterate
 from musatpy.adjustment.job import build_network
-from musatpy.adjustment.musat2a import Triangulation
+from musatpy.adjustment.musat2a import GeodeticRestraint
 from musatpy.adjustment.network import Network, participation
 from musatpy.adjustment.sightings import image_coordinates, residuals, straight_rays
 from musatpy.arrays import BoolArray, FloatArray, IntArray
@@ -19,7 +19,7 @@ from musatpy.geometry.collinearity import attitude_from_matrix, widest_angle
 from musatpy.model import Block, ControlKind, Options, Treatment, WaterLevel
 
 if TYPE_CHECKING:
-    from musatpy.adjustment.initial import Place
+    from musatpy.adjustment.initial import PhotoPlaces
 
 _STEPS = 12  # of an adjustment: what comes to rest needs 2 or 3 of them, rarely 10
 _LEAST = 1e-11  # weight that keeps a point determined; with more, errors of kilometres pull
@@ -31,7 +31,7 @@ _LOOSE_PLACE, _LOOSE_TURN = 0.1, 0.1  # of the flying height, and rad: how far s
 _CLOSE = 3e-4  # rad, and with the flying height m: steps that matter no longer
 
 
-def refined_stations(block: Block, place: Place, height: float) -> Place:
+def refined_stations(block: Block, place: PhotoPlaces, height: float) -> PhotoPlaces:
     """Return the places after a robust adjustment, the same ones where it fails.
 
     Photos that were not found, and control that contradicts the rest, take no part. Stations are held loosely, by
@@ -63,7 +63,7 @@ def refined_stations(block: Block, place: Place, height: float) -> Place:
     return place
 
 
-def _without_the_lost(block: Block, place: Place, height: float) -> Block:
+def _without_the_lost(block: Block, place: PhotoPlaces, height: float) -> Block:
     """Return the block with the places found, loosely held, without images of lost photos and wrong control."""
     photos, frame, lost = block.photos, place.frame, place.found == ""
     C = np.where(lost[:, None], 0.0, place.C)
@@ -110,7 +110,7 @@ def _bad_points(network: Network, state: State) -> BoolArray:
 def _adjusted(network: Network, state: State, used: BoolArray) -> State:
     """Return the state adjusted with robust weights. Raises `SingularNormalsError`."""
     weighted = replace(network, weight=_robust_weights(network, state, np.flatnonzero(used)))
-    problem = Triangulation(network=weighted, options=Options(rotation_limit=_CLOSE, translation_limit=1.0))
+    problem = GeodeticRestraint(network=weighted, options=Options(rotation_limit=_CLOSE, translation_limit=1.0))
     return iterate(problem, ground_points.settle(weighted, state), _STEPS).state
 
 

@@ -26,8 +26,8 @@ from musatpy.adjustment.kinds import count, measured_values
 from musatpy.adjustment.network import Network, Participation, PointGroup, unknown_name
 from musatpy.adjustment.normals import ILL_DETERMINED
 from musatpy.adjustment.precision import (
-    Precision,
-    Reach,
+    Covariances,
+    RayReach,
     dependence,
     factor_of,
     limits_of_water,
@@ -158,7 +158,7 @@ def _without(state: State, points: Collection[int]) -> State:
 
 
 def _waves(
-    network: Network, state: State, known: Precision, name: Callable[[int], str], crests: OtherCrests | None
+    network: Network, state: State, known: Covariances, name: Callable[[int], str], crests: OtherCrests | None
 ) -> AdjustedWaves | None:
     """Return the unknown waves, None without any."""
     if not network.border.count(ObservationKind.WAVE):
@@ -173,7 +173,7 @@ def _water(
     network: Network,
     state: State,
     part: Participation,
-    known: Precision,
+    known: Covariances,
     height: float,
     waves: AdjustedWaves | None,
 ) -> AdjustedWater | None:
@@ -246,7 +246,7 @@ def _stranded(block: Block, network: Network, state: State, points: GroundPoints
     )
 
 
-def _stations(block: Block, network: Network, state: State, known: Precision, idle: IntArray) -> AdjustedStations:
+def _stations(block: Block, network: Network, state: State, known: Covariances, idle: IntArray) -> AdjustedStations:
     covariance = known.unknowns.of_single_photos()[:, :6, :6].copy()
     covariance[idle] = np.nan
     return AdjustedStations(
@@ -261,8 +261,8 @@ def _points(
     network: Network,
     state: State,
     part: Participation,
-    known: Precision,
-    reach: Reach,
+    known: Covariances,
+    reach: RayReach,
 ) -> tuple[State, GroundPoints]:
     """Return the state without points that have no number, and the points with the water over them."""
     unstated = undetermined_points(network, state, reach, known.points)
@@ -296,14 +296,14 @@ def _points(
     return state, points
 
 
-def _level_sigmas(network: Network, known: Precision) -> FloatArray:
+def _level_sigmas(network: Network, known: Covariances) -> FloatArray:
     """Return the sigmas (c,) m of the corrections of tides."""
     if network.water.per_photo:
         return np.sqrt(known.unknowns.of_single_photos()[:, LEVEL, LEVEL])
     return known.border_sigma[network.border.at(ObservationKind.WATER_LEVEL)]
 
 
-def _tide_sigmas(block: Block, network: Network, known: Precision) -> FloatArray:
+def _tide_sigmas(block: Block, network: Network, known: Covariances) -> FloatArray:
     """Return the sigmas (n,) m of the tides, adjusted or of the cards, 0 without error; NaN without a tide."""
     sigma, adjusted = np.nan_to_num(block.photos.tide_sigma), network.water.group >= 0
     sigma[adjusted] = _level_sigmas(network, known)[network.water.group[adjusted]]

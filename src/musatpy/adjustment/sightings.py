@@ -15,13 +15,13 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.wavy_water import SeaIncidence
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
-from musatpy.geometry.geodesy import Surface, by_tilt, surface
+from musatpy.geometry.geodesy import WaterPlane, by_tilt, surface
 from musatpy.model import ObservationKind
 from musatpy.refraction import flat
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Images:
+class RayImages:
     """Images of ground points: xy (..., 2) mm, partials by station (..., 2, q) and by ground point (..., 2, 3).
 
     By the water (..., 2, 4 + w): level, tilt east, tilt north, index, w parameters of waves; None where nothing of
@@ -35,7 +35,7 @@ class Images:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rays:
+class BentRays:
     """Rays of images: origin and direction (..., 3), partials of both by station (..., 6, 6) and xy (..., 6, 2)."""
 
     origin: FloatArray
@@ -44,7 +44,7 @@ class Rays:
     by_xy: FloatArray
 
 
-def images(network: Network, state: State, rays: IntArray, ground: FloatArray, stations: bool = True) -> Images:
+def images(network: Network, state: State, rays: IntArray, ground: FloatArray, stations: bool = True) -> RayImages:
     """Return the images of ground points (..., 3) on the plates of the measurements `rays` (...).
 
     Without `stations` there are no partials by these, nor by the water: (..., 2, 0) and None.
@@ -72,7 +72,7 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
         by_station = np.concatenate([by_camera @ axes, by_attitude, *own_level], axis=-1)
     if bent is not None:
         by_v[wet] = by_v[wet] @ bent.by_ground
-    return Images(xy=xy, by_station=by_station, by_ground=by_v, by_water=by_water)
+    return RayImages(xy=xy, by_station=by_station, by_ground=by_v, by_water=by_water)
 
 
 def image_coordinates(network: Network, state: State, rays: IntArray, ground: FloatArray) -> FloatArray:
@@ -106,13 +106,13 @@ def residuals(network: Network, state: State, rays: IntArray) -> FloatArray:
     return image_coordinates(network, state, rays, ground) - network.xy.take(rays, axis=0)
 
 
-def _surface(network: Network, state: State, photo: IntArray, ground: FloatArray) -> Surface:
+def _surface(network: Network, state: State, photo: IntArray, ground: FloatArray) -> WaterPlane:
     return surface(network.frame, network.slope(state.tilt), state.tide[photo], ground)
 
 
 def _incidence(
     network: Network, state: State, photo: IntArray, camera: FloatArray, ground: FloatArray
-) -> tuple[Surface, flat.Incidence]:
+) -> tuple[WaterPlane, flat.Incidence]:
     """Return the level water over ground points (N, 3), and their rays through it and through its waves, if any."""
     over = _surface(network, state, photo, ground)
     if network.sea is None:
@@ -132,7 +132,7 @@ def _water_vectors(
 
 
 def _by_water(
-    network: Network, over: Surface, bent: flat.Incidence, camera: FloatArray, ground: FloatArray
+    network: Network, over: WaterPlane, bent: flat.Incidence, camera: FloatArray, ground: FloatArray
 ) -> FloatArray:
     """Return the partials (..., 3, 4 + w) of v by water level, tilt east, tilt north, index and waves.
 
@@ -167,7 +167,7 @@ def straight_rays(network: Network, state: State, rays: IntArray) -> tuple[Float
     return camera, collinearity.ray(network.xy.take(rays, axis=0), M, f, pp)
 
 
-def condition_rays(network: Network, state: State, rays: IntArray, xy: FloatArray, ground: FloatArray) -> Rays:
+def condition_rays(network: Network, state: State, rays: IntArray, xy: FloatArray, ground: FloatArray) -> BentRays:
     """Return the rays that enter the conditions, of images xy (..., 2) of the points `ground` (..., 3).
 
     Straight ones start at the station; refracted ones at the water point, with their direction under water. The
@@ -197,4 +197,4 @@ def condition_rays(network: Network, state: State, rays: IntArray, xy: FloatArra
         by_xy[wet, 3:] = bent.direction_by_direction @ direction_by_xy[wet]
         origin, direction = camera.copy(), direction.copy()
         origin[wet], direction[wet] = bent.origin, bent.direction
-    return Rays(origin=origin, direction=direction, by_station=by_station, by_xy=by_xy)
+    return BentRays(origin=origin, direction=direction, by_station=by_station, by_xy=by_xy)

@@ -136,9 +136,9 @@ class Pattern:
         return self._runs[key]
 
     @cached_property
-    def elimination(self) -> Elimination:
+    def elimination(self) -> EliminationTree:
         """The order of elimination of the unknowns, and its fronts."""
-        return Elimination.of(self.count, self.size, self.pairs, self.place)
+        return EliminationTree.of(self.count, self.size, self.pairs, self.place)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -166,14 +166,14 @@ class Front:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Elimination:
+class EliminationTree:
     """The order (u,) of elimination of unknowns, and its fronts, children before parents."""
 
     order: IntArray
     fronts: tuple[Front, ...]
 
     @classmethod
-    def of(cls, count: int, size: int, pairs: IntArray, place: FloatArray | None) -> Elimination:
+    def of(cls, count: int, size: int, pairs: IntArray, place: FloatArray | None) -> EliminationTree:
         """Return the elimination of blocks of unknowns that meet in pairs (e, 2), at places (v, 3) or none."""
         i, j = pairs[pairs[:, 0] != pairs[:, 1]].T
         i, j = np.concatenate([i, j]), np.concatenate([j, i])

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.adjustment.initial import MOST_MISSED, THROUGH_WATER, UNHELD, Place, full_control
+from musatpy.adjustment.initial import MOST_MISSED, THROUGH_WATER, UNHELD, PhotoPlaces, full_control
 from musatpy.adjustment.iteration import WaterKnowledge, water_knowledge
 from musatpy.adjustment.network import first_rows
 from musatpy.arrays import IntArray
@@ -24,7 +24,7 @@ from musatpy.orientation.twomedia.single import SINGLE_RAY
 _STATION = slice(3, PHOTO)  # of the unknowns of a photo
 
 
-def oriented_through_water(block: Block, place: Place, lost: IntArray) -> Place:
+def oriented_through_water(block: Block, place: PhotoPlaces, lost: IntArray) -> PhotoPlaces:
     """Return the places with those photos of `lost` (k,) that their control orients through the water."""
     if block.water is None or block.options.refraction is Refraction.NONE:
         return place
@@ -48,7 +48,7 @@ def oriented_through_water(block: Block, place: Place, lost: IntArray) -> Place:
     return replace(place, C=C, M=M, found=names, reasons=reasons, notes=tuple(notes))
 
 
-def _sights(block: Block, place: Place, photo: int) -> Sights:
+def _sights(block: Block, place: PhotoPlaces, photo: int) -> Sights:
     """Return the images of full control on a photo, in the level axes at the working origin."""
     plates, control, ground = block.plates, block.control, full_control(block, place)
     usable = plates.triangulated & np.isfinite(plates.xy).all(axis=1)

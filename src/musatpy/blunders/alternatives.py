@@ -21,7 +21,7 @@ from musatpy.adjustment.iteration import State, heights_and_water
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.network import Network, PointGroup, parts_of
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.scene import PENALTY, Scene
+from musatpy.blunders.scene import PENALTY, StagedBlock
 from musatpy.probability import chi_square_limit
 
 _MEET = 4.0  # times the limit of a point that fits: the stations may be bent by its images
@@ -79,7 +79,7 @@ def exchanged_images(network: Network, state: State, point: int) -> list[tuple[i
     return pairs
 
 
-def wrong_flags(scene: Scene, state: State, sigma0: float) -> dict[int, float]:
+def wrong_flags(scene: StagedBlock, state: State, sigma0: float) -> dict[int, float]:
     """Return the points whose images want the other flag, submerged or dry, and the test values of that.
 
     All images of a point are taken as they are, once refracted and once straight: the test value is the root of the

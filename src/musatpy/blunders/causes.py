@@ -25,8 +25,8 @@ from musatpy.blunders.findings import findings
 from musatpy.blunders.hypotheses import CARDS, CONTROL, PLATES, STATIONS, Hypothesis, hypotheses, in_words
 from musatpy.blunders.linear_model import linear_model
 from musatpy.blunders.names import FAR, exchanged_photos, flying_height
-from musatpy.blunders.scene import Effort, Scene, ones, scene_of, search_block, standing
-from musatpy.blunders.search import Search
+from musatpy.blunders.scene import Effort, StagedBlock, ones, scene_of, search_block, standing
+from musatpy.blunders.search import BlunderSearch
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Cause, CauseKind, CoordinateSystem, Initial, OtherFlags, Solution
 from musatpy.model.findings import mnemonics
@@ -43,7 +43,7 @@ _FIRST = 3  # hypotheses of the linear model at the answer
 _TURNED = 10.0 * DEGREE  # farther than any start value that serves
 
 
-def causes(search: Search, sea: Sea | None) -> tuple[Cause, ...]:
+def causes(search: BlunderSearch, sea: Sea | None) -> tuple[Cause, ...]:
     """Return the causes, `MOST` at most: the group that explains most first, its equal explanations together."""
     block, last = search.block, search.last
     groups = [
@@ -103,7 +103,7 @@ def _cause(
     )
 
 
-def _named(search: Search) -> Iterator[Cause]:
+def _named(search: BlunderSearch) -> Iterator[Cause]:
     """Yield images with wrong names, and wrong flags."""
     block, variance = search.block, search.last.judgement.sigma0**2
     for renaming in search.renamings:
@@ -129,7 +129,7 @@ def _named(search: Search) -> Iterator[Cause]:
         )
 
 
-def _misplaced(block: Block, scene: Scene, state: State) -> Iterator[list[Cause]]:
+def _misplaced(block: Block, scene: StagedBlock, state: State) -> Iterator[list[Cause]]:
     """Yield what may be wrong with given stations, not observed, that are far from where the images say.
 
     In groups of equal explanations: a unit of length, labels, or wrong cards.

@@ -34,8 +34,8 @@ from musatpy.blunders.hypotheses import (
     of_taken_images,
 )
 from musatpy.blunders.linear_model import LinearModel
-from musatpy.blunders.scene import GIVEN_UP, PENALTY, Factors, Scene, deviations, sizes, taking_part
-from musatpy.blunders.search import Search
+from musatpy.blunders.scene import GIVEN_UP, PENALTY, Factors, StagedBlock, deviations, sizes, taking_part
+from musatpy.blunders.search import BlunderSearch
 from musatpy.model import Block, CauseKind, ObservationKind
 from musatpy.model.progress import begin
 from musatpy.model.tables import falling
@@ -56,7 +56,7 @@ class Rival(NamedTuple):
     rank: int  # in its group: equal ones explain alike
 
 
-def rivals(search: Search, sea: Sea | None, most: int) -> list[list[Rival]]:
+def rivals(search: BlunderSearch, sea: Sea | None, most: int) -> list[list[Rival]]:
     """Return what was found, each with what competes, what explains most first, until there are `most` of them."""
     whole, size = search.case, sizes(search.case.scene, search.case.state)
     found = [*whole.taken, *members(search, most)]
@@ -87,7 +87,7 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[list[Rival]]:
     return groups
 
 
-def members(search: Search, most: int) -> Iterator[Hypothesis]:
+def members(search: BlunderSearch, most: int) -> Iterator[Hypothesis]:
     """Yield what is out, as hypotheses: cards, stations, single images, all images of points.
 
     Of those of images the `most` only that seem to explain most.
@@ -203,7 +203,7 @@ def _covers(case: Case, hypothesis: Hypothesis, other: Hypothesis) -> bool:
     return bool(other.values_in(given_up(case.out, hypothesis)).all())
 
 
-def _same_photos(scene: Scene, images: Hypothesis) -> BoolArray:
+def _same_photos(scene: StagedBlock, images: Hypothesis) -> BoolArray:
     """Return the points (p,) on the photos of the point of images: its errors hardly reach any others."""
     network, near = scene.network, np.zeros(scene.network.points, dtype=bool)
     photos = np.zeros(network.photos, dtype=bool)

@@ -21,13 +21,13 @@ from musatpy.blunders.scene import (
     GIVEN_UP,
     PENALTY,
     Factors,
-    Scene,
+    StagedBlock,
     at_their_best,
     rebuilt,
     sizes,
     taking_part,
 )
-from musatpy.blunders.snooping import Snooped, factors_of
+from musatpy.blunders.snooping import SnoopingResult, factors_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, ObservationKind
 from musatpy.model.progress import begin
@@ -59,7 +59,7 @@ class Case:
     """A block under an explanation: what is given up and revised, and its adjustment."""
 
     block: Block  # revised
-    scene: Scene
+    scene: StagedBlock
     state: State
     out: Factors  # 1 for what is given up
     taken: tuple[Hypothesis, ...] = ()
@@ -83,7 +83,7 @@ class Case:
         return self.squares / variance + PENALTY * prices
 
 
-def squares_in(scene: Scene, out: Factors, state: State) -> float:
+def squares_in(scene: StagedBlock, out: Factors, state: State) -> float:
     """Return the weighted squares of all observations that are not out."""
     total = 0.0
     for kind, size in sizes(scene, state).items():
@@ -91,7 +91,7 @@ def squares_in(scene: Scene, out: Factors, state: State) -> float:
     return total if np.isfinite(total) else np.inf
 
 
-def starts(last: Snooped) -> list[tuple[Factors, bool]]:
+def starts(last: SnoopingResult) -> list[tuple[Factors, bool]]:
     """Return what is out where the search for a simpler explanation starts, and whether only common ones serve.
 
     Single images of points with others, of which nothing is known, or what is known agrees with the others, stay
@@ -112,7 +112,7 @@ def starts(last: Snooped) -> list[tuple[Factors, bool]]:
     return [(nothing, True), *([] if at_rest else [(kept, False)])]
 
 
-def _doubtful_points(last: Snooped) -> BoolArray:
+def _doubtful_points(last: SnoopingResult) -> BoolArray:
     """Return (p,) the points of which something is known, but for those with one image out and that alone.
 
     Two more images that agree with what is known of the point leave no doubt.
@@ -128,7 +128,7 @@ def _doubtful_points(last: Snooped) -> BoolArray:
     return known & ~((lost == 1) & (good >= _AGREEING) & ~denied)
 
 
-def submerged_points_dry(last: Snooped) -> bool:
+def submerged_points_dry(last: SnoopingResult) -> bool:
     """Return whether so many rays of points flagged as submerged stand dry that the tides may be wrong."""
     scene = last.scene
     submerged = scene.block.points.bathymetric[scene.network.point] & taking_part(scene.network)
@@ -137,7 +137,7 @@ def submerged_points_dry(last: Snooped) -> bool:
     return bool(dry > _DRY * np.count_nonzero(submerged))
 
 
-def first_case(block: Block, scene: Scene, state: State) -> Case:
+def first_case(block: Block, scene: StagedBlock, state: State) -> Case:
     """Return a block with nothing explained."""
     nothing = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
     return Case(block=block, scene=scene, state=state, out=nothing)

@@ -14,7 +14,7 @@ from musatpy.arrays import BoolArray, FloatArray
 from musatpy.blunders.alternatives import misfit
 from musatpy.blunders.hypotheses import CAUSES
 from musatpy.blunders.scene import LIMIT, sees_water, sizes
-from musatpy.blunders.search import Search
+from musatpy.blunders.search import BlunderSearch
 from musatpy.model import (
     Action,
     BathymetricPoints,
@@ -49,7 +49,7 @@ _ORDER = (
 )
 
 
-def findings(search: Search) -> tuple[Finding, ...]:
+def findings(search: BlunderSearch) -> tuple[Finding, ...]:
     """Return everything that was found, by kind and falling test value."""
     listed = [
         *_renamed(search),
@@ -62,7 +62,7 @@ def findings(search: Search) -> tuple[Finding, ...]:
     return tuple(sorted(ranked, key=lambda finding: _ORDER.index(finding.kind)))
 
 
-def _renamed(search: Search) -> Iterator[Finding]:
+def _renamed(search: BlunderSearch) -> Iterator[Finding]:
     block = search.block
     photos, points = block.photos.ids, block.points.ids
     for renaming in search.renamings:
@@ -80,7 +80,7 @@ def _renamed(search: Search) -> Iterator[Finding]:
         )
 
 
-def _images(search: Search) -> Iterator[Finding]:
+def _images(search: BlunderSearch) -> Iterator[Finding]:
     block, last, judgement = search.block, search.last, search.last.judgement
     plates = search.case.block.plates
     rows = np.flatnonzero(last.rows_out(_K.PLATE))
@@ -112,7 +112,9 @@ def _images(search: Search) -> Iterator[Finding]:
         )
 
 
-def _tested(search: Search, kind: ObservationKind, row: int, components: slice) -> tuple[float, tuple[float, ...]]:
+def _tested(
+    search: BlunderSearch, kind: ObservationKind, row: int, components: slice
+) -> tuple[float, tuple[float, ...]]:
     """Return the largest test value of some components of an observation, and the errors of all of them."""
     judgement = search.last.judgement
     known = search.last.scene.weight[kind][row, components] > 0.0
@@ -122,7 +124,7 @@ def _tested(search: Search, kind: ObservationKind, row: int, components: slice) 
     return float(np.fmax.reduce(np.abs(test), initial=np.nan)), tuple(error.tolist())
 
 
-def _rows(search: Search) -> Iterator[Finding]:
+def _rows(search: BlunderSearch) -> Iterator[Finding]:
     """Yield wrong control, stations, equal elevations, tides, and what was measured between points and stations."""
     block, tides = search.block, own_tides(search)
     (horizontal, vertical), kept_out = control_out(search), wrong_tides(search)
@@ -155,7 +157,7 @@ def _rows(search: Search) -> Iterator[Finding]:
             )
 
 
-def _common_tides(search: Search) -> Iterator[Finding]:
+def _common_tides(search: BlunderSearch) -> Iterator[Finding]:
     for tide in (*search.last.tides, *(one for one in search.case.taken if one.kind is CauseKind.TIDES)):
         yield Finding(
             kind=CauseKind.TIDE,
@@ -167,7 +169,7 @@ def _common_tides(search: Search) -> Iterator[Finding]:
         )
 
 
-def _flags(search: Search) -> Iterator[Finding]:
+def _flags(search: BlunderSearch) -> Iterator[Finding]:
     """Yield the points whose flags their images, or their heights, do not agree with."""
     if not sees_water(search.block):
         return
@@ -200,7 +202,7 @@ def _flags(search: Search) -> Iterator[Finding]:
         )
 
 
-def _depths(search: Search) -> tuple[FloatArray, FloatArray]:
+def _depths(search: BlunderSearch) -> tuple[FloatArray, FloatArray]:
     """Return depths (p,) m below the water at all photos, negative above it at all, NaN in between; and sigmas."""
     last = search.last
     height, water = heights_and_water(last.scene.network, last.state)
@@ -213,7 +215,7 @@ def _depths(search: Search) -> tuple[FloatArray, FloatArray]:
     return np.where(np.isfinite(depth), depth, np.nan), np.sqrt(last.judgement.covariance[:, 2, 2])
 
 
-def edited(search: Search) -> Block:
+def edited(search: BlunderSearch) -> Block:
     """Return the block with everything edited that the search found, and with no more editing asked for."""
     block, out = search.case.block, search.last.rows_out
     groups, stays = block.equal_elevations, ~out(_K.EQUAL_ELEVATION)
@@ -240,7 +242,7 @@ def edited(search: Search) -> Block:
     return in_order(block)
 
 
-def lost_points(search: Search, deck: Block) -> frozenset[str]:
+def lost_points(search: BlunderSearch, deck: Block) -> frozenset[str]:
     """Return the ids of points that have lost images, and too many of them, to the search."""
     used = search.case.block.plates.triangulated
     wrong = search.case.block.plates.point[used & search.last.rows_out(_K.PLATE)]
@@ -250,7 +252,7 @@ def lost_points(search: Search, deck: Block) -> frozenset[str]:
     return frozenset(ids[np.isin(ids, deck.points.ids[left < _SEEN])].tolist())
 
 
-def unedited(search: Search) -> str:
+def unedited(search: BlunderSearch) -> str:
     """Return why nothing is to be edited: one cause of all, or more than a fifth of a kind; empty where all may."""
     commons = {cause.kind for cause in search.case.taken}
     named = ", ".join(kind for kind in CauseKind if kind in commons)
@@ -269,7 +271,7 @@ def unedited(search: Search) -> str:
     return ""
 
 
-def _explains_most(search: Search) -> bool:
+def _explains_most(search: BlunderSearch) -> bool:
     """Return whether what is revised explains more than all that is out."""
     common = sum(cause.squares for cause in search.case.taken if np.isfinite(cause.squares))
     if not common > 0.0:
@@ -278,7 +280,7 @@ def _explains_most(search: Search) -> bool:
     return common > sum(float(np.square(size[kind][out[kind] > 0.0]).sum()) for kind in out)
 
 
-def own_tides(search: Search) -> BoolArray:
+def own_tides(search: BlunderSearch) -> BoolArray:
     """Return the photos (n,) whose tides are out, each by itself: not as part of a common error."""
     tides, mask = np.zeros(len(search.block.photos.ids), dtype=bool), search.last.rows_out(_K.WATER_LEVEL)
     if len(mask) == len(tides):
@@ -288,7 +290,7 @@ def own_tides(search: Search) -> BoolArray:
     return tides
 
 
-def wrong_tides(search: Search) -> BoolArray:
+def wrong_tides(search: BlunderSearch) -> BoolArray:
     """Return the photos (n,) whose own tides are wrong, and whose submerged images can be done without."""
     block, tides = search.case.block, own_tides(search)
     dry = ~block.points.bathymetric[block.plates.point] & block.plates.triangulated
@@ -296,7 +298,7 @@ def wrong_tides(search: Search) -> BoolArray:
     return np.asarray(tides & (np.bincount(kept, minlength=len(tides)) >= ENOUGH))
 
 
-def control_out(search: Search) -> tuple[BoolArray, BoolArray]:
+def control_out(search: BlunderSearch) -> tuple[BoolArray, BoolArray]:
     """Return which control points (k,) are wrong in plan, and which in height."""
     out = search.last.out[_K.CONTROL] > 0.0
     return np.asarray(out[:, :2].any(axis=1)), np.asarray(out[:, 2])

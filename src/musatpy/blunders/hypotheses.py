@@ -377,7 +377,7 @@ def moved_state(state: State, revision: Hypothesis) -> State:
     return state
 
 
-class Words(NamedTuple):
+class MemberWords(NamedTuple):
     """What a member of a kind is in words."""
 
     cards: str  # to read again, as `model.CauseKind` has them
@@ -386,34 +386,34 @@ class Words(NamedTuple):
 
 
 MEMBERS = {
-    (CauseKind.UNIT, CONTROL): Words(CONTROL_CARD, "control", "stations and tides want"),
-    (CauseKind.UNIT, STATIONS): Words(STATION_CARD, "stations", "control and tides want"),
-    (CauseKind.UNIT, PLATES_TO_FOCAL_LENGTH): Words("PLT CAM", "plate coordinates", "the focal length wants"),
-    (CauseKind.UNIT, HEIGHTS): Words(CONTROL_CARD, "heights of the control", "its plan wants"),
-    (CauseKind.AXES, Y_REVERSED): Words(
+    (CauseKind.UNIT, CONTROL): MemberWords(CONTROL_CARD, "control", "stations and tides want"),
+    (CauseKind.UNIT, STATIONS): MemberWords(STATION_CARD, "stations", "control and tides want"),
+    (CauseKind.UNIT, PLATES_TO_FOCAL_LENGTH): MemberWords("PLT CAM", "plate coordinates", "the focal length wants"),
+    (CauseKind.UNIT, HEIGHTS): MemberWords(CONTROL_CARD, "heights of the control", "its plan wants"),
+    (CauseKind.AXES, Y_REVERSED): MemberWords(
         "PLT", "y of the plates", "y runs down: reverse its sign, or read how the axes were defined"
     ),
-    (CauseKind.AXES, X_REVERSED): Words(
+    (CauseKind.AXES, X_REVERSED): MemberWords(
         "PLT", "x of the plates", "x runs backwards: reverse its sign, or read how the axes were defined"
     ),
-    (CauseKind.AXES, EXCHANGED): Words(
+    (CauseKind.AXES, EXCHANGED): MemberWords(
         "PLT", "x and y of the plates", "exchanged: read the description of the comparator again"
     ),
-    (CauseKind.AXES, CONTROL_EXCHANGED): Words(
+    (CauseKind.AXES, CONTROL_EXCHANGED): MemberWords(
         CONTROL_CARD, "plan of the control", "east and north are exchanged: read the list of control again"
     ),
-    (CauseKind.AXES, HEIGHTS_NEGATED): Words(
+    (CauseKind.AXES, HEIGHTS_NEGATED): MemberWords(
         CONTROL_CARD, "heights of the control", "they have the other sign: depths for heights?"
     ),
-    (CauseKind.LABELS, PLATES): Words("PLT", "plate cards", _EXCHANGED.format("plate")),
-    (CauseKind.LABELS, CARDS): Words(STATION_CARD, "station cards", _EXCHANGED.format("station")),
+    (CauseKind.LABELS, PLATES): MemberWords("PLT", "plate cards", _EXCHANGED.format("plate")),
+    (CauseKind.LABELS, CARDS): MemberWords(STATION_CARD, "station cards", _EXCHANGED.format("station")),
 }
 
 
-def in_words(revision: Hypothesis) -> Words:
+def in_words(revision: Hypothesis) -> MemberWords:
     """Return what a revision is in words; its `value` is that of the unit of length."""
     kind = revision.kind
-    words = MEMBERS.get((kind, revision.member), Words(kind.cards, kind.component, kind.advice))
+    words = MEMBERS.get((kind, revision.member), MemberWords(kind.cards, kind.component, kind.advice))
     if kind is CauseKind.PRINCIPAL_POINT:
         return words._replace(component="xy"[revision.member % 2])
     if kind is CauseKind.UNIT:
@@ -421,7 +421,7 @@ def in_words(revision: Hypothesis) -> Words:
     return words
 
 
-def _other_unit(words: Words, member: int, factor: float) -> str:
+def _other_unit(words: MemberWords, member: int, factor: float) -> str:
     """Return what to do about lengths that are `factor` times what the others want."""
     whose, (others, _, wants) = words.component, words.advice.rpartition(" ")
     of_plates = member == PLATES_TO_FOCAL_LENGTH

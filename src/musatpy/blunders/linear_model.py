@@ -21,7 +21,7 @@ from musatpy.adjustment.network import Network, kept_axes
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
 from musatpy.adjustment.propagation import Piece, pieces
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.scene import IMAGES_CHECKED, OTHERS_CHECKED, Factors, Scene
+from musatpy.blunders.scene import IMAGES_CHECKED, OTHERS_CHECKED, Factors, StagedBlock
 
 _FAR = 100.0  # squares of a point: control or images are more than some sigmas off
 _STEPS = 4  # of an adjustment, that it takes as much as
@@ -77,7 +77,7 @@ class PointChecks:
 class LinearModel:
     """The linear adjustment of a scene at a state, some observations out; its points after the step."""
 
-    scene: Scene
+    scene: StagedBlock
     network: Network  # with the weights of what is in
     state: State  # at which it is linear, its points at their best for the stations
     points: tuple[PointChecks, ...]
@@ -113,7 +113,7 @@ class LinearModel:
         return dropped(v, weight, Q, OTHERS_CHECKED)
 
 
-def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
+def linear_model(scene: StagedBlock, factors: Factors, state: State) -> LinearModel:
     """Return the linear adjustment of a scene, its weights times `factors`, points at their best for the stations.
 
     Raises `SingularNormalsError`.

@@ -19,8 +19,8 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.sightings import image_coordinates, images
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.hypotheses import CARDS, PLATES, Hypothesis
-from musatpy.blunders.scene import Scene, taking_part
-from musatpy.blunders.snooping import Snooped
+from musatpy.blunders.scene import StagedBlock, taking_part
+from musatpy.blunders.snooping import SnoopingResult
 from musatpy.geometry import collinearity
 from musatpy.model import Block, CauseKind, ObservationKind
 from musatpy.model.tables import finite_rows
@@ -44,7 +44,7 @@ class Lookalike(NamedTuple):
     error: tuple[float, float] = (np.nan, np.nan)  # mm, likewise
 
 
-def lookalikes(last: Snooped) -> list[Lookalike]:
+def lookalikes(last: SnoopingResult) -> list[Lookalike]:
     """Return the images out, or of no point that takes part, that lie on other points."""
     scene, network, covariance = last.scene, last.scene.network, last.judgement.covariance
     out, used = last.rows_out(ObservationKind.PLATE), taking_part(network)
@@ -130,7 +130,7 @@ def _near(network: Network, photos: IntArray) -> list[IntArray]:
 
 
 def _imagined(
-    scene: Scene, state: State, photo: int, points: IntArray, covariance: FloatArray
+    scene: StagedBlock, state: State, photo: int, points: IntArray, covariance: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return which of some points a photo would show, their images (k, 2) mm, and their covariances (k, 2, 2) mm2.
 
@@ -156,7 +156,7 @@ FAR = 0.1  # of the flying height: a station farther than this from its card is 
 _NEARER = 0.3  # times as far the place of the other one must be
 
 
-def flying_height(scene: Scene, state: State) -> float:
+def flying_height(scene: StagedBlock, state: State) -> float:
     """Return the median distance, m, of points from the stations that see them."""
     network = scene.network
     rays = np.flatnonzero(taking_part(network))
@@ -164,7 +164,7 @@ def flying_height(scene: Scene, state: State) -> float:
     return float(np.nanmedian(np.linalg.norm(off, axis=1)))
 
 
-def exchanged_photos(block: Block, scene: Scene, state: State) -> list[tuple[int, int]]:
+def exchanged_photos(block: Block, scene: StagedBlock, state: State) -> list[tuple[int, int]]:
     """Return the pairs of photos that stand where the cards of the other one say."""
     given = np.full_like(state.position, np.nan)
     stated_on_card = finite_rows(block.photos.position)
@@ -172,7 +172,7 @@ def exchanged_photos(block: Block, scene: Scene, state: State) -> list[tuple[int
     return _pairs(state.position, given, FAR * flying_height(scene, state))
 
 
-def exchanged_control(last: Snooped) -> list[tuple[int, int]]:
+def exchanged_control(last: SnoopingResult) -> list[tuple[int, int]]:
     """Return the pairs of points with control that lie where the cards of the other one say."""
     network, out = last.scene.network, last.out[ObservationKind.CONTROL]
     points = np.unique(last.scene.block.control.point[out[:, :2].any(axis=1)])
@@ -198,7 +198,7 @@ def _pairs(place: FloatArray, given: FloatArray, far: float) -> list[tuple[int, 
     return [(a, b) for a, b in nearest.items() if a < b and nearest.get(b) == a]
 
 
-def exchanges(block: Block, last: Snooped) -> Iterator[Hypothesis]:
+def exchanges(block: Block, last: SnoopingResult) -> Iterator[Hypothesis]:
     """Yield the exchanges of labels that the places say."""
     for pair in exchanged_photos(block, last.scene, last.state):
         for member in (PLATES, CARDS):

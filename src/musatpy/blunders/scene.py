@@ -103,7 +103,7 @@ class Limited(Simultaneous):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Scene:
+class StagedBlock:
     """A block with the network in which its blunders are looked for."""
 
     block: Block
@@ -157,7 +157,7 @@ def search_block(block: Block, sea: Sea | None) -> Block:
     return block
 
 
-def staged(block: Block, progress: Progress | None, sea: Sea | None, effort: Effort) -> tuple[Scene, State]:
+def staged(block: Block, progress: Progress | None, sea: Sea | None, effort: Effort) -> tuple[StagedBlock, State]:
     """Return the scene of a block, and its state after robust weights.
 
     Raises `AdjustmentError` where the block cannot be adjusted, `SingularNormalsError` and `SearchLimitError`.
@@ -174,11 +174,11 @@ def staged(block: Block, progress: Progress | None, sea: Sea | None, effort: Eff
     return scene, _robust(scene, job.with_iterations(1), state)
 
 
-def scene_of(job: Job, state: State, effort: Effort) -> Scene:
+def scene_of(job: Job, state: State, effort: Effort) -> StagedBlock:
     """Return the scene of a job, every ray of a submerged point wet."""
     line = every_ray_wet(job.network, job.bathymetric)
     network = _softened(job.network, state).with_plates(job.network.xy, line.wet)
-    return Scene(
+    return StagedBlock(
         block=job.block,
         network=network,
         line=line,
@@ -189,7 +189,7 @@ def scene_of(job: Job, state: State, effort: Effort) -> Scene:
     )
 
 
-def rebuilt(scene: Scene, block: Block, state: State, sea: Sea | None) -> tuple[Scene, State]:
+def rebuilt(scene: StagedBlock, block: Block, state: State, sea: Sea | None) -> tuple[StagedBlock, State]:
     """Return the scene of a block in which something was revised, and in it the state of the scene before.
 
     `block` has the photos, points and measurements of that before, some of them with other values, names or flags;
@@ -242,12 +242,12 @@ def _softened(network: Network, state: State) -> Network:
     return replace(network, priors=replace(priors, held=np.zeros_like(priors.held), weight=weight))
 
 
-def ones(scene: Scene) -> Factors:
+def ones(scene: StagedBlock) -> Factors:
     """Return the factors that change nothing."""
     return {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
 
 
-def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State, Factor | None]:
+def settled(scene: StagedBlock, factors: Factors, state: State) -> tuple[StagedBlock, State, Factor | None]:
     """Return scene and state at the minimum, the rays on the sides of the water on which their points rest.
 
     And the factor of the normal equations there, None where the iteration has not converged. Points stand elsewhere
@@ -266,25 +266,25 @@ def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State,
     return replace(scene, network=network, line=line), outcome.state, outcome.factor
 
 
-def at_their_best(scene: Scene, factors: Factors, state: State, point: IntArray | tuple[int, ...]) -> State:
+def at_their_best(scene: StagedBlock, factors: Factors, state: State, point: IntArray | tuple[int, ...]) -> State:
     """Return the state with some points at their best, by the weights times `factors`; the stations stay."""
     some = np.zeros(scene.network.points, dtype=bool)
     some[np.asarray(point, dtype=int)] = True
     return ground_points.at_their_best(weighted(scene.network, scene.block, factors), state, some)
 
 
-def sizes(scene: Scene, state: State) -> Factors:
+def sizes(scene: StagedBlock, state: State) -> Factors:
     """Return the residuals in a priori sigmas."""
     residuals = deviations(scene.network, scene.block, state)
     return {kind: residuals[kind] * np.sqrt(weight) for kind, weight in scene.weight.items()}
 
 
-def plate_scale(scene: Scene, size: Factors) -> float:
+def plate_scale(scene: StagedBlock, size: Factors) -> float:
     """Return the robust scale of the plate residuals, at least 1."""
     return robust_scale(size[ObservationKind.PLATE][scene.weight[ObservationKind.PLATE] > 0.0])
 
 
-def _robust(scene: Scene, job: Job, state: State) -> State:
+def _robust(scene: StagedBlock, job: Job, state: State) -> State:
     """Return the state after robust weights of all observations.
 
     From the first step on: gross errors of centimetres would bend a block beyond recognition.

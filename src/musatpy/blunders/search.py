@@ -36,7 +36,7 @@ from musatpy.blunders.scene import (
     rebuilt,
     sees_water,
 )
-from musatpy.blunders.snooping import Snooped, snooped
+from musatpy.blunders.snooping import SnoopingResult, snooped
 from musatpy.blunders.whole_block import best_start
 from musatpy.model import Block, Initial, ObservationKind, Solution
 from musatpy.model.progress import Progress, begin
@@ -51,12 +51,12 @@ _PLATE = ObservationKind.PLATE
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Search:
+class BlunderSearch:
     """What the search found. Rows are those of the tables of the block, whose points it does not number anew."""
 
     block: Block  # the job, as it was given
     case: Case  # the explanation at rest: the block with right names and flags, and with what is common revised
-    last: Snooped  # the search of that
+    last: SnoopingResult  # the search of that
     lookalikes: list[Lookalike]  # images that lie on other points and keep their names
     renamings: tuple[Lookalike, ...]  # images that have got the names of other points
     flags: dict[int, float]  # points whose images want the other flag, with the test values of that
@@ -64,7 +64,7 @@ class Search:
 
 def search(
     block: Block, progress: Progress | None = None, sea: Sea | None = None, effort: Effort | None = None
-) -> Search:
+) -> BlunderSearch:
     """Return what is wrong with a block, whose rays the waves of a `sea` may refract.
 
     Without an `effort` it is that of an explicit search.
@@ -93,7 +93,9 @@ def search(
         renamings, flags = renamings + names, flags | wrong
         best = _renamed(best.case, names, wrong, sea)
         alike = lookalikes(best.last)
-    return Search(block=block, case=best.case, last=best.last, lookalikes=alike, renamings=renamings, flags=flags)
+    return BlunderSearch(
+        block=block, case=best.case, last=best.last, lookalikes=alike, renamings=renamings, flags=flags
+    )
 
 
 def explicit_effort(block: Block) -> Effort:
@@ -116,7 +118,7 @@ class _Explained:
     """The search at rest under an explanation."""
 
     case: Case
-    last: Snooped
+    last: SnoopingResult
 
 
 def _begun(start: Case, sea: Sea | None) -> _Explained:
@@ -207,7 +209,7 @@ def _at_rest(case: Case, first: Factors | None, returning: bool = True) -> _Expl
     return _Explained(case=case, last=last)
 
 
-def _renamings(last: Snooped, alike: list[Lookalike]) -> list[Lookalike]:
+def _renamings(last: SnoopingResult, alike: list[Lookalike]) -> list[Lookalike]:
     """Return the images that get the names of other points, with their tests under the old ones."""
     judgement, certain = last.judgement, [one for one in alike if one.certain]
     test = np.abs(judgement.table(_PLATE, judgement.test)).max(axis=1)

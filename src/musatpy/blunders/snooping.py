@@ -15,7 +15,7 @@ import numpy as np
 
 from musatpy.adjustment.iteration import SingularNormalsError, State, level_corrections
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, factorised
-from musatpy.adjustment.precision import Errors, spread_to_observations
+from musatpy.adjustment.precision import ErrorSources, spread_to_observations
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.alternatives import wrong_images
 from musatpy.blunders.hypotheses import Hypothesis, common_tides
@@ -24,7 +24,7 @@ from musatpy.blunders.scene import (
     LIMIT,
     OTHERS_CHECKED,
     Factors,
-    Scene,
+    StagedBlock,
     deviations,
     plate_scale,
     settled,
@@ -124,10 +124,10 @@ class Judgement:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Snooped:
+class SnoopingResult:
     """Where the search has come to rest."""
 
-    scene: Scene
+    scene: StagedBlock
     state: State
     judgement: Judgement
     out: Factors  # 1 for the observations that are out, 0 for all others
@@ -140,11 +140,11 @@ class Snooped:
 
 
 def snooped(
-    scene: Scene,
+    scene: StagedBlock,
     state: State,
     first: Factors | None = None,
     returning: bool = True,
-) -> Snooped:
+) -> SnoopingResult:
     """Return the search at rest.
 
     `first` is 1 for what is out at the beginning; without it, what robust weights leave far off is. Images are
@@ -188,11 +188,11 @@ def snooped(
         returns[back] += 1
         out, state = (out & ~back) | leaving, after
     gone = _masks(scene, units, judgement.out)
-    return Snooped(scene=scene, state=state, judgement=judgement, out=gone, tides=tides, rest=rest)
+    return SnoopingResult(scene=scene, state=state, judgement=judgement, out=gone, tides=tides, rest=rest)
 
 
 def _first_out(
-    scene: Scene,
+    scene: StagedBlock,
     state: State,
     units: Units,
     first: Factors | None,
@@ -209,7 +209,7 @@ def _first_out(
 
 
 def _images_anew(
-    scene: Scene, state: State, units: Units, out: BoolArray, anew: BoolArray, sigma0: float
+    scene: StagedBlock, state: State, units: Units, out: BoolArray, anew: BoolArray, sigma0: float
 ) -> tuple[BoolArray, State]:
     """Return which images (units,) are out when those of points with some in `anew` are chosen anew.
 
@@ -233,7 +233,7 @@ def _tides_of(units: Units, photo: Sequence[int] | IntArray) -> BoolArray:
     return tides
 
 
-def units_of(scene: Scene) -> Units:
+def units_of(scene: StagedBlock) -> Units:
     """Return the units of the observations of a scene, in the order of `Observations`."""
     block, points, count = scene.block, len(scene.block.points.ids), 0
     point = {
@@ -271,7 +271,7 @@ def factors_of(out: Factors, size: Factors) -> Factors:
     return factors
 
 
-def _masks(scene: Scene, units: Units, out: BoolArray) -> Factors:
+def _masks(scene: StagedBlock, units: Units, out: BoolArray) -> Factors:
     """Return 1 for the observations of units that are out, 0 for all others."""
     masks = {kind: np.zeros(weight.shape) for kind, weight in scene.weight.items()}
     taken = out[units.unit]
@@ -281,7 +281,7 @@ def _masks(scene: Scene, units: Units, out: BoolArray) -> Factors:
 
 
 def judged(
-    scene: Scene, state: State, units: Units, out: BoolArray, factors: Factors, factor: Factor | None
+    scene: StagedBlock, state: State, units: Units, out: BoolArray, factors: Factors, factor: Factor | None
 ) -> Judgement:
     """Return the tests of all observations at the minimum with the weights times `factors`, `out` (units,) out.
 
@@ -298,7 +298,7 @@ def judged(
     if _is_weak(factor, cofactors):
         raise SingularNormalsError(factor.matrix)
     residuals = deviations(scene.network, scene.block, state)
-    errors = Errors(network=problem.network, state=state, cofactors=cofactors)
+    errors = ErrorSources(network=problem.network, state=state, cofactors=cofactors)
     spread = spread_to_observations(errors, scene.block, residuals[_K.PLATE])
     adjusted = {kind: np.zeros(weight.shape) for kind, weight in scene.weight.items()}
     for part in spread.parts:
@@ -345,7 +345,7 @@ def _is_weak(factor: Factor, cofactors: Cofactors) -> bool:
     return not trace * SINGULAR < 1.0 and factor.is_weak(SINGULAR)
 
 
-def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> Hypothesis | None:
+def worst_common_tide(scene: StagedBlock, state: State, judgement: Judgement) -> Hypothesis | None:
     """Return the common error of the tides of several photos that is the surest one, None where none is tested."""
     units, network = judgement.units, scene.network
     if not network.water.per_photo:

@@ -21,7 +21,7 @@ from musatpy.geometry.systems import geographic
 from musatpy.pointfiles.columns import PLAN, Column, Wanted
 from musatpy.pointfiles.point_tables import read_table
 from musatpy.refraction.apparent import REASONS, Fault, Stations
-from musatpy.refraction.depth_factor import Departure, departure, pair_factor
+from musatpy.refraction.depth_factor import DepthDeparture, departure, pair_factor
 
 _PLACES = (PLAN, ("d1", "d2", "s", "t"))
 _NEARLY_ZERO = 1e-6  # of the height: stands for an apparent depth of zero, where rays have no true point
@@ -116,7 +116,7 @@ class Normalised:
     place: IntArray  # (d,)
     factor: FloatArray  # (d,) there
     normal: FloatArray  # (d,) the factor used in its place
-    departure: Departure  # (d,)
+    departure: DepthDeparture  # (d,)
 
 
 def normalised(given: Factors, normal: FloatArray) -> Normalised:
@@ -136,7 +136,7 @@ class SingleValue:
 
     value: float
     levels: FloatArray  # (l,)
-    departure: Departure  # (l,) of the levels from the value
+    departure: DepthDeparture  # (l,) of the levels from the value
     within: FloatArray  # (l,) the part of the places that do not depart more
 
 

@@ -28,7 +28,7 @@ from pyproj.transformer import TransformerGroup
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.geometry.systems import Factors, System, moved
+from musatpy.geometry.systems import MapFactors, System, moved
 
 _STEP = 5000.0  # m: fourth-order differences of smooth maps are good to 1e-12 at such steps
 _SLOPE_STEP = 10.0  # m: geoid grids are interpolated between points some kilometres apart
@@ -165,13 +165,13 @@ class Projected(System):
         out[..., 2, 2] = 1.0
         return out
 
-    def factors(self, level: ArrayLike) -> Factors:
+    def factors(self, level: ArrayLike) -> MapFactors:
         """Return convergence and scale factors at level positions (..., 3), whatever their heights."""
         level = np.array(level, dtype=float)
         level[..., 2] = 0.0
         rates = self._rates(level) * self.unit
         parallel, meridian = np.linalg.norm(rates, axis=-2)[..., 0], np.linalg.norm(rates, axis=-2)[..., 1]
-        return Factors(convergence=_convergence(rates), meridian_scale=meridian, parallel_scale=parallel)
+        return MapFactors(convergence=_convergence(rates), meridian_scale=meridian, parallel_scale=parallel)
 
     def _forward(self, level: FloatArray) -> FloatArray:
         """Return x and y (..., 2), NaN where the map does not reach."""

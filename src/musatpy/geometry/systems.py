@@ -19,7 +19,7 @@ from musatpy.geometry.geodesy import Ellipsoid
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Factors:
+class MapFactors:
     """What a map does at n points on the ellipsoid, (...)."""
 
     convergence: FloatArray  # rad, from true to grid north, clockwise
@@ -73,7 +73,7 @@ class System(ABC):
         """Return (...) where positions lie outside the area for which the system is meant."""
         return np.zeros(np.shape(level)[:-1], dtype=bool)
 
-    def factors(self, level: ArrayLike) -> Factors | None:
+    def factors(self, level: ArrayLike) -> MapFactors | None:
         """Return convergence and scale factors of a map at level positions (..., 3); None of what is no map."""
         return None
 

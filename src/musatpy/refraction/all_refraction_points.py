@@ -27,7 +27,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.refraction import flat
-from musatpy.refraction.stationary import Path, PerRay, Rays, Reach, path, solved, stationary
+from musatpy.refraction.stationary import Path, PerRay, RayEnds, Reach, path, solved, stationary
 from musatpy.refraction.surface import Surface
 
 _MOST_LENGTHS = 133.0  # along the diameter of a disc: with more waves the search takes too long
@@ -74,7 +74,7 @@ class _Cells(PerRay):
         return _Cells(**{name: np.concatenate([first, second]) for name, first, second in pairs})
 
 
-def search(surface: Surface, rays: Rays) -> RayPoints:
+def search(surface: Surface, rays: RayEnds) -> RayPoints:
     """Return the refraction points of rays (N,) to ground points below the water.
 
     Raises `ValueError` where none is found: the ray grazes the waves, or they are too sharp or too short for the
@@ -99,7 +99,7 @@ def search(surface: Surface, rays: Rays) -> RayPoints:
     return points
 
 
-def _searchable(surface: Surface, rays: Rays) -> Disc:
+def _searchable(surface: Surface, rays: RayEnds) -> Disc:
     """Return the discs of rays; where nothing bounds it, one as wide as the water is deep. Raises `ValueError`."""
     within = disc(surface, rays)
     depth = surface.relief(rays.ground[:, :2], rays.time).height - rays.ground[:, 2]
@@ -111,7 +111,7 @@ def _searchable(surface: Surface, rays: Rays) -> Disc:
     return Disc(centre=within.centre, radius=radius)
 
 
-def _divided(surface: Surface, rays: Rays, within: Disc, smallest: float) -> RayPoints:
+def _divided(surface: Surface, rays: RayEnds, within: Disc, smallest: float) -> RayPoints:
     """Return the refraction points of a search with cells of so small a side (m) at least."""
     cells = _Cells(ray=np.arange(len(rays.index)), centre=within.centre, half=within.radius)
     ray, start = [cells.ray[:0]], [within.centre[:0]]
@@ -180,7 +180,7 @@ def _distinct(ray: IntArray, xy: FloatArray, same: FloatArray) -> tuple[IntArray
     return ray[new], xy[new]
 
 
-def _sorted(surface: Surface, rays: Rays, ray: IntArray, xy: FloatArray) -> RayPoints:
+def _sorted(surface: Surface, rays: RayEnds, ray: IntArray, xy: FloatArray) -> RayPoints:
     at = path(surface, rays.some(ray), xy)
     det, trace = np.linalg.det(at.hessian), np.trace(at.hessian, axis1=1, axis2=2)
     # what meets the surface from below, or leaves it upwards, is stationary but no refraction
@@ -210,7 +210,7 @@ class Disc(PerRay):
         return np.hypot(gap[:, 0], gap[:, 1]) <= self.radius[ray]
 
 
-def disc(surface: Surface, rays: Rays) -> Disc:
+def disc(surface: Surface, rays: RayEnds) -> Disc:
     """Return the discs of rays (N,) to ground points below the water; infinite where nothing bounds them."""
     reach = rays.reach(surface)
     bounded = np.isfinite(reach.radius) & (reach.shallowest > 0.0)
@@ -221,7 +221,7 @@ def disc(surface: Surface, rays: Rays) -> Disc:
     return Disc(centre=centre, radius=radius)
 
 
-def _bounded(surface: Surface, rays: Rays, reach: Reach) -> tuple[FloatArray, FloatArray]:
+def _bounded(surface: Surface, rays: RayEnds, reach: Reach) -> tuple[FloatArray, FloatArray]:
     """Return centres (N, 2) and radii (N,), where depths are bounded."""
     n = rays.index
     gap = rays.ground - rays.camera

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from musatpy.arrays import FloatArray
 from musatpy.refraction.flat import RefractedRay, shaped
-from musatpy.refraction.stationary import Rays
+from musatpy.refraction.stationary import RayEnds
 from musatpy.refraction.surface import Surface
 
 _STEPS = 4000  # a grazing ray between high waves needs the most
@@ -42,7 +42,7 @@ def refracted_ray(
     `ValueError` for a ray that does not go down, starts under water, or meets the surface where it is not known.
     """
     shape = np.broadcast_shapes(np.shape(camera)[:-1], np.shape(direction)[:-1], np.shape(index), np.shape(time))
-    rays = Rays.of(camera, direction, index, time)
+    rays = RayEnds.of(camera, direction, index, time)
     C, u, n = rays.camera, rays.ground, rays.index[:, None]
     rho = _first_meeting(surface, C, u, rays.time)
     W = C + rho * u

@@ -16,7 +16,7 @@ from musatpy.arrays import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Departure:
+class DepthDeparture:
     """What one depth factor makes of apparent depths, and another in its place: arrays of one shape."""
 
     depth: FloatArray  # by the one factor
@@ -55,7 +55,7 @@ def model_factor(
     return pair_factor(np.hypot(s, y), np.hypot(t, y), s, t, apparent_depth, height, index)
 
 
-def departure(factor: ArrayLike, other: ArrayLike, apparent_depth: ArrayLike) -> Departure:
+def departure(factor: ArrayLike, other: ArrayLike, apparent_depth: ArrayLike) -> DepthDeparture:
     """Return how far the depths by the `other` factor are from those by `factor`; shapes broadcast.
 
     Table 2 is that of the factor of one apparent depth from the factors of others at the same place, Table 3 that
@@ -64,4 +64,4 @@ def departure(factor: ArrayLike, other: ArrayLike, apparent_depth: ArrayLike) ->
     F, G, h_a = (np.asarray(values, dtype=float) for values in (factor, other, apparent_depth))
     F, G, h_a = np.broadcast_arrays(F, G, h_a)
     # relative by the factors, so that it exists at an apparent depth of zero too
-    return Departure(depth=F * h_a, other_depth=G * h_a, error=(G - F) * h_a, relative=(G - F) / F)
+    return DepthDeparture(depth=F * h_a, other_depth=G * h_a, error=(G - F) * h_a, relative=(G - F) / F)

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.refraction import flat
 from musatpy.refraction.all_refraction_points import search
-from musatpy.refraction.stationary import Rays, path, stationary
+from musatpy.refraction.stationary import RayEnds, path, stationary
 from musatpy.refraction.surface import Surface
 
 _PART = 16384  # rays at a time: what they need on the way would fill the memory for a million
@@ -65,7 +65,7 @@ def incidence(
     water keeps its straight ray. Raises `ValueError` where a camera is not above the highest wave, and where the
     surface is not known at an incidence point.
     """
-    rays = Rays.of(camera, ground, index, time)
+    rays = RayEnds.of(camera, ground, index, time)
     _check_cameras(surface, rays)
     wet = surface.relief(rays.ground[:, :2], rays.time).height > rays.ground[:, 2]
     count, straight = len(wet), np.eye(3)
@@ -98,7 +98,7 @@ def refraction_points(
 
     Whether another crest stands between such a point and the camera is not looked at. Raises `ValueError`.
     """
-    ray = Rays.of(camera, ground, index, time)
+    ray = RayEnds.of(camera, ground, index, time)
     _check_cameras(surface, ray)
     if not surface.relief(ray.ground[:, :2], ray.time).height[0] > ray.ground[0, 2]:
         raise ValueError("the ground point is not below the water")
@@ -113,7 +113,7 @@ def refraction_points(
     )
 
 
-def is_single(surface: Surface, rays: Rays) -> BoolArray:
+def is_single(surface: Surface, rays: RayEnds) -> BoolArray:
     """Tell for which rays (N,) the optical path is convex wherever a refraction point may be: they have one.
 
     A sufficient condition: the water leg bends L by at least n cos^2(beta + gamma)/r, the surface by at most
@@ -131,7 +131,7 @@ def is_single(surface: Surface, rays: Rays) -> BoolArray:
     return (angle < np.pi / 2.0) & (water > bend)
 
 
-def _principal(surface: Surface, rays: Rays) -> tuple[FloatArray, IntArray, BoolArray]:
+def _principal(surface: Surface, rays: RayEnds) -> tuple[FloatArray, IntArray, BoolArray]:
     """Return the principal places (N, 2), the number of refraction points and whether these are all (N,)."""
     number, complete = np.ones(len(rays.index), dtype=np.int64), np.ones(len(rays.index), dtype=bool)
     xy, quick = np.empty((len(rays.index), 2)), is_single(surface, rays)
@@ -146,7 +146,7 @@ def _principal(surface: Surface, rays: Rays) -> tuple[FloatArray, IntArray, Bool
     return xy, number, complete
 
 
-def _flat_start(surface: Surface, rays: Rays) -> FloatArray:
+def _flat_start(surface: Surface, rays: RayEnds) -> FloatArray:
     """Return where the rays (N,) would enter level water of the height above their ground points."""
     gap = rays.ground - rays.camera
     depth = surface.relief(rays.ground[:, :2], rays.time).height - rays.ground[:, 2]
@@ -156,7 +156,7 @@ def _flat_start(surface: Surface, rays: Rays) -> FloatArray:
     return rays.camera[:, :2] + gap[:, :2] * np.divide(Q, D, out=np.ones_like(D), where=D > 0.0)[:, None]
 
 
-def _partials(surface: Surface, rays: Rays, xy: FloatArray) -> tuple[FloatArray, ...]:
+def _partials(surface: Surface, rays: RayEnds, xy: FloatArray) -> tuple[FloatArray, ...]:
     """Return v = W - C and its partials by camera, ground, level, index and slope, by implicit differentiation."""
     at = path(surface, rays, xy)
     T, a, b, n = at.tangents, at.air, at.water, rays.index[:, None, None]
@@ -176,7 +176,7 @@ def _partials(surface: Surface, rays: Rays, xy: FloatArray) -> tuple[FloatArray,
     return v, by_camera - one, by_ground, by_level[:, :, 0] + one[2], by_index[:, :, 0], by_slope
 
 
-def _check_cameras(surface: Surface, rays: Rays) -> None:
+def _check_cameras(surface: Surface, rays: RayEnds) -> None:
     top = surface.limits.highest
     if np.isinf(top):
         above = surface.relief(rays.camera[:, :2], rays.time).height < rays.camera[:, 2]
@@ -186,7 +186,7 @@ def _check_cameras(surface: Surface, rays: Rays) -> None:
         raise ValueError("a camera is not above the water")
 
 
-def _check_covered(surface: Surface, rays: Rays, xy: FloatArray) -> None:
+def _check_covered(surface: Surface, rays: RayEnds, xy: FloatArray) -> None:
     outside = ~surface.covers(xy, rays.time)
     if outside.any():
         x, y = xy[np.argmax(outside)]

@@ -28,7 +28,7 @@ class PerRay:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rays(PerRay):
+class RayEnds(PerRay):
     """Cameras and ground points (N, 3) m, indices (N,) and times (N,) s of N rays."""
 
     camera: FloatArray
@@ -37,7 +37,7 @@ class Rays(PerRay):
     time: FloatArray
 
     @classmethod
-    def of(cls, camera: ArrayLike, ground: ArrayLike, index: ArrayLike, time: ArrayLike) -> Rays:
+    def of(cls, camera: ArrayLike, ground: ArrayLike, index: ArrayLike, time: ArrayLike) -> RayEnds:
         """Return rays in one row from arrays whose shapes (..., 3) and (...) broadcast."""
         camera, ground = np.asarray(camera, float), np.asarray(ground, float)
         shape = np.broadcast_shapes(camera.shape[:-1], ground.shape[:-1], np.shape(index), np.shape(time))
@@ -121,7 +121,7 @@ class Path(PerRay):
             getattr(self, field.name)[rows] = getattr(other, field.name)
 
 
-def path(surface: Surface, rays: Rays, xy: FloatArray) -> Path:
+def path(surface: Surface, rays: RayEnds, xy: FloatArray) -> Path:
     """Return the optical path of rays (N,) over places (N, 2), Okamoto (1982) eq. 9 and 10."""
     relief = surface.relief(xy, rays.time)
     W = np.concatenate([xy, relief.height[:, None]], axis=1)
@@ -155,7 +155,7 @@ def _length(vectors: FloatArray) -> FloatArray:
     return np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
 
 
-def stationary(surface: Surface, rays: Rays, start: FloatArray) -> tuple[FloatArray, BoolArray]:
+def stationary(surface: Surface, rays: RayEnds, start: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Return places (N, 2) where the gradient of the path vanishes, and which rays (N,) reached one.
 
     Newton's method from `start` (N, 2); a step that would not make the gradient shorter is halved. What is reached
@@ -185,7 +185,7 @@ def stationary(surface: Surface, rays: Rays, start: FloatArray) -> tuple[FloatAr
 
 
 def _shortened(
-    surface: Surface, rays: Rays, xy: FloatArray, step: FloatArray, before: Path
+    surface: Surface, rays: RayEnds, xy: FloatArray, step: FloatArray, before: Path
 ) -> tuple[FloatArray, Path]:
     """Return places (N, 2) after steps that make the gradients of the path shorter, and the path there."""
     enough = np.maximum(_length_in_plan(before.gradient), 1e-12)  # rounding is not worse

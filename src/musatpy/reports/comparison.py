@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from musatpy.comparison import Comparison, Differences
+from musatpy.comparison import ComparedRows, ComparedRuns
 from musatpy.reports.table import sheet
 from musatpy.reports.values import Json, plain, rows
 
@@ -16,7 +16,7 @@ _ANGLES = ("X-Tilt\narc sec", "Y-Tilt\narc sec", "Heading\narc sec")
 _WAVE = ("Height\nm", "Length\nm", "Azimuth\ndegrees", "Crest\nm")
 
 
-def comparison_text(comparison: Comparison, listed: int = _LISTED) -> str:
+def comparison_text(comparison: ComparedRuns, listed: int = _LISTED) -> str:
     """Return the comparison as text, of stations and points the `listed` ones that differ most."""
     first, second = comparison.labels
     lines = [f"COMPARISON OF TWO SOLUTIONS: {first} AND {second}", ""]
@@ -39,7 +39,7 @@ def comparison_text(comparison: Comparison, listed: int = _LISTED) -> str:
     return "\n".join(lines) + "\n"
 
 
-def comparison_record(comparison: Comparison) -> dict[str, Json]:
+def comparison_record(comparison: ComparedRuns) -> dict[str, Json]:
     """Return the comparison as dictionaries, lists, texts and numbers: metres, radians, sigmas of the second."""
     return {
         "labels": list(comparison.labels),
@@ -53,11 +53,11 @@ def comparison_record(comparison: Comparison) -> dict[str, Json]:
     }
 
 
-def _rows(name: str, part: Differences) -> list[dict[str, Json]]:
+def _rows(name: str, part: ComparedRows) -> list[dict[str, Json]]:
     return rows(**{name: part.ids}, difference=part.difference, sigma=part.sigma, ratio=part.ratio)
 
 
-def _table(name: str, part: Differences, names: Sequence[str], listed: int) -> list[str]:
+def _table(name: str, part: ComparedRows, names: Sequence[str], listed: int) -> list[str]:
     table = sheet(
         (name, "A8", part.ids[:listed]),
         (names, "F9.3", part.difference[:listed]),
@@ -67,7 +67,7 @@ def _table(name: str, part: Differences, names: Sequence[str], listed: int) -> l
     return [*table.text(), *left]
 
 
-def _depths(comparison: Comparison) -> list[str]:
+def _depths(comparison: ComparedRuns) -> list[str]:
     depths = comparison.depths
     first, second = comparison.labels
     return sheet(

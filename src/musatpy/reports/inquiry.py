@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import TextArray
-from musatpy.inquiry import About, Images
+from musatpy.inquiry import About, InquiredImages
 from musatpy.reports.editing import edited, number_text
 from musatpy.reports.pages import text_of, wrapped
 from musatpy.reports.table import sheet
@@ -141,7 +141,7 @@ def _without_heads(axes: tuple[str, ...]) -> list[str]:
     return [f"{'Without' if n == 0 else ''}\n{axis}" for n, axis in enumerate(axes)]
 
 
-def _flags(images: Images) -> TextArray:
+def _flags(images: InquiredImages) -> TextArray:
     """Return (k,) W for wet rays, else B for submerged points, and N for images that took no part."""
     wet = np.where(images.refraction > 0.0, "W", np.where(images.submerged, "B", " "))
     return np.char.add(wet, np.where(images.triangulated, " ", "N"))

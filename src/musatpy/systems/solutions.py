@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import SystemsError
-from musatpy.geometry.systems import Factors
+from musatpy.geometry.systems import MapFactors
 from musatpy.model import Solution
 from musatpy.systems.blocks import coordinates_of, level_of, rates_at
 from musatpy.systems.statement import Statement, attitudes_out, own_statement, require_same_earth
@@ -35,7 +35,7 @@ class StatedSolution:
     predicted: FloatArray  # (s, 3) and as predicted
     tide: FloatArray  # (n,) m, adjusted where the adjustment knows water, in heights of the system
     undulation: FloatArray  # (n,) m, of the surface of these heights above the ellipsoid, at the stations
-    factors: Factors | None  # (n,) of the map at the stations; None: not projected
+    factors: MapFactors | None  # (n,) of the map at the stations; None: not projected
     far_stations: BoolArray  # (n,) places that the system does not reach
     far_points: BoolArray  # (p,)
 

@@ -11,14 +11,14 @@ import numpy as np
 
 from musatpy.adjustment.collinear import Follow
 from musatpy.adjustment.compiled import points as compiled
-from musatpy.adjustment.compiled.points import Known, Measured, Pairs, Points, Stations, Water
+from musatpy.adjustment.compiled.points import Known, LevelWater, LinearPoints, Pairs, PointImages, Poses
 from musatpy.adjustment.ground import RIDGE, hold, prior_rows, steps_to_best
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kernels import Loops, side_by_side
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
-from musatpy.adjustment.propagation import Diagonal, Part, PointRows
+from musatpy.adjustment.propagation import Diagonal, PointRows, PropagatedObservations
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry.geodesy import surface
 from musatpy.model import ObservationKind
@@ -77,7 +77,7 @@ class CompiledFollow:
     """How the points follow a step: what is left of their elimination."""
 
     loops: CompiledLoops
-    points: Points
+    points: LinearPoints
     known: Known
 
     def move(self, network: Network, state: State, step: FloatArray, ground: FloatArray) -> None:
@@ -101,7 +101,7 @@ class CompiledLoops(Loops):
     """Loops over the points that have no unknowns but their own and those of their photos; `others` are left."""
 
     others: Groups
-    _last: list[tuple[tuple[object, ...], Points, Known]] = field(default_factory=list, repr=False)
+    _last: list[tuple[tuple[object, ...], LinearPoints, Known]] = field(default_factory=list, repr=False)
 
     @classmethod
     def of(cls, network: Network, groups: Iterable[PointGroup]) -> Self:
@@ -158,18 +158,18 @@ class CompiledLoops(Loops):
         pieces = np.split(rows, np.searchsorted(rays, total * np.arange(1, count) / count))
         return list(side_by_side(work, pieces, len(self.sequence.rays)))
 
-    def points(self, state: State) -> tuple[Points, Known]:
+    def points(self, state: State) -> tuple[LinearPoints, Known]:
         """Return the points in a state: each step is judged where it leads, and the next one begins there."""
         of = (state.position, state.attitude, state.ground, state.tide, state.tilt, state.index, state.levels)
         if not self._last or any(a is not b for a, b in zip(self._last[0][0], of, strict=True)):
             self._last[:] = [(of, *self._linearised(state, self.rows))]
         return self._last[0][1:]
 
-    def _linearised(self, state: State, rows: IntArray, by_station: bool = True) -> tuple[Points, Known]:
+    def _linearised(self, state: State, rows: IntArray, by_station: bool = True) -> tuple[LinearPoints, Known]:
         """Return some points, and what is known of all, as they are in a state; what is not asked for is zero."""
         network, sequence, kappa = self.network, self.sequence, state.attitude[:, 2]
         k, r, q = len(sequence.point), len(sequence.rays), network.pattern.size
-        at = Measured(
+        at = PointImages(
             start=sequence.start,
             photo=sequence.photo,
             xy=network.xy.take(sequence.rays, axis=0),
@@ -190,14 +190,14 @@ class CompiledLoops(Loops):
             pull=weight * priors.deviation[:, :3],
         )
         shapes = ((r if by_station else 0, 2, q), (r, 2, 3), (r, 2), (k, 3, 3), (k, 3), (k,), (k,))
-        out, stations, water = Points(*map(np.zeros, shapes)), Stations(*map(_plain, arrays)), self._water(state)
+        out, stations, water = LinearPoints(*map(np.zeros, shapes)), Poses(*map(_plain, arrays)), self._water(state)
         self.of_parts(
             lambda part: compiled.linearise(part, at, stations, water, known, RIDGE, by_station, out), rows
         )
         out.squares[self.known_rows] += priors.squares
         return out, known
 
-    def _water(self, state: State) -> Water:
+    def _water(self, state: State) -> LevelWater:
         """Return the level water over the points."""
         network, rays = self.network, self.sequence.rays
         wet = np.flatnonzero(network.refracted[rays])
@@ -206,7 +206,7 @@ class CompiledLoops(Loops):
         ground, tide = state.ground[network.point[wet_rays]], state.tide[network.photo[wet_rays]]
         over = surface(network.frame, network.slope(state.tilt), tide, ground)
         normal, depth, rise = map(_plain, (over.normal, over.depth, 1.0 / over.secant))
-        return Water(row=row, normal=normal, depth=depth, rise=rise, refraction=float(state.index))
+        return LevelWater(row=row, normal=normal, depth=depth, rise=rise, refraction=float(state.index))
 
     @property
     def unknowns(self) -> tuple[int, ...]:
@@ -264,7 +264,7 @@ class CompiledLoops(Loops):
 
     def spread(
         self, state: State, cofactors: Cofactors, residual: FloatArray, points: FloatArray, diagonal: Diagonal
-    ) -> tuple[Groups, list[Part]]:
+    ) -> tuple[Groups, list[PropagatedObservations]]:
         sequence, network = self.sequence, self.network
         rows = np.setdiff1d(self.rows, self.known_rows, assume_unique=True)
         of_points, cofactor, covariance = self._errors(state, cofactors.blocks)
@@ -274,7 +274,7 @@ class CompiledLoops(Loops):
         squares = np.einsum("rci,rci->ri", A, A)[taken]
         for unknown, of_stations in enumerate(diagonal.stations.T):
             of_stations += np.bincount(sequence.photo[taken], squares[:, unknown], network.photos)
-        part = Part(
+        part = PropagatedObservations(
             kind=ObservationKind.PLATE,
             row=np.repeat(images, 2),
             component=np.tile(np.arange(2), len(images)),

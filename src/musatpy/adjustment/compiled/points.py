@@ -60,7 +60,7 @@ def _stamp() -> bytes:
     return sha256(b"".join(source.read_bytes() for source in sorted(Path(__file__).parent.glob("*.py")))).digest()
 
 
-class Stations(NamedTuple):
+class Poses(NamedTuple):
     """n photos where they are."""
 
     position: FloatArray  # (n, 3) working
@@ -71,7 +71,7 @@ class Stations(NamedTuple):
     principal_point: FloatArray  # (n, 2) mm
 
 
-class Measured(NamedTuple):
+class PointImages(NamedTuple):
     """k points one after the other, and their r images: those of point p are `start[p]` to `start[p + 1]`."""
 
     start: IntArray  # (k + 1,)
@@ -81,7 +81,7 @@ class Measured(NamedTuple):
     ground: FloatArray  # (k, 3) working, of the points: those of one photo stand together
 
 
-class Water(NamedTuple):
+class LevelWater(NamedTuple):
     """Level water over the w rays that it refracts."""
 
     row: IntArray  # (r,) of the ray among those, -1 where it is dry
@@ -108,7 +108,7 @@ class Pairs(NamedTuple):
     slot: NDArray[np.int32]  # rows of the blocks of the pattern
 
 
-class Points(NamedTuple):
+class LinearPoints(NamedTuple):
     """k points with their r images, linearised, along the axes of what is known of them; all are weighted."""
 
     A: FloatArray  # (r, 2, q) partials of images by stations
@@ -148,7 +148,7 @@ def _slopes(t: float, H: float, h: float, n: float) -> tuple[float, float, float
 
 @piece
 def _bend(
-    row: int, water: Water, gap0: float, gap1: float, gap2: float
+    row: int, water: LevelWater, gap0: float, gap1: float, gap2: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
     """Return v from camera to water point of a wet ray; the gap is the vector to the point.
 
@@ -174,7 +174,7 @@ def _bend(
 
 @piece
 def _image(
-    r: int, at: Measured, stations: Stations, v0: float, v1: float, v2: float, by_station: bool, out: Points
+    r: int, at: PointImages, stations: Poses, v0: float, v1: float, v2: float, by_station: bool, out: LinearPoints
 ) -> None:
     """Set the weighted residual of image r of a vector v from its camera, and its partials.
 
@@ -209,8 +209,8 @@ def _image(
 
 @piece
 def _through_water(
-    r: int, row: int, water: Water, e0: float, e1: float, e2: float, H: float, t: float, by_station: bool,
-    out: Points,
+    r: int, row: int, water: LevelWater, e0: float, e1: float, e2: float, H: float, t: float, by_station: bool,
+    out: LinearPoints,
 ) -> None:  # fmt: skip
     """Turn partials of image r by v to those by the point, and set those by the camera.
 
@@ -246,7 +246,7 @@ def _along(rows: FloatArray, r: int, axes: FloatArray, n: int) -> None:
 
 @piece
 def _see(
-    p: int, at: Measured, stations: Stations, water: Water, known: Known, by_station: bool, out: Points
+    p: int, at: PointImages, stations: Poses, water: LevelWater, known: Known, by_station: bool, out: LinearPoints
 ) -> bool:
     """Set the weighted residuals and partials of the images of a point; return whether all cameras see it."""
     seen, M, P = True, stations.M, stations.position
@@ -290,8 +290,8 @@ def _invert(
 
 @compiled
 def linearise(
-    rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, by_station: bool,
-    out: Points,
+    rows: IntArray, at: PointImages, stations: Poses, water: LevelWater, known: Known, ridge: float,
+    by_station: bool, out: LinearPoints,
 ) -> None:  # fmt: skip
     """Set the images of points, and their normal equations solved for the stations as they are.
 
@@ -324,7 +324,7 @@ def linearise(
 
 @compiled
 def add(
-    rows: IntArray, start: IntArray, photo: IntArray, points: Points, pairs: Pairs, unknowns: tuple[int, ...],
+    rows: IntArray, start: IntArray, photo: IntArray, points: LinearPoints, pairs: Pairs, unknowns: tuple[int, ...],
     first: int, blocks: FloatArray, rhs: FloatArray,
 ) -> None:  # fmt: skip
     """Add points to the normal equations of their stations, N_ss - N_sp N_pp^-1 N_ps = A'(I - B N_pp^-1 B')A.
@@ -359,7 +359,7 @@ def add(
 
 @compiled
 def spread(
-    rows: IntArray, start: IntArray, points: Points, root: FloatArray, axes: FloatArray, pairs: Pairs,
+    rows: IntArray, start: IntArray, points: LinearPoints, root: FloatArray, axes: FloatArray, pairs: Pairs,
     unknowns: tuple[int, ...], Q: FloatArray, of_points: FloatArray, images: FloatArray, both: FloatArray,
 ) -> None:  # fmt: skip
     """Set the cofactors of points (k, 3, 3), of images (r, 2), and of both along `axes` (k, 3, 3): (r, 2, 3).
@@ -414,8 +414,8 @@ def spread(
 
 @compiled
 def follow(
-    rows: IntArray, start: IntArray, photo: IntArray, points: Points, unknowns: tuple[int, ...], step: FloatArray,
-    change: FloatArray,
+    rows: IntArray, start: IntArray, photo: IntArray, points: LinearPoints, unknowns: tuple[int, ...],
+    step: FloatArray, change: FloatArray,
 ) -> None:  # fmt: skip
     """Set the changes (k, 3) of points that follow a step (n, q) of their stations, N_pp^-1 (b - N_ps step)."""
     A, B, N = points.A, points.B, points.inverse

@@ -15,7 +15,7 @@ import numpy as np
 from musatpy.adjustment.iteration import State, WaterKnowledge
 from musatpy.adjustment.kinds.kind import Kind, OfWater, Prior, Rows, StationKind, Unknown
 from musatpy.adjustment.kinds.measured import MeasuredKind
-from musatpy.adjustment.network import NOTHING, Measured, Network
+from musatpy.adjustment.network import NOTHING, MeasuredTies, Network
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, FloatArray
@@ -85,7 +85,7 @@ def takes_part(kind: Kind, network: Network) -> bool:
     return not isinstance(kind, Unknown) or network.unknown(kind.observed)
 
 
-def measured_in(block: Block, enters: BoolArray) -> dict[ObservationKind, Measured]:
+def measured_in(block: Block, enters: BoolArray) -> dict[ObservationKind, MeasuredTies]:
     """Return what takes part of the tables of observations between places; points that enter (p,) may be kept."""
     return {
         kind.observed: kind.measured(block, enters) if getattr(block, kind.observed.attribute).count else NOTHING

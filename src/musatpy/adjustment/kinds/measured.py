@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds.kind import Kind, Rows
-from musatpy.adjustment.network import Measured, Network, inverse_squares, kept_axes
+from musatpy.adjustment.network import MeasuredTies, Network, inverse_squares, kept_axes
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import Block, CauseKind, ObservationKind, Program
 from musatpy.model.tables import taken
@@ -43,11 +43,11 @@ class MeasuredKind(Kind):
         """Return the block without the rows of the table that are `out` (rows,)."""
         return replace(block, **{self.observed.attribute: taken(self._table(block), ~out)})
 
-    def measured(self, block: Block, enters: BoolArray) -> Measured:
+    def measured(self, block: Block, enters: BoolArray) -> MeasuredTies:
         """Return what takes part of the table of a block; points that enter (p,) may be kept."""
         table, (photo, point) = self._table(block), self._links(block)
         used = np.asarray(enters[point].all(axis=1)) & self.applies(block)
-        return Measured(
+        return MeasuredTies(
             row=np.flatnonzero(used),
             photo=photo[used],
             point=point[used],

@@ -23,7 +23,7 @@ from musatpy.model import Block, ObservationKind
 from musatpy.units import ARC_SECOND, DEGREE
 
 
-class WaterLevel(OfWater):
+class LevelCorrection(OfWater):
     """The corrections stand in the border, or, where each photo has its own, with the unknowns of the photos."""
 
     observed = ObservationKind.WATER_LEVEL
@@ -116,7 +116,7 @@ class WaterLevel(OfWater):
         return network.pattern.order + network.border.numbers(self.observed)
 
 
-class Parameter(OfWater):
+class WaterParameter(OfWater):
     """Parameters of the water on which all refracted images depend alike."""
 
     searched = False  # no card of one photo or point is to blame
@@ -152,7 +152,7 @@ class Parameter(OfWater):
         return index, by_water[..., self.part][..., : index.shape[1]]
 
 
-class WaterTilt(Parameter):
+class WaterTilt(WaterParameter):
     """The two slopes, in rad."""
 
     observed = ObservationKind.WATER_TILT
@@ -190,7 +190,7 @@ class WaterTilt(Parameter):
 _LIMIT = 1e-6  # of steps: a hundredth of what its sigma can be
 
 
-class WaterIndex(Parameter):
+class WaterIndex(WaterParameter):
     """The index, relative to air."""
 
     observed = ObservationKind.WATER_INDEX
@@ -213,7 +213,7 @@ class WaterIndex(Parameter):
 _ARM = 100.0  # m, of the turn of a wave: about a length
 
 
-class Wave(Parameter):
+class Wave(WaterParameter):
     """Height, length, azimuth, crest of each wave: those that are unknown, (w,) of (k, 4)."""
 
     observed = ObservationKind.WAVE
@@ -330,4 +330,4 @@ def _covector(slopes: FloatArray) -> FloatArray:
     return np.array([*-slopes, 1.0])
 
 
-KINDS = (WaterLevel(), WaterTilt(), WaterIndex(), Wave())
+KINDS = (LevelCorrection(), WaterTilt(), WaterIndex(), Wave())
