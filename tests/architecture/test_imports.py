@@ -80,6 +80,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "simulation": {"model", "geometry", "sea", "formats"},  # of the sea, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
+    "keypunch": {"formats", "pointfiles"},
     "depth": {"model", "geometry", "refraction", "systems", "pointfiles"},
     "sea": {"model", "geometry", "refraction", "systems", "depth", "pointfiles"},
     "correction": {"model", "geometry", "refraction", "compilation", "depth", "interchange", "pointfiles"},
@@ -130,6 +131,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "campaign",
         "examples",
         "model",
+        "keypunch",
         "formats",
         "point_flags",
         "runs",

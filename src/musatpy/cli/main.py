@@ -28,6 +28,8 @@ COMMANDS = {
     "plot": "musatpy.cli.plot",
     "check": "musatpy.cli.check",
     "card": "musatpy.cli.card",
+    "tidy": "musatpy.cli.tidy",
+    "tide": "musatpy.cli.tide",
     "simulate": "musatpy.cli.simulate",
     "explain": "musatpy.cli.explain",
     "compare": "musatpy.cli.compare",

@@ -10,7 +10,7 @@ from musatpy.errors import MusatError, nearest, nearest_or_all
 from musatpy.formats.cards.spec import DATA_COLUMNS, END_MNEMONIC, CardSpec, Family, FieldSpec
 from musatpy.fortran import FieldError
 
-_PARTS = ("deg", "min", "sec")
+PARTS = ("deg", "min", "sec")
 _SETTING = re.compile(r"([^.=\s]+)\.([^.=\s]+)\s*=(.*)", re.DOTALL)
 
 
@@ -64,7 +64,7 @@ def setting_of(spec: CardSpec, name: str, text: str) -> Setting:
     with blanks or colons between. Raises `SettingError`.
     """
     fields = {field.name: field for field in spec.fields}
-    parts = [f"{name}_{part}" for part in _PARTS]
+    parts = [f"{name}_{part}" for part in PARTS]
     if name not in fields and all(part in fields for part in parts):
         words = text.replace(":", " ").split()
         if words and len(words) != len(parts):

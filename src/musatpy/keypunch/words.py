@@ -1,0 +1,85 @@
+"""Cards typed as words with blanks between: put into their columns where there is one way to do so."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import islice
+
+from musatpy.errors import Problem, nearest_or_all
+from musatpy.formats.cards.deck import read_cards
+from musatpy.formats.cards.settings import Setting, SettingError, blank_card, card_with, setting_of
+from musatpy.formats.cards.spec import DATA_COLUMNS, CardSpec, Family, FieldSpec
+
+
+@dataclass(frozen=True, kw_only=True)
+class TidyDeck:
+    """A deck whose typed cards stand in their columns; every other line is as it was, byte by byte."""
+
+    data: bytes
+    changed: tuple[tuple[int, str, str], ...]  # line, the card as typed, the card in its columns
+    problems: tuple[Problem, ...]  # of lines that are neither cards nor can be made one
+
+
+def tidied(data: bytes, family: Family, file: str = "deck") -> TidyDeck:
+    """Return a deck in which words that were typed freely stand in the columns of their card.
+
+    A line that reads well as it stands is kept. Of others the words go to the fields in their order, from the first
+    on; where they do not fit so, to the only fields that can take them in that order. A line for which there is no
+    such way, or more than one, is kept and has a problem.
+    """
+    lines = re.findall(r"[^\n]*\n|[^\n]+", data.decode("latin-1"))
+    deck = read_cards(data, family, name=file)
+    wrong = {problem.line for problem in deck.problems if problem.severity == "error" and problem.line is not None}
+    changed, problems = list[tuple[int, str, str]](), list[Problem]()
+    for number in sorted(wrong):
+        text = lines[number - 1].rstrip("\r\n")
+        card, fault = tidy_card(text, family)
+        if fault:
+            problems.append(Problem(file=file, line=number, text=text, message=fault))
+        elif card.rstrip() != text.rstrip():
+            lines[number - 1] = card.rstrip() + lines[number - 1][len(text) :]
+            changed.append((number, text, card.rstrip()))
+    return TidyDeck(data="".join(lines).encode("latin-1"), changed=tuple(changed), problems=tuple(problems))
+
+
+def tidy_card(text: str, family: Family) -> tuple[str, str]:
+    """Return the card of a line of words, and why there is none."""
+    end = DATA_COLUMNS[1]  # behind it a number of the sequence says nothing
+    mnemonic, *words = (text[:end] if text[end:].strip().isdigit() else text).split() or [""]
+    spec = family.cards.get(mnemonic.upper())
+    if spec is None:
+        return text, f"'{mnemonic}' is no card{nearest_or_all(mnemonic.upper(), family.cards)}"
+    fields = sorted(spec.fields, key=lambda field: field.first)
+    if len(fields) == 1 and not fields[0].edit.is_number:  # a title has blanks
+        words = [text.strip()[len(mnemonic) :].strip()]
+    if len(words) > len(fields):
+        return text, f"{len(words)} words for the {len(fields)} fields of {spec.mnemonic}"
+    try:
+        settings = [setting_of(spec, field.name, word) for field, word in zip(fields, words, strict=False)]
+    except SettingError as error:
+        ways, why = list(islice(_ways(spec, fields, words), 2)), str(error)
+    else:
+        missing = [field.name for field in fields[len(words) :] if field.blank == "error"]
+        ways, why = [] if missing else [settings], f"no word for {', '.join(missing)}"
+    if len(ways) > 1:
+        both = [" ".join(f"{setting.name}={setting.value}" for setting in way) for way in ways]
+        return text, f"in more than one way a card {spec.mnemonic}: {both[0]}, or {both[1]}"
+    return (card_with(blank_card(spec), ways[0]), "") if ways else (text, why)
+
+
+def _ways(spec: CardSpec, fields: Sequence[FieldSpec], words: Sequence[str]) -> Iterator[list[Setting]]:
+    """Yield the ways in which fields can take words in their order, what is left being blank."""
+    if not words:
+        if all(field.blank != "error" for field in fields):
+            yield []
+        return
+    if len(words) > len(fields):
+        return
+    with suppress(SettingError):
+        setting = setting_of(spec, fields[0].name, words[0])
+        yield from ([setting, *others] for others in _ways(spec, fields[1:], words[1:]))
+    if fields[0].blank != "error":
+        yield from _ways(spec, fields[1:], words)

@@ -1,0 +1,71 @@
+"""Cards out of tables (`musat card CARD --csv`) and out of words (`musat tidy`)."""
+
+from pathlib import Path
+
+import pytest
+
+from cli.commands import musat
+from musatpy.formats.job_tables import card_family
+from musatpy.keypunch.words import tidied, tidy_card
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+TYPED = """TTL A strip, typed
+opt LOCL
+CAM RMK 153.17
+PLT 1 101 12.345 -56.789
+PLT 1 102 12.345 -56.789 0.005 0.005 B
+PLT 1 103 12.3 4.5 B
+END
+"""
+
+
+def values(card: str) -> dict[str, float | str]:
+    """Return what a card says, without its blank fields."""
+    spec = card_family().cards[card[:3]]
+    fields = {field.name: card.ljust(80)[field.first - 1 : field.last] for field in spec.fields}
+    return {field.name: field.decode(fields[field.name]) for field in spec.fields if fields[field.name].strip()}
+
+
+def test_words_go_to_the_fields_in_their_order(tmp_path: Path) -> None:
+    (tmp_path / "typed.crd").write_text(TYPED)
+    result = musat("tidy", tmp_path / "typed.crd", "-o", tmp_path / "tidy.crd")
+    assert result.exit_code == 0, result.output
+    cards = (tmp_path / "tidy.crd").read_text().splitlines()
+    assert cards[0] == "TTL A strip, typed" and cards[-1] == "END"  # which read well as they were
+    assert values(cards[1]) == {"system": "LOCL"}  # the only field that takes this word
+    assert values(cards[2]) == {"camera": "RMK", "focal_length": 153.17}
+    assert values(cards[3]) == {"photo": "1", "point": "101", "x": 12.345, "y": -56.789}
+    named = {"photo": "1", "point": "102", "x": 12.345, "y": -56.789, "sigma_x": 0.005, "sigma_y": 0.005}
+    assert values(cards[4]) == named | {"bathymetric": "B"}
+    assert values(cards[5]) == {"photo": "1", "point": "103", "x": 12.3, "y": 4.5, "bathymetric": "B"}
+    assert (
+        musat("tidy", tmp_path / "tidy.crd", "-o", "-", "-q").stdout_bytes == (tmp_path / "tidy.crd").read_bytes()
+    )
+
+
+@pytest.mark.parametrize("path", sorted((FIXTURES / "cayman").glob("*.crd")), ids=lambda path: path.stem)
+def test_decks_that_read_well_stay_byte_by_byte(path: Path) -> None:
+    assert tidied(path.read_bytes(), card_family()).data == path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("card", "message"),
+    [
+        ("PLT 1 103 12.345", "no word for y"),
+        ("PLT 1 103 12.345 x", "PLT.y: 'x' is not a number"),
+        ("PLT 1 103 1 2 3 4 5 6 7 8 9 10", "12 words for the"),
+        ("PLTE 1 103 12.3 4.5", "'PLTE' is no card; did you mean PLT?"),
+        ("CAM TOOLONG 153.17", "CAM.camera: 'TOOLONG' is not A4"),
+        ("PLT 1 103 12.345678912 4.5", "PLT.x: '12.345678912' does not fit F12.7"),
+        (
+            "OPT IIA 5 0.1",
+            "in more than one way a card OPT: program=IIA max_iterations=5 rotation_limit=0.100, or ",
+        ),
+    ],
+)
+def test_what_cannot_be_placed_is_told_and_stays(tmp_path: Path, card: str, message: str) -> None:
+    assert message in tidy_card(card, card_family())[1]
+    (tmp_path / "typed.crd").write_text(f"{card}\nEND\n")
+    result = musat("tidy", tmp_path / "typed.crd", "-o", tmp_path / "tidy.crd")
+    assert result.exit_code == 1 and "typed.crd:1: " in result.stderr and message in result.stderr
+    assert (tmp_path / "tidy.crd").read_text() == f"{card}\nEND\n"
