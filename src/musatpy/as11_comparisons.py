@@ -16,8 +16,9 @@ from musatpy.compilation.bottom import bottom_of
 from musatpy.compilation.compiled import Compiled
 from musatpy.compilation.contoured import Contoured, contoured
 from musatpy.compilation.joined_surfaces import Surface, surfaces_of
-from musatpy.compilation.raster_bottoms import RasterBottom, read_raster_bottom
+from musatpy.compilation.rasters import RasterBottom, read_raster_bottom
 from musatpy.compilation.sounded import Matching, Sounded, nowhere, sounded
+from musatpy.compilation.verdicts import far_datum
 from musatpy.errors import CompilationError, Problem, SoundingError
 from musatpy.figures import image_of, lay_out
 from musatpy.files import write_files
@@ -25,7 +26,7 @@ from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.reports import compilation_comparisons
 from musatpy.reports import soundings as report
 from musatpy.reports.record import dumps
-from musatpy.soundings.contour_files import read_contours
+from musatpy.soundings.contours import read_contours
 from musatpy.soundings.differences import likeness_warning
 from musatpy.soundings.pictures import difference_figure
 from musatpy.soundings.sounding_files import Soundings, read_soundings
@@ -94,7 +95,7 @@ def compare_soundings(
         lay_out(figure)
         files[outputs.picture] = image_of(figure, "png")
     write_files(files)
-    far = of.compiled.far_datum(how.datum) if of.compiled and (how.datum or of.compiled.deck.datum) else ()
+    far = far_datum(of.compiled, how.datum) if of.compiled and (how.datum or of.compiled.deck.datum) else ()
     return compared, [*far, *_warnings(compared, read)]
 
 

@@ -10,17 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.compilation.against_run import against_run
+from musatpy.compilation.answers import places_of
 from musatpy.compilation.bottom import Bottom, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
-from musatpy.compilation.file_places import places_of
 from musatpy.compilation.joined_surfaces import Of
 from musatpy.compilation.profiles import oddities, profiles_of, scans_of
-from musatpy.compilation.run_records import of_record
+from musatpy.compilation.run_records import of_record, unadjusted
 from musatpy.compilation.setups import model_set_up
 from musatpy.compilation.stereomodels import faults_of_pair
 from musatpy.compilation.triangulation import Triangulation, of_block
-from musatpy.compilation.unadjusted_decks import unadjusted
-from musatpy.compilation.verdicts import verdict_of
+from musatpy.compilation.verdicts import lost, slips, verdict_of, warnings_of
 from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
 from musatpy.files import together, write_files
 from musatpy.formats.compilation_checks import READINGS
@@ -121,7 +120,7 @@ def _reported(result: Compiled, bottoms: Sequence[Bottom]) -> Compilation:
     return Compilation(
         compiled=result,
         against=against,
-        warnings=(*of_points, *result.warnings(), *oddities(profiles), *drawn),
+        warnings=(*of_points, *warnings_of(result), *oddities(profiles), *drawn),
         verdict=verdict_of(result, against),
         profiles=profiles,
         scans=scans_of(result, profiles),
@@ -174,7 +173,7 @@ def set_up_deck(
         return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
     kind = result.deck.stages.kind
     against = [against_run(model, kind[model.rows] == AGAIN) for model in result.models]
-    warnings = (*(text for part in against for text in part.warnings()), *result.warnings())
+    warnings = (*(text for part in against for text in part.warnings()), *warnings_of(result))
     set_up = [model_set_up(model, kind[model.rows]) for model in result.models]
     done = Compilation(compiled=result, against=against, warnings=warnings, set_up=set_up)
     listing, record = setup_paths(deck, out_dir)
@@ -272,16 +271,16 @@ def compiled_deck(run: Path, deck: Path, anyway: bool = False) -> tuple[Compiled
         result = compiled(triangulation, contents)
     except ProblemsError as error:
         raise ProblemsError([*problems, *_of_file(deck, error)]) from error
-    slips = list(_slips(deck, result))
-    if slips and not anyway:
-        raise ProblemsError([*problems, *slips])
+    slipped = list(_slips(deck, result))
+    if slipped and not anyway:
+        raise ProblemsError([*problems, *slipped])
     return result, [*problems, *_lost(deck, result)]
 
 
 def _slips(deck: Path, result: Compiled) -> Iterator[Problem]:
     """Yield at their cards the models most of whose readings make no points."""
     assert result.deck.lines is not None  # it was read
-    for row, message in result.slips():
+    for row, message in slips(result):
         place = place_of(str(deck), int(result.deck.lines.models[row]), "MDL")
         yield Problem(**place, message=f"{message} (--anyway compiles it)")
 
@@ -289,12 +288,12 @@ def _slips(deck: Path, result: Compiled) -> Iterator[Problem]:
 def _lost(deck: Path, result: Compiled) -> Iterator[Problem]:
     """Yield at their cards the readings that give no position, the first of many."""
     assert result.deck.lines is not None
-    as_points, lost = result.deck.stages.as_points, list(result.lost())
-    for row, message in lost[:_NAMED]:
+    as_points, without = result.deck.stages.as_points, list(lost(result))
+    for row, message in without[:_NAMED]:
         place = place_of(str(deck), int(result.deck.lines.stages[row]), READINGS[int(as_points[row])])
         yield Problem(**place, message=message, severity="warning")
-    if len(lost) > _NAMED:
-        message = f"and {len(lost) - _NAMED} readings more without a position: the listing has them"
+    if len(without) > _NAMED:
+        message = f"and {len(without) - _NAMED} readings more without a position: the listing has them"
         yield Problem(file=str(deck), message=message, severity="warning")
 
 

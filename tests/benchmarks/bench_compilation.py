@@ -22,7 +22,7 @@ import pyproj
 
 from musatpy.arrays import FloatArray
 from musatpy.compilation.loop import Loop
-from musatpy.compilation.raster_bottoms import RasterBottom
+from musatpy.compilation.rasters import RasterBottom
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.true_points import Readings, true_points

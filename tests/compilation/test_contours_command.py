@@ -22,7 +22,7 @@ from musatpy.errors import SoundingError
 from musatpy.interchange.any_file import write_layers
 from musatpy.interchange.layers import Grid
 from musatpy.reports.compilation_comparisons import CONTOURS as DOCUMENT
-from musatpy.soundings.contour_files import ContourLines
+from musatpy.soundings.contours import ContourLines
 from record_rows import read_rows, valid_rows
 
 SLOPE = 0.1

@@ -9,13 +9,12 @@ import pytest
 from compilation.scenes import MODEL, deck_of_cards, flat_images, grid, pair, stage_card, surface_of
 from musatpy import adjust, read_deck
 from musatpy.arrays import FloatArray
-from musatpy.compilation.bottom import Bottom, bottom_of, bottoms_of
-from musatpy.compilation.compiled import Compiled, compiled
-from musatpy.compilation.datums import Datum
-from musatpy.compilation.file_places import places_of
-from musatpy.compilation.grids import grids_of
+from musatpy.compilation.answers import places_of
+from musatpy.compilation.bottom import Bottom, bottom_of, bottoms_of, grids_of
+from musatpy.compilation.compiled import Compiled, Datum, compiled
 from musatpy.compilation.joined_surfaces import Surface
 from musatpy.compilation.triangulation import Triangulation, of_solution
+from musatpy.compilation.verdicts import warnings_of
 from musatpy.errors import CompilationError
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.model.compilation import (
@@ -244,10 +243,10 @@ def levels(bottom: Bottom) -> list[float]:
 
 def test_depths_count_from_the_datum_and_have_its_sigma() -> None:
     plain, below = beach(), beach("VDT MLLW        -0.1500  0.3000")
-    depth, sigma = below.datum_depth
-    bottom = _SLOPE * (plain.gathered("position")[:, 0] - 900.0)
+    depth, sigma = below.datum_depth, below.datum_depth_sigma
+    bottom = _SLOPE * (plain.points.position[:, 0] - 900.0)
     np.testing.assert_allclose(depth, -0.15 - bottom, rtol=0, atol=1e-4)  # of readings in 1e-6 mm
-    np.testing.assert_allclose(sigma**2, plain.datum_depth[1] ** 2 + 0.3**2, rtol=1e-9)
+    np.testing.assert_allclose(sigma**2, plain.datum_depth_sigma**2 + 0.3**2, rtol=1e-9)
 
 
 def test_depths_end_at_the_deepest_dry_point_unless_the_foreshore_belongs_to_them() -> None:
@@ -334,9 +333,9 @@ def test_depths_below_a_datum_in_a_grid_file(st_thomas: Triangulation, tmp_path:
     """Depths by the surface at each point, contours at its height there less their depth."""
     spec = SoundingDatum(name="MLLW", height=0.02, sigma=0.05, geoid=str(tilted_datum(tmp_path)))
     result = compiled(st_thomas, replace(compilation(), datum=spec))
-    position = result.gathered("position")
+    position = result.points.position
     surface = 0.02 - 0.15 + 4.0 * (position[:, 1] / DEGREE + 64.93)
-    np.testing.assert_allclose(result.datum_depth[0], surface - position[:, 2], rtol=0, atol=1e-6)  # file: float32
+    np.testing.assert_allclose(result.datum_depth, surface - position[:, 2], rtol=0, atol=1e-6)  # file: float32
     bottom = bottom_of(result)
     assert bottom is not None
     rows = [row.split(",") for row in contours_csv(bottom, places_of(result), result.datum).splitlines()[1:]]
@@ -358,9 +357,9 @@ def test_points_outside_the_grid_of_a_datum_have_no_depth_below_it(
     path.write_bytes(data)
     spec = SoundingDatum(name="MLLW", geoid=str(path))
     result = compiled(st_thomas, replace(compilation(), datum=spec))
-    west = result.gathered("position")[:, 1] < -64.935 * DEGREE
-    np.testing.assert_array_equal(np.isnan(result.datum_depth[0]), west)
-    assert f"{west.sum()} points lie outside the grid of the datum MLLW" in list(result.warnings())
+    west = result.points.position[:, 1] < -64.935 * DEGREE
+    np.testing.assert_array_equal(np.isnan(result.datum_depth), west)
+    assert f"{west.sum()} points lie outside the grid of the datum MLLW" in list(warnings_of(result))
 
 
 def test_a_local_job_has_no_grid_of_heights() -> None:
@@ -381,6 +380,6 @@ def test_a_sounding_datum_far_from_the_water_is_told(
     """The height 0 of a job without a datum is none."""
     datum = None if height is None else SoundingDatum(name="MLLW", height=height)
     result = compiled(st_thomas, replace(compilation(), datum=datum))
-    told = [text for text in result.warnings() if text.startswith("the sounding datum is")]
+    told = [text for text in warnings_of(result) if text.startswith("the sounding datum is")]
     assert len(told) == bool(side)
     assert side in "".join(told)

@@ -12,11 +12,10 @@ from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import Compiled, compiled
-from musatpy.compilation.driving import driven, read_path
-from musatpy.compilation.loop import Drive, Loop
-from musatpy.compilation.model_points import stages_of
+from musatpy.compilation.loop import Drive, Loop, driven, read_path, stages_of
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
+from musatpy.compilation.verdicts import warnings_of
 from musatpy.errors import CompilationError
 from musatpy.reports.record import dumps, record
 
@@ -237,13 +236,13 @@ def test_points_are_true_with_their_parallaxes_and_off_without(run: Triangulatio
     place, parallax = marks(set_up(run, "1", "2"), flat_images(run, true))
     result = points(run, *cards(place, parallax))
     # .005 um of the card's y-parallax and .05 mm of its coordinates, at a scale of 1 to 20,000.
-    assert np.abs(result.gathered("position") - true).max() < 5e-4
-    assert np.abs(result.gathered("y_parallax")).max() < 1e-5
-    assert not list(result.warnings())
+    assert np.abs(result.points.position - true).max() < 5e-4
+    assert np.abs(result.points.y_parallax).max() < 1e-5
+    assert not list(warnings_of(result))
     without = points(run, *cards(place, None))
-    lost = np.linalg.norm(without.gathered("position") - true, axis=1).max()
-    assert 0.05 < lost < 0.1 and np.isnan(without.gathered("y_parallax")).all()
-    (warning,) = without.warnings()
+    lost = np.linalg.norm(without.points.position - true, axis=1).max()
+    assert 0.05 < lost < 0.1 and np.isnan(without.points.y_parallax).all()
+    (warning,) = warnings_of(without)
     # Up to .083 m where the straight rays meet best (ETL-0306 has 30 m as the deepest of St. Thomas).
     told = float(warning.split("up to ")[1].split(" m")[0])
     assert warning.startswith("model 1 has model points without y-parallax") and told == pytest.approx(
@@ -256,8 +255,8 @@ def test_dry_points_need_no_parallax(run: Triangulation) -> None:
     place[:, 2] += 5.0
     result = points(run, *cards(place, None, flags="G "))
     stereo = set_up(run, "1", "2")
-    assert np.abs(stereo.model(run.frame.working(result.gathered("position"))) - place).max() < 1e-4
-    assert not list(result.warnings())
+    assert np.abs(stereo.model(run.frame.working(result.points.position)) - place).max() < 1e-4
+    assert not list(warnings_of(result))
 
 
 def test_marks_of_a_loop_through_the_water_are_the_true_points(run: Triangulation) -> None:
@@ -265,8 +264,8 @@ def test_marks_of_a_loop_through_the_water_are_the_true_points(run: Triangulatio
     true = at_depth(_PLACES, _DEPTH)
     place = set_up(run, "1", "2").model(run.frame.working(true))
     result = points(run, *cards(place, None, "T"))
-    assert np.abs(result.gathered("position") - true).max() < 1e-4  # .05 mm of the card
-    assert np.isnan(result.gathered("y_parallax")).all() and not list(result.warnings())
+    assert np.abs(result.points.position - true).max() < 1e-4  # .05 mm of the card
+    assert np.isnan(result.points.y_parallax).all() and not list(warnings_of(result))
     seen = points(run, *cards(place, np.full(len(place), 0.008), "T"))
     # that of the point is of the right image, across its epipolar line, which is not quite along Y.
-    np.testing.assert_allclose(seen.gathered("y_parallax"), 0.008, rtol=0.01)
+    np.testing.assert_allclose(seen.points.y_parallax, 0.008, rtol=0.01)

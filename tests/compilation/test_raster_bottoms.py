@@ -16,14 +16,14 @@ from compilation.scenes import soundings_at
 from musatpy.arrays import FloatArray
 from musatpy.as11_runs import compiled_deck
 from musatpy.compilation.contoured import NOT_IN_OTHER, contoured
-from musatpy.compilation.raster_bottoms import read_raster_bottom
+from musatpy.compilation.rasters import read_raster_bottom
 from musatpy.compilation.sounded import Matching, sounded
 from musatpy.errors import CompilationError, SoundingError
 from musatpy.geometry.crs import system_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.interchange.any_file import write_layers
 from musatpy.interchange.layers import Grid
-from musatpy.soundings.contour_files import ContourLines
+from musatpy.soundings.contours import ContourLines
 from musatpy.surfaces.tin import EMPTY, INSIDE, OUTSIDE, REASONS
 from musatpy.units import DEGREE
 
@@ -189,7 +189,7 @@ def test_refraction_shows_in_the_depths_of_an_old_raster(tmp_path: Path, monkeyp
         assert musat(*words).exit_code == 0
     compiled, _ = compiled_deck(Path("old.json"), Path("old.compilation.crd"))
     zone, frame = system_of("EPSG:32620", WGS84), compiled.run.frame
-    apparent = zone.coordinates(frame.level(frame.working(compiled.gathered("apparent"))))
+    apparent = zone.coordinates(frame.level(frame.working(compiled.points.apparent)))
     low, high = apparent.min(axis=0), apparent.max(axis=0)
     low[1], high[1] = 0.75 * low[1] + 0.25 * high[1], 0.25 * low[1] + 0.75 * high[1]
     x, y = np.arange(low[0], high[0], 15.0), np.arange(low[1], high[1], 15.0)

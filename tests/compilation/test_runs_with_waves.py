@@ -106,8 +106,8 @@ def test_images_traced_through_waves_come_back_as_the_truth() -> None:
     run, deck = of_solution(adjust(simulation.block)), simulation.compiled.deck
     result = compiled(run, deck)
     true = simulation.compiled.position[result.rows]
-    assert not any(result.reasons) and np.abs(result.gathered("position") - true).max() < 1e-4
-    level = compiled(replace(run, sea=None), deck).gathered("position") - true
+    assert not any(result.reasons) and np.abs(result.points.position - true).max() < 1e-4
+    level = compiled(replace(run, sea=None), deck).points.position - true
     assert np.abs(level[:, 2]).max() > 0.5
 
 

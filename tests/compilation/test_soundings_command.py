@@ -113,7 +113,7 @@ def test_soundings_of_the_bottom(run_record: Path, tmp_path: Path) -> None:
 def test_the_water_over_the_points_of_a_bottom(run_record: Path) -> None:
     """It stands as far above them as they are deep below it."""
     result = compiled(of_record(run_record), read_compilation(stage_readings.DECK)[0])
-    depth = result.gathered("depth")
+    depth = result.points.depth
     for surface in surfaces_of(result)[0]:
         points = surface.points
         below = points.depth - points.water

@@ -14,9 +14,8 @@ from compilation.scenes import INDEX, at_depth, compiled_again, flat_images, gri
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import FloatArray
-from musatpy.compilation.compiled import Compiled, CompiledModel
+from musatpy.compilation.compiled import Compiled, CompiledModel, parallax_tests
 from musatpy.compilation.loop import Drive, Loop
-from musatpy.compilation.parallax_tests import parallax_tests
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.compilation.true_points import true_points
@@ -200,20 +199,20 @@ def test_readings_that_made_the_stations_are_tested_as_residuals_of_the_run(poin
     tau = observed.residual / (observed.sigma * np.sqrt(observed.redundancy) * solution.unit_sigma)
     expected = np.array([np.abs(tau[images[observed.row[images] == row]]) for row in plates])
     freedom = np.full(len(plates), float(solution.degrees_of_freedom))
-    known = np.isfinite(result.parallax_test)
+    known = np.isfinite(result.y_parallax_test)
     assert known.sum() >= 5
     np.testing.assert_allclose(expected[known], expected[known][:, :1].repeat(2, axis=1), rtol=1e-6)
     np.testing.assert_allclose(
-        np.abs(result.parallax_test)[known], student_as_normal(expected[:, 0], freedom)[known], rtol=1e-5
+        np.abs(result.y_parallax_test)[known], student_as_normal(expected[:, 0], freedom)[known], rtol=1e-5
     )
     fresh, _ = again(solution, pointing, 1e-5)  # other readings: pointing and stations add up
     np.testing.assert_allclose(
-        fresh.parallax_test,
+        fresh.y_parallax_test,
         student_as_normal(
-            fresh.gathered("y_parallax") / fresh.gathered("y_parallax_sigma"),
-            freedom if np.isnan(pointing) else freedom / np.square(1.0 - fresh.gathered("pointing_share")),
+            fresh.points.y_parallax / fresh.points.y_parallax_sigma,
+            freedom if np.isnan(pointing) else freedom / np.square(1.0 - fresh.points.pointing_share),
         ),
         rtol=1e-12,
     )  # fmt: skip
     if np.isnan(pointing):
-        assert (np.abs(fresh.parallax_test) < np.abs(result.parallax_test))[known].all()
+        assert (np.abs(fresh.y_parallax_test) < np.abs(result.y_parallax_test))[known].all()

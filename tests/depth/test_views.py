@@ -7,9 +7,17 @@ import numpy as np
 import pytest
 
 from musatpy.depth.cameras import Cameras
-from musatpy.depth.factor_tables import factor_table
-from musatpy.depth.picture import contour_picture
-from musatpy.depth.views import Pair, Places, factors, model_of, normalised, read_places, single_value
+from musatpy.depth.views import (
+    Pair,
+    Places,
+    contour_picture,
+    factor_table,
+    factors,
+    model_of,
+    normalised,
+    read_places,
+    single_value,
+)
 from musatpy.errors import DepthError
 from musatpy.refraction.apparent import Stations
 from musatpy.refraction.depth_factor import model_factor

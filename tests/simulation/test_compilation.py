@@ -50,7 +50,7 @@ def errors(result: Compiled, simulation: Simulation) -> FloatArray:
     assert simulation.compiled is not None
     frame = result.run.frame
     true = frame.working(simulation.compiled.position[result.rows])
-    gap = frame.working(result.gathered("position")) - true
+    gap = frame.working(result.points.position) - true
     return np.einsum("kij,kj->ki", frame.axes(true), gap)
 
 
@@ -66,10 +66,10 @@ def test_the_truth_comes_back_without_errors(exact: tuple[Simulation, Compiled])
     assert simulation.compiled is not None and len(result.models) == 3 and not any(result.reasons)
     # Plates to .001 um, points to .1 mm on the cards; WATPT, rays of a plane across the vertical of a point.
     assert np.abs(errors(result, simulation)).max() < 2e-4
-    np.testing.assert_allclose(result.gathered("depth"), simulation.compiled.depth[result.rows], rtol=0, atol=2e-4)
+    np.testing.assert_allclose(result.points.depth, simulation.compiled.depth[result.rows], rtol=0, atol=2e-4)
     wet = result.submerged
     assert wet.sum() == 3 * 133 and (~wet).sum() == 30
-    assert np.nanmin(result.gathered("depth")) < 3.0 and np.nanmax(result.gathered("depth")) > 28.0
+    assert np.nanmin(result.points.depth) < 3.0 and np.nanmax(result.points.depth) > 28.0
 
 
 def test_a_grid_and_the_pace_of_profiles_are_asked_for() -> None:

@@ -12,8 +12,7 @@ from musatpy.errors import ProblemsError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.interchange import dxf, geojson, geopackage
 from musatpy.interchange.layers import Column, Lines, Points
-from musatpy.soundings.contour_distances import area_between, largest_of_most, offsets
-from musatpy.soundings.contour_files import ContourLines, read_contours
+from musatpy.soundings.contours import ContourLines, area_between, largest_of_most, offsets, read_contours
 from musatpy.units import DEGREE
 
 ROUNDING = 1e-9  # m

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from musatpy.arrays import FloatArray
 from musatpy.errors import SurfaceError
 from musatpy.surfaces import nearby
-from musatpy.surfaces.contours import Contours, bounds, contours, levels_between
-from musatpy.surfaces.grid_contours import grid_contours
+from musatpy.surfaces.contours import Contours, bounds, contours, grid_contours, levels_between
 from musatpy.surfaces.nearby import planes_at
 from musatpy.surfaces.profiles import profile
 from musatpy.surfaces.tin import FEW, INSIDE, LAND, LONG_EDGE, OUTSIDE, REASONS, Tin, words_of

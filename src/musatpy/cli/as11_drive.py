@@ -46,8 +46,7 @@ def command(
     import numpy as np
 
     from musatpy.as11_runs import run_of
-    from musatpy.compilation.driving import columns_of, driven, driven_csv, in_model, read_path
-    from musatpy.compilation.loop import Drive, Loop
+    from musatpy.compilation.loop import Drive, Loop, columns_of, driven, driven_csv, in_model, read_path
     from musatpy.compilation.stereomodels import set_up
     from musatpy.files import write_files
 

@@ -42,7 +42,7 @@ def command(
 
     Lines are 3-D, at the heights of their depths, with these as a column or, in DXF, as layers.
     """
-    from musatpy.compilation.raster_contours import ContourWish, contour_raster
+    from musatpy.compilation.rasters import ContourWish, contour_raster
 
     if (interval is None) == (not levels):
         raise click.UsageError("give --interval, or --depth for each contour")

@@ -34,7 +34,7 @@ def command() -> None:
 @click.option("--at", "listed", type=click.Path(path_type=Path), help="A file of places: x,y or d1,d2,s,t.")
 def table(listed: Path | None, depths: tuple[float, ...], **given: Any) -> None:
     """Print the depth factor at places of a model, for some apparent depths."""
-    from musatpy.depth.factor_tables import factor_table
+    from musatpy.depth.views import factor_table
 
     view = ModelView(given)
     places, factors = view.listed(listed, depths) if listed else view.over_grid(depths)
@@ -55,8 +55,7 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
     """Print what two approximations cost: factors of one depth for all, and one factor for the whole model."""
     import numpy as np
 
-    from musatpy.depth.factor_tables import normalised_table, single_table
-    from musatpy.depth.views import normalised, single_value
+    from musatpy.depth.views import normalised, normalised_table, single_table, single_value
 
     view = ModelView(given)
     places, factors = view.over_grid(depths)
@@ -89,7 +88,7 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
     """Draw contours of the depth factor over a model into PICTURE (.png, .svg, .pdf)."""
     import numpy as np
 
-    from musatpy.depth.picture import contour_picture
+    from musatpy.depth.views import contour_picture
 
     given["grid"] = tuple(max(61.0, number) for number in given["grid"])  # smooth lines
     view = ModelView(given)

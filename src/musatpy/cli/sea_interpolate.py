@@ -127,8 +127,8 @@ def _options(given: dict[str, Any]) -> Any:
 
 def _of_job(points: Path, control: Path, given: dict[str, Any]) -> _Job:
     """Return records and deck among the files, and the system of points: as it is said, else that of the job."""
+    from musatpy.depth.cameras import system_alone
     from musatpy.depth.point_positions import LOCAL
-    from musatpy.depth.point_systems import system_alone
     from musatpy.formats.musat import read_deck
     from musatpy.sea.interpolation.control_tables import deck_system, read_record, record_system
 

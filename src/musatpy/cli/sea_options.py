@@ -72,7 +72,7 @@ def sea_system(given: dict[str, Any], pair: Any) -> Any:
 
     Raises `SystemsError` and `DepthError`.
     """
-    from musatpy.depth.point_systems import system_alone, system_of_points
+    from musatpy.depth.cameras import system_alone, system_of_points
 
     if pair is None:
         return system_alone(given["crs"], given["geoid"])

@@ -2,38 +2,79 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.compilation.datums import Datum, datum_of
-from musatpy.compilation.loop import Drive, Loop
-from musatpy.compilation.model_points import lost_without_parallax, stages_of
-from musatpy.compilation.parallax_tests import parallax_tests
+from musatpy.compilation.loop import Drive, Loop, stages_of
 from musatpy.compilation.printed import Printed, printed_points
-from musatpy.compilation.slips_of_stages import slip_of
 from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import Readings, TruePoints, true_points
-from musatpy.compilation.views_of_points import MISSED, in_models, incidences, remarks
-from musatpy.errors import CompilationError, Problem
-from musatpy.model import CoordinateSystem
-from musatpy.model.compilation import RECOVERABLE, SHORE, Compilation, Mode, StageReadings
+from musatpy.errors import CompilationError, Problem, ProblemsError
+from musatpy.geometry.geodesy import Frame, surface
+from musatpy.model.compilation import RECOVERABLE, SHORE, Compilation, Mode, SoundingDatum
+from musatpy.probability import student_as_normal
+from musatpy.soundings.s44 import order_names, orders_met
 
 if TYPE_CHECKING:
-    from musatpy.compilation.answers import StatedPoints
+    from musatpy.geometry.projected import Geoid
 
 OFF_PLATE = "its image lies off the plate"
 NEARLY_PARALLEL = "its rays are nearly parallel: the sigma of its height is more than the flying height"
 NO_TIDE = "it is submerged, and the tide of a photo is not given"
-_ABOVE = 3.0  # sigmas of the height of a submerged point over the water that say it is flagged in error
-_NAMED = 10  # points of a kind of warning that are named, the worst
-_FARTHEST, _PART_OF_HEIGHT = 20.0, 0.1  # m, or of the flying height in local jobs, of a datum from the water
-_OFF = 0.001  # m by which points without y-parallax may be off before it is told
+ABOVE = 3.0  # sigmas of the height of a submerged point over the water that say it is flagged in error
+MISSED = 3.29  # sigmas of a y-parallax, of 99.9 %
+_SAME = 1e-6  # mm, of readings that are plate measurements of the run
+_CHECKED = 1e-3  # of the variance of pointing that the stations must leave of a y-parallax that made them
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Datum:
+    """A sounding datum: heights of the job, m; with a grid, those above its surface."""
+
+    name: str = ""
+    height: float = 0.0
+    sigma: float = 0.0
+    geoid: Geoid | None = None
+    frame: Frame | None = None  # of the job, where there is a grid
+
+    @property
+    def title(self) -> str:
+        """What depths are below."""
+        return self.name or "the height 0 of the job"
+
+    def over(self, position: FloatArray) -> FloatArray:
+        """Return the heights (k,) of the datum at positions (k, 3) of the job, NaN outside its grid."""
+        height = np.full(len(position), self.height)
+        if self.geoid is None or self.frame is None:
+            return height
+        known = np.isfinite(position).all(axis=1)
+        level = self.frame.level(self.frame.working(position[known]))
+        height[known] += self.geoid.undulation(level[:, 0], level[:, 1])
+        height[~known] = np.nan
+        return height
+
+
+def datum_of(spec: SoundingDatum | None, run: Triangulation) -> Datum:
+    """Return the datum of a deck on a run, the height 0 without one. Raises `CompilationError` for a bad grid."""
+    if spec is None:
+        return Datum()
+    plain = Datum(name=spec.name, height=spec.height, sigma=spec.sigma)
+    if not spec.geoid:
+        return plain
+    if run.map_system is None:
+        raise CompilationError([Problem(message="VDT: the run is a local job, and no grid of heights reaches it")])
+    from musatpy.geometry.projected import Geoid  # PROJ, for few decks
+
+    try:
+        geoid = Geoid(spec.geoid)
+    except ProblemsError as error:
+        raise CompilationError(error.problems) from error
+    return Datum(name=spec.name, height=spec.height, sigma=spec.sigma, geoid=geoid, frame=run.frame)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,196 +92,46 @@ class CompiledModel:
     points: TruePoints
     drive: Drive = Drive.AIR  # of the plotter that its model points come from
 
-    def lost_without_parallax(self, stages: StageReadings) -> float:
-        """Return by how much (m) submerged points are off at most whose y-parallax was not read; 0 without any."""
-        if self.drive is Drive.TRUE:
-            return 0.0
-        rows = np.flatnonzero(stages.without_parallax[self.rows] & self.points.wet.all(axis=1))
-        position = self.points.position[rows]
-        position = position[np.isfinite(position).all(axis=1)]
-        frame = self.stereo.run.frame
-        return (
-            lost_without_parallax(self.stereo, self.stereo.model(frame.working(position))) if len(position) else 0.0
-        )
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Compiled:
-    """All models of a compilation deck."""
+    """The models of a compilation deck, and the table of their k readings, model by model; NaN: there is none.
+
+    `rows` (k,) of the readings of the deck, with their `ids`, classes, flags, and the names of their models.
+    Positions (k, 3) are in the system of the job, true ones in `points`; apparent ones are where straight rays
+    meet, of dry points their position; both in their models (m) too. sigma (k, 3) m along east, north, up; heights
+    (k,) m of the job, depths below the sounding datum with their sigmas, heights over the mean tide of both photos;
+    incidence (k, 2) rad in air of wet rays with the normal of the water, without its waves; y-parallaxes over their
+    sigmas, as normal variables. `reasons`: why points have no position; `remarks`: why they have no depth, and
+    whether their y-parallax is beyond its limit; `orders` of S-44 that submerged points meet by their sigmas and
+    that of the datum, empty where there is no depth.
+    """
 
     deck: Compilation
     run: Triangulation
     models: tuple[CompiledModel, ...]
-
-    @property
-    def rows(self) -> IntArray:
-        """(k,) the readings of the deck, model by model."""
-        return np.concatenate([model.rows for model in self.models])
-
-    def gathered(self, name: str) -> FloatArray:
-        """Return a column of the points of all models."""
-        return np.concatenate([getattr(model.points, name) for model in self.models])
-
-    @property
-    def model_ids(self) -> TextArray:
-        """(k,) the model of each point."""
-        return np.repeat([model.name for model in self.models], [len(model.rows) for model in self.models])
-
-    @cached_property
-    def reasons(self) -> list[str | None]:
-        """(k,) why points have no position."""
-        return [model.points.reasons.get(row) for model in self.models for row in range(len(model.rows))]
-
-    @cached_property
-    def apparent(self) -> FloatArray:
-        """(k, 3) where the straight rays of points meet, in the system of the job: of dry ones their position."""
-        apparent, position = self.gathered("apparent"), self.gathered("position")
-        dry = np.asarray(~self.gathered("wet").any(axis=1))
-        return np.where(np.isnan(apparent) & dry[:, None], position, apparent)
-
-    @cached_property
-    def in_models(self) -> tuple[FloatArray, FloatArray]:
-        """(k, 3) m, true and apparent points in their models."""
-        return in_models(self, self.gathered("position")), in_models(self, self.apparent)
-
-    @cached_property
-    def incidences(self) -> FloatArray:
-        """(k, 2) rad, in air, of the rays that go through the water; NaN of dry ones."""
-        return incidences(self)
-
-    @cached_property
-    def remarks(self) -> list[str | None]:
-        """(k,) why points have no depth, and what else is to be said of them."""
-        return remarks(self)
-
-    @cached_property
-    def answer(self) -> StatedPoints | None:
-        """The points as the run states its answer, None where that is in the system of the job."""
-        from musatpy.compilation.answers import stated_points  # few runs do
-
-        return stated_points(self)
-
-    @property
-    def sigma(self) -> FloatArray:
-        """(k, 3) m, east, north, up."""
-        return np.sqrt(np.diagonal(self.gathered("covariance"), axis1=1, axis2=2))
-
-    @cached_property
-    def parallax_test(self) -> FloatArray:
-        """(k,) y-parallaxes over their sigmas, as normal variables."""
-        of_run = np.isnan(self.deck.models.pointing)
-        return np.concatenate([parallax_tests(model, bool(of_run[row])) for row, model in enumerate(self.models)])
-
-    @property
-    def submerged(self) -> BoolArray:
-        """(k,) flagged so."""
-        return np.concatenate([model.readings.submerged for model in self.models])
-
-    @cached_property
-    def datum(self) -> Datum:
-        """The sounding datum of the deck, or the height 0."""
-        return datum_of(self.deck.datum, self.run)
-
-    @cached_property
-    def height(self) -> FloatArray:
-        """(k,) m, heights of the points, those of the job."""
-        frame, position = self.run.frame, self.gathered("position")
-        known, height = np.isfinite(position).all(axis=1), np.full(len(position), np.nan)
-        height[known] = frame.height(frame.working(position[known]))
-        return height
-
-    @cached_property
-    def datum_depth(self) -> tuple[FloatArray, FloatArray]:
-        """(k,) depths below the sounding datum, m, and their sigmas."""
-        depth = self.datum.over(self.gathered("position")) - self.height
-        return depth, np.hypot(self.sigma[:, 2], self.datum.sigma)
-
-    @cached_property
-    def over_water(self) -> FloatArray:
-        """(k,) m, heights of points over the mean tide of both photos."""
-        return self.height - np.repeat(
-            [model.stereo.tides.mean() for model in self.models], [len(m.rows) for m in self.models]
-        )
-
-    @property
-    def on_shore(self) -> BoolArray:
-        """(k,) points of the shoreline with a position."""
-        return np.asarray((self.deck.stages.kind[self.rows] == SHORE) & np.isfinite(self.over_water))
-
-    @cached_property
-    def too_high(self) -> BoolArray:
-        """(k,) points that are flagged as submerged and stand above the water, by their sigmas."""
-        return np.asarray(self.submerged & (self.over_water > _ABOVE * self.sigma[:, 2]))
-
-    def warnings(self) -> Iterator[str]:
-        """Yield what is odd about the run and the readings."""
-        if self.run.caution:
-            yield f"{self.run.caution}: {self.run.because}" if self.run.because else self.run.caution
-        yield from (text for _, text in self.slips())
-        for model in self.models:
-            lost = model.lost_without_parallax(self.deck.stages)
-            if lost > _OFF:
-                yield f"model {model.name} has model points without y-parallax: up to {lost:.3f} m in this model"
-        parallax, test = 1e3 * self.gathered("y_parallax"), np.abs(self.parallax_test)
-        over = self.over_water / self.sigma[:, 2]
-        land = ~self.submerged & ~self.on_shore
-        beyond = np.isfinite(self.height) & np.isnan(self.datum_depth[0])
-        if beyond.any():
-            yield f"{np.count_nonzero(beyond)} points lie outside the grid of the datum {self.datum.name}"
-        if self.deck.datum is not None:
-            yield from self.far_datum()
-        yield from self._worst(
-            np.where(test > MISSED, test, np.nan),
-            lambda row: f"has a y-parallax of {parallax[row]:.1f} um, {test[row]:.1f} sigmas",
-        )
-        yield from self._worst(
-            np.where(self.too_high, over, np.nan),
-            lambda row: f"is flagged as submerged and stands {self.over_water[row]:.2f} m above the water",
-        )
-        yield from self._worst(
-            np.where(land & (over < -_ABOVE), -over, np.nan),
-            lambda row: f"is not flagged as submerged and lies {-self.over_water[row]:.2f} m below the water",
-        )
-        yield from self._worst(
-            np.where(self.on_shore & (np.abs(over) > MISSED), np.abs(over), np.nan),
-            lambda row: f"is on the shoreline and {self.over_water[row]:+.2f} m off the water",
-        )
-
-    def far_datum(self, below: float = 0.0) -> Iterator[str]:
-        """Yield that a datum so far (m) `below` that of the bottom is farther from the water than any tide."""
-        gap = self.datum_depth[0] - below + self.over_water
-        if not np.isfinite(gap).any():
-            return
-        middle, farthest = float(np.nanmedian(gap)), _FARTHEST
-        if self.run.block.options.system is CoordinateSystem.LOCAL:
-            farthest = _PART_OF_HEIGHT * float(np.median([model.stereo.height for model in self.models]))
-        if abs(middle) > farthest:
-            side = "above" if middle > 0.0 else "below"
-            yield (
-                f"the sounding datum is {abs(middle):.1f} m {side} the water, more than {farthest:.3g} m: "
-                "one of both may be a height above the ellipsoid, and the other above mean sea level"
-            )
-
-    def slips(self) -> Iterator[tuple[int, str]]:
-        """Yield the models (rows) most of whose readings make no points, and what would."""
-        for row, model in enumerate(self.models):
-            if slip := slip_of(model.stereo, model.readings.xy):
-                yield row, f"model {model.name}: most of its readings make no points, and would if {slip}"
-
-    def lost(self) -> Iterator[tuple[int, str]]:
-        """Yield the readings of the deck (rows) that give no position, and why."""
-        for row, model, reason in zip(self.rows.tolist(), self.model_ids.tolist(), self.reasons, strict=True):
-            if reason is not None:
-                yield row, f"point {self.deck.stages.ids[row]} of model {model} has no position: {reason}"
-
-    def _worst(self, size: FloatArray, words: Callable[[int], str]) -> Iterator[str]:
-        """Yield what is odd about the worst points, in their order; `size` (k,) is NaN where nothing is odd."""
-        odd = np.flatnonzero(np.isfinite(size))
-        worst = odd[np.argsort(-size[odd], kind="stable")[:_NAMED]]
-        for row in np.sort(worst).tolist():
-            yield f"point {self.deck.stages.ids[self.rows[row]]} of model {self.model_ids[row]} {words(row)}"
-        if len(odd) > _NAMED:
-            yield f"and {len(odd) - _NAMED} points more, less so: the table of points has them"
+    datum: Datum
+    rows: IntArray
+    ids: TextArray
+    kind: TextArray
+    model_ids: TextArray
+    submerged: BoolArray
+    points: TruePoints
+    apparent: FloatArray
+    model_position: FloatArray
+    model_apparent: FloatArray
+    sigma: FloatArray
+    height: FloatArray
+    datum_depth: FloatArray
+    datum_depth_sigma: FloatArray
+    over_water: FloatArray
+    on_shore: BoolArray  # of the shoreline, with a position
+    too_high: BoolArray  # flagged as submerged, above the water by their sigmas
+    incidence: FloatArray
+    y_parallax_test: FloatArray
+    reasons: list[str | None]
+    remarks: list[str | None]
+    orders: TextArray
 
 
 def compiled(run: Triangulation, deck: Compilation) -> Compiled:
@@ -248,7 +139,7 @@ def compiled(run: Triangulation, deck: Compilation) -> Compiled:
 
     Raises `CompilationError` with every model that cannot be set up and for a datum that is none.
     """
-    datum_of(deck.datum, run)
+    datum = datum_of(deck.datum, run)
     problems: list[Problem] = []
     models = []
     for row, name in enumerate(deck.models.ids.tolist()):
@@ -259,7 +150,50 @@ def compiled(run: Triangulation, deck: Compilation) -> Compiled:
             problems += [replace(problem, message=f"model {name}: {problem.message}") for problem in error.problems]
     if problems:
         raise CompilationError(problems)
-    return Compiled(deck=deck, run=run, models=tuple(models))
+    return _table(run, deck, datum, models)
+
+
+def _table(run: Triangulation, deck: Compilation, datum: Datum, models: Sequence[CompiledModel]) -> Compiled:
+    rows, points = np.concatenate([m.rows for m in models]), TruePoints.joined([m.points for m in models])
+    numbers, frame, position = [len(m.rows) for m in models], run.frame, points.position
+    kind, submerged = deck.stages.kind[rows], np.concatenate([m.readings.submerged for m in models])
+    dry = np.asarray(~points.wet.any(axis=1))
+    apparent = np.where(np.isnan(points.apparent) & dry[:, None], position, points.apparent)
+    height, known = np.full(len(position), np.nan), np.flatnonzero(np.isfinite(position).all(axis=1))
+    height[known] = frame.height(frame.working(position[known]))
+    sigma = np.sqrt(np.diagonal(points.covariance, axis1=1, axis2=2))
+    depth, tide = datum.over(position) - height, np.repeat([m.stereo.tides.mean() for m in models], numbers)
+    over_water = height - tide
+    on_shore = (kind == SHORE) & np.isfinite(over_water)
+    of_run = np.isnan(deck.models.pointing)
+    test = np.concatenate([parallax_tests(model, bool(of_run[row])) for row, model in enumerate(models)])
+    return Compiled(
+        deck=deck,
+        run=run,
+        models=tuple(models),
+        datum=datum,
+        rows=rows,
+        ids=deck.stages.ids[rows],
+        kind=kind,
+        model_ids=np.repeat([m.name for m in models], numbers),
+        submerged=submerged,
+        points=points,
+        apparent=apparent,
+        model_position=_in_models(models, position),
+        model_apparent=_in_models(models, apparent),
+        sigma=sigma,
+        height=height,
+        datum_depth=depth,
+        datum_depth_sigma=np.hypot(sigma[:, 2], datum.sigma),
+        over_water=over_water,
+        on_shore=on_shore,
+        too_high=submerged & (over_water > ABOVE * sigma[:, 2]),
+        incidence=np.concatenate([_incidences(model) for model in models]),
+        y_parallax_test=test,
+        reasons=[points.reasons.get(row) for row in range(len(rows))],
+        remarks=_remarks(points, submerged, on_shore, np.abs(test) > MISSED),
+        orders=_orders(np.where(submerged, depth, np.nan), points.covariance, datum),
+    )
 
 
 def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Stereomodel) -> CompiledModel:
@@ -313,10 +247,11 @@ def _points(stereo: Stereomodel, readings: Readings) -> TruePoints:
     if not np.isfinite(stereo.tides).all() or stereo.run.block.water is None:
         without |= dict.fromkeys(np.flatnonzero(readings.submerged).tolist(), NO_TIDE)
     kept = np.setdiff1d(np.arange(len(readings.ids)), list(without))
-    points = true_points(stereo.run, stereo.photos, readings.part(kept))
-    points = points.among(kept, len(readings.ids), without)
+    points = TruePoints.nothing(len(readings.ids))
+    points.put(kept, true_points(stereo.run, stereo.photos, readings.part(kept)))
     vague = np.flatnonzero(points.covariance[:, 2, 2] > np.square(stereo.height))
-    return points.without(dict.fromkeys(vague.tolist(), NEARLY_PARALLEL)) if len(vague) else points
+    points.take_out(without | dict.fromkeys(vague.tolist(), NEARLY_PARALLEL))
+    return points
 
 
 def _as_printed(stereo: Stereomodel, readings: Readings, points: TruePoints, printed: Printed) -> TruePoints:
@@ -328,3 +263,119 @@ def _as_printed(stereo: Stereomodel, readings: Readings, points: TruePoints, pri
     position[wet] = frame.system(working)
     depth[wet] = points.water_level[wet] - frame.height(working)
     return replace(points, position=position, depth=depth)
+
+
+def _in_models(models: Sequence[CompiledModel], position: FloatArray) -> FloatArray:
+    """Return positions (k, 3) of all points as coordinates of their models, m."""
+    out, first = np.full(position.shape, np.nan), 0
+    for model in models:
+        here = position[first : first + len(model.rows)]
+        known = np.isfinite(here).all(axis=1)
+        out[first : first + len(here)][known] = model.stereo.model(model.stereo.run.frame.working(here[known]))
+        first += len(here)
+    return out
+
+
+def _incidences(model: CompiledModel) -> FloatArray:
+    points, stereo, frame = model.points, model.stereo, model.stereo.run.frame
+    angle = np.full((len(model.rows), 2), np.nan)
+    rows = np.flatnonzero(points.wet.any(axis=1) & np.isfinite(points.position).all(axis=1))
+    ground = np.repeat(frame.working(points.position[rows])[:, None], 2, axis=1)
+    over = surface(frame, stereo.water_slope, stereo.tides, ground)
+    rays = stereo.rays(model.readings.xy[rows]) @ stereo.axes
+    angle[rows] = np.arccos(np.clip(-np.einsum("kmi,kmi->km", over.normal, rays), -1.0, 1.0))
+    return np.where(points.wet, angle, np.nan)
+
+
+def _remarks(points: TruePoints, submerged: BoolArray, on_shore: BoolArray, off: BoolArray) -> list[str | None]:
+    """Return why points have no depth, and whether their y-parallax is `off`; None where all is well."""
+    columns = (
+        (submerged & (points.wet.sum(axis=1) == 1), "between the tides"),
+        (submerged & ~points.wet.any(axis=1), "above the water"),
+        (~submerged & on_shore, "shoreline"),
+        (~submerged & ~on_shore, "dry"),
+        (off, "y-parallax"),
+    )
+    texts = [", ".join(words for rows, words in columns if rows[row]) for row in range(len(off))]
+    return [None if row in points.reasons or not text else text for row, text in enumerate(texts)]
+
+
+def _orders(depth: FloatArray, covariance: FloatArray, datum: Datum) -> TextArray:
+    """Return the strictest order (k,) of S-44 that each point with a depth meets; the datum has a sigma too."""
+    covariance = covariance.copy()
+    covariance[:, 2, 2] += datum.sigma**2
+    known, names = np.isfinite(depth), np.array(order_names(), dtype=np.str_)
+    orders = np.full(len(depth), "", dtype=names.dtype)
+    orders[known] = names[orders_met(depth[known], covariance[known])]
+    return orders
+
+
+def parallax_tests(model: CompiledModel, sigma_of_run: bool) -> FloatArray:
+    """Return y-parallaxes (k,) over their sigmas, as normal variables; NaN where nothing checks them.
+
+    The share of the stations is known as well as the sigma0 of the run that scales it: with few degrees of freedom
+    f that may be much too small, and all points of a model with it. By Welch (1947) and Satterthwaite (1946) the
+    test value is Student's t of f / s^2 degrees, s the share in the variance, and of f where the sigma of pointing
+    comes from the run too (`sigma_of_run`). The y-parallaxes of readings that made the stations are residuals of
+    the adjustment: of the variance of pointing less the share of the stations.
+    """
+    points, share = model.points, 1.0 - model.points.pointing_share
+    variance = np.square(points.y_parallax_sigma)
+    freedom = np.full(len(variance), model.stereo.run.freedom)
+    if not sigma_of_run:
+        with np.errstate(divide="ignore"):
+            freedom = freedom / np.square(np.maximum(share, 0.0))
+    for row, scale in _made_the_stations(model).items():
+        pointing = scale * points.pointing_share[row]
+        left = pointing - share[row]
+        variance[row] *= left if left > _CHECKED * pointing else np.nan
+        freedom[row] = model.stereo.run.freedom
+    return student_as_normal(points.y_parallax / np.sqrt(variance), freedom)
+
+
+def _made_the_stations(model: CompiledModel) -> dict[int, float]:
+    """Return the readings (rows) that the run has used, with its variance of their pointing over that of the model.
+
+    None where errors of known water are allowed for: these did not make the stations.
+    """
+    run, readings = model.stereo.run, model.readings
+    point = points_of_run(model)
+    rows = np.flatnonzero(point >= 0)
+    if not len(rows) or run.considered:
+        return {}
+    same = rows[are_of_run(model, rows, point[rows])]
+    plates, out = run.block.plates, dict[int, float]()
+    for row in same.tolist():
+        if not on_both_photos(model, int(point[row])):
+            continue
+        of_run = (plates.point == point[row]) & np.isin(plates.photo, model.stereo.photos)
+        squares = np.square(plates.sigma[of_run] * run.unit_sigma)
+        out[row] = float(squares.mean() / np.square(readings.sigma[row]).mean())
+    return out
+
+
+def points_of_run(model: CompiledModel) -> IntArray:
+    """Return the rows (k,) of the points of the run by the names of the readings, -1 where it has none."""
+    number = {name: row for row, name in enumerate(model.stereo.run.block.points.ids.tolist())}
+    return np.array([number.get(name, -1) for name in model.readings.ids.tolist()], dtype=np.int64)
+
+
+def are_of_run(model: CompiledModel, rows: IntArray, points: IntArray) -> BoolArray:
+    """Return which readings `rows` (r,) are the plate measurements of `points` (r,) of the run on both photos."""
+    plates = model.stereo.run.block.plates
+    measured = dict(zip(zip(plates.photo.tolist(), plates.point.tolist(), strict=True), plates.xy, strict=True))
+    same = np.zeros(len(rows), dtype=bool)
+    for place, (row, point) in enumerate(zip(rows.tolist(), points.tolist(), strict=True)):
+        xy = [measured.get((photo, point)) for photo in model.stereo.photos]
+        same[place] = all(
+            given is not None and np.abs(model.readings.xy[row, side] - given).max() <= _SAME
+            for side, given in enumerate(xy)
+        )
+    return same
+
+
+def on_both_photos(model: CompiledModel, point: int) -> bool:
+    """Return whether the run has used a point on both photos of a model."""
+    run = model.stereo.run
+    photos = run.block.plates.photo[run.triangulated & (run.block.plates.point == point)]
+    return set(model.stereo.photos) <= set(photos.tolist())

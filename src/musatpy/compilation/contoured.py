@@ -9,10 +9,9 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.compilation.joined_surfaces import Surface
-from musatpy.compilation.raster_bottoms import RasterBottom
+from musatpy.compilation.rasters import RasterBottom
 from musatpy.errors import Problem, SoundingError
-from musatpy.soundings.contour_distances import Offsets, area_between, largest_of_most, offsets
-from musatpy.soundings.contour_files import ContourLines
+from musatpy.soundings.contours import ContourLines, Offsets, area_between, largest_of_most, offsets
 from musatpy.surfaces.contours import contours
 from musatpy.surfaces.tin import INSIDE, Tin
 

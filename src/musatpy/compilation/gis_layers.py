@@ -9,12 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.compilation.bottom import Bottom
-from musatpy.compilation.compiled import Compiled
-from musatpy.compilation.datums import Datum
-from musatpy.compilation.grids import PostGrid
+from musatpy.compilation.bottom import Bottom, PostGrid
+from musatpy.compilation.compiled import Compiled, Datum
 from musatpy.compilation.joined_surfaces import Of
-from musatpy.compilation.point_orders import orders_of_points
 from musatpy.errors import CompilationError, Problem
 from musatpy.geometry.crs import Plan, system_of
 from musatpy.geometry.projected import crs_of
@@ -44,7 +41,7 @@ def _placement(compiled: Compiled, crs: str) -> _Placement:
     The datum of the map is the ellipsoid of the job and no more. Raises `SystemsError` for a system that is not on
     the ellipsoid of the job, and `CompilationError` for one of a local job.
     """
-    position, system = compiled.gathered("position"), compiled.run.map_system
+    position, system = compiled.points.position, compiled.run.map_system
     known = np.isfinite(position).all(axis=1)
     if system is None or not known.any():
         if crs:
@@ -74,7 +71,7 @@ def layers_of(compiled: Compiled, bottoms: Sequence[Bottom], crs: str = "") -> d
     """
     at = _placement(compiled, crs)
     place: dict[str, Any] = {"crs": at.crs, "heights": at.heights}
-    position = compiled.gathered("position")
+    position = compiled.points.position
     known = np.isfinite(position).all(axis=1)
     xyz = at.places(position[known])
     layers: dict[str, Points | Lines] = {"points": Points(xyz=xyz, columns=_columns(compiled, known), **place)}
@@ -124,19 +121,18 @@ def raster_of(grid: PostGrid, datum: Datum) -> Grid:
 
 def _columns(compiled: Compiled, known: Any) -> dict[str, Column]:
     """Return the columns of the points that have a position."""
-    depth, sigma = compiled.datum_depth
     values: dict[str, tuple[Any, str]] = {
         "model": (compiled.model_ids, ""),
-        "point": (compiled.deck.stages.ids[compiled.rows], ""),
-        "class": (compiled.deck.stages.kind[compiled.rows], ""),
+        "point": (compiled.ids, ""),
+        "class": (compiled.kind, ""),
         "submerged": (compiled.submerged.astype(int), ""),
-        "depth": (np.where(compiled.submerged, depth, np.nan), "m"),
-        "depth_sigma": (np.where(compiled.submerged, sigma, np.nan), "m"),
-        "s44_order": (orders_of_points(compiled), ""),
+        "depth": (np.where(compiled.submerged, compiled.datum_depth, np.nan), "m"),
+        "depth_sigma": (np.where(compiled.submerged, compiled.datum_depth_sigma, np.nan), "m"),
+        "s44_order": (compiled.orders, ""),
         "sigma_east": (compiled.sigma[:, 0], "m"),
         "sigma_north": (compiled.sigma[:, 1], "m"),
         "sigma_up": (compiled.sigma[:, 2], "m"),
-        "water_level": (compiled.gathered("water_level"), "m"),
-        "y_parallax": (compiled.gathered("y_parallax") / MICROMETRE, "um"),
+        "water_level": (compiled.points.water_level, "m"),
+        "y_parallax": (compiled.points.y_parallax / MICROMETRE, "um"),
     }
     return {name: Column.of(of[known], unit) for name, (of, unit) in values.items()}

@@ -17,8 +17,7 @@ from itertools import combinations
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.compilation.compiled import Compiled, CompiledModel
-from musatpy.compilation.datums import Datum
+from musatpy.compilation.compiled import Compiled, CompiledModel, Datum
 from musatpy.compilation.profiles import profiles_of
 from musatpy.errors import SurfaceError
 from musatpy.geometry.crs import Plan
@@ -151,8 +150,8 @@ def surfaces_of(compiled: Compiled, of: Of = Of.DEPTH) -> tuple[tuple[Surface, .
 def _parts(compiled: Compiled, longest_edge: float, of: Of) -> tuple[Plan | None, list[_Points]]:
     """Return the map of the job, and the points of each model that make its surface."""
     value, sigma, used = _values(compiled, of)
-    position, system = compiled.gathered("position"), compiled.run.map_system
-    on_shore = (compiled.deck.stages.kind[compiled.rows] == SHORE) & (of is Of.DEPTH)
+    position, system = compiled.points.position, compiled.run.map_system
+    on_shore = (compiled.kind == SHORE) & (of is Of.DEPTH)
     plan = None if system is None or not used.any() else Plan.about(system, position[used])
     parts, first = [], 0
     for model in compiled.models:
@@ -181,17 +180,16 @@ def _parts(compiled: Compiled, longest_edge: float, of: Of) -> tuple[Plan | None
 
 def _values(compiled: Compiled, of: Of) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return the values (k,) of a surface at all points, their sigmas, and which points make it."""
-    kind = compiled.deck.stages.kind[compiled.rows]
-    read: BoolArray = kind != AGAIN
+    read: BoolArray = compiled.kind != AGAIN
     for line in profiles_of(compiled):
         read[line.rows] &= ~line.profile.spike if line.profile else True
     if of is Of.HEIGHT:
         return compiled.height, compiled.sigma[:, 2], read & np.isfinite(compiled.height)
-    (depth, sigma), spec = compiled.datum_depth, compiled.deck.contours
-    wet = (compiled.submerged & ~compiled.too_high) | (kind == SHORE)
+    depth, spec = compiled.datum_depth, compiled.deck.contours
+    wet = (compiled.submerged & ~compiled.too_high) | (compiled.kind == SHORE)
     if spec is not None and np.isfinite(spec.drying):
         wet = wet | (depth >= -spec.drying)
-    return depth, sigma, read & wet & np.isfinite(depth)
+    return depth, compiled.datum_depth_sigma, read & wet & np.isfinite(depth)
 
 
 def _network(xyz: FloatArray, sigma: FloatArray, shore: BoolArray, longest_edge: float) -> tuple[Tin | None, str]:

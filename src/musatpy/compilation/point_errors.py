@@ -13,10 +13,8 @@ from musatpy.adjustment.network import group_points
 from musatpy.adjustment.propagation import covariances_with_depths, pieces
 from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.compilation.errors_of_pairs import joint_covariances
-from musatpy.compilation.parts import in_parts
-from musatpy.compilation.triangulation import Triangulation, of_block
-from musatpy.compilation.true_points import network_of_plates
+from musatpy.compilation.triangulation import Triangulation, joint_covariances, of_block
+from musatpy.compilation.true_points import in_parts, network_of_plates
 from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.model import (
     Block,

@@ -10,8 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.compilation.compiled import Compiled, CompiledModel
-from musatpy.compilation.datums import Datum
+from musatpy.compilation.compiled import Compiled, CompiledModel, Datum
 from musatpy.errors import CompilationError, Problem
 from musatpy.geometry.crs import Plan
 from musatpy.model import CoordinateSystem
@@ -127,14 +126,13 @@ def scans_of(compiled: Compiled, profiles: list[CompiledProfile]) -> list[Profil
 
 def _lines_of(compiled: Compiled, row: int) -> Iterator[CompiledProfile]:
     """Yield the lines of a profile, and what readings of a scan lie beside these."""
-    specs, stages = compiled.deck.profiles, compiled.deck.stages
+    specs = compiled.deck.profiles
     number = int(specs.model[row])
-    ids, kind = stages.ids[compiled.rows], stages.kind[compiled.rows]
     here = compiled.model_ids == compiled.deck.models.ids[number]
-    known = here & np.isfinite(compiled.gathered("position")).all(axis=1)
-    rows = np.flatnonzero(known & (kind == IN_PROFILE) & (ids == specs.ids[row]))
+    known, in_profile = here & np.isfinite(compiled.height), compiled.kind == IN_PROFILE
+    rows = np.flatnonzero(known & in_profile & (compiled.ids == specs.ids[row]))
     model = compiled.models[number]
-    ends = _ends(compiled, row, model, np.flatnonzero(known & (kind != IN_PROFILE)))
+    ends = _ends(compiled, row, model, np.flatnonzero(known & ~in_profile))
     missing = next(
         (name for name, end in zip((specs.start[row], specs.end[row]), ends, strict=True) if end is None), ""
     )
@@ -178,7 +176,7 @@ def _ends(compiled: Compiled, row: int, model: CompiledModel, points: IntArray) 
     """Return the positions (3,) of the ends of a profile in the system of the job, None of points without one."""
     specs, frame = compiled.deck.profiles, compiled.run.frame
     if specs.system[row] == "":
-        ids, position = compiled.deck.stages.ids[compiled.rows[points]], compiled.gathered("position")[points]
+        ids, position = compiled.ids[points], compiled.points.position[points]
         of_names = [np.flatnonzero(ids == name) for name in (specs.start[row], specs.end[row])]
         return [position[rows[0]] if len(rows) else None for rows in of_names]
     place = np.column_stack([specs.places[row], np.zeros(2)])
@@ -190,7 +188,7 @@ def _ends(compiled: Compiled, row: int, model: CompiledModel, points: IntArray) 
 
 def _in_model(compiled: Compiled, model: CompiledModel, rows: IntArray) -> FloatArray:
     """Return X and Y (k, 2) in the model of points."""
-    return model.stereo.model(compiled.run.frame.working(compiled.gathered("position")[rows]))[:, :2]
+    return model.stereo.model(compiled.run.frame.working(compiled.points.position[rows]))[:, :2]
 
 
 def _scan_lines(
@@ -228,8 +226,8 @@ def _without(compiled: Compiled, row: int, rows: IntArray, reason: str, line: in
         line=line,
         rows=rows,
         profile=None,
-        position=compiled.gathered("position")[rows],
-        sigma=compiled.datum_depth[1][rows],
+        position=compiled.points.position[rows],
+        sigma=compiled.datum_depth_sigma[rows],
         time=stages.time[compiled.rows[rows]],
         stages=read[rows],
         ends=np.full((2, 2), np.nan),
@@ -240,11 +238,11 @@ def _without(compiled: Compiled, row: int, rows: IntArray, reason: str, line: in
 
 def _along(compiled: Compiled, row: int, line: int, rows: IntArray, ends: FloatArray) -> CompiledProfile:
     """Return the profile of readings along a line between ends (2, 3) in the system of the job."""
-    specs, depth = compiled.deck.profiles, compiled.datum_depth[0]
+    specs, depth = compiled.deck.profiles, compiled.datum_depth
     if len(rows) < 2:
         count = "1 reading" if len(rows) == 1 else f"{len(rows)} readings"
         return _without(compiled, row, rows, f"{count} with a position", line)
-    system, position = compiled.run.map_system, np.concatenate([ends, compiled.gathered("position")[rows]])
+    system, position = compiled.run.map_system, np.concatenate([ends, compiled.points.position[rows]])
     plan = None if system is None else Plan.about(system, position)
     xy = (position if plan is None else plan.places(position))[:, :2]
     if not np.linalg.norm(xy[1] - xy[0]) > 0.0:

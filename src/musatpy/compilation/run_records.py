@@ -1,4 +1,4 @@
-"""The triangulation of the record of a run."""
+"""The triangulation of the record of a run, and what says that a deck is none that a run has punched."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from musatpy.compilation.triangulation import (
     adjusted_water,
     fault_of_run,
     freedom_of,
+    of_block,
     waves_of_run,
 )
+from musatpy.compilation.true_points import Readings, true_points
 from musatpy.errors import CompilationError, Problem, RecordError
 from musatpy.json_files import read_record
 from musatpy.model import (
@@ -42,11 +44,15 @@ from musatpy.model import (
     WaveOrigin,
     Waves,
 )
+from musatpy.model.compilation import RECOVERABLE
 from musatpy.model.solution import WAVE_VALUES
 from musatpy.model.tables import empty
 from musatpy.model.water import WAVE_SIGMAS, index_fault
+from musatpy.reduction.readings_job import reduce
 from musatpy.units import AngleUnit
 
+_PAIRS = 10  # of photos that are looked at
+_MISFIT = 6.0  # plate sigmas that half the y-parallaxes of adjusted photos are well below
 _NEEDS = {
     "solution": ("converged", "reason", "unit_sigma", "degrees_of_freedom"),
     "options": ("program", "system", "plate_sigma", "submerged_factor", "water_level", "water_tilt", "water_index"),
@@ -295,3 +301,41 @@ def _water_precision(table: Any, stations: int) -> WaterPrecision | None:
         stations=np.moveaxis(_array(table["stations"], stations, 6), 0, -1),
         levels=_array(table.get("levels", [[]] * len(names)), -1).T,
     )
+
+
+def unadjusted(run: Triangulation) -> str:
+    """Return what says that the stations of a deck are not those of its plates; empty where nothing does.
+
+    A punched deck may have no plate measurements. Raises `DeckError` as `reduction.readings_job.reduce` where they
+    are raw.
+    """
+    if run.block.raw:
+        run = of_block(reduce(run.block)[0])
+    last = len(run.block.photos.ids) - 2
+    first = np.unique(np.linspace(0, max(last, 0), _PAIRS).astype(np.int64))[: max(last + 1, 0)]
+    off = np.concatenate([np.zeros(0), *(np.abs(_y_parallaxes(run, left)) for left in first.tolist())])
+    known = off[np.isfinite(off)]
+    limit = max(RECOVERABLE, _MISFIT * run.block.options.plate_sigma)
+    if not len(known) or np.median(known) <= limit:
+        return ""
+    half = f"half have y-parallaxes over {1e3 * np.median(known):.0f} um (expected: below {1e3 * limit:.0f} um)"
+    return (
+        f"its stations do not fit its plate measurements: of {len(known)} points that neighbouring photos share, "
+        f"{half}. It is the deck of a run that is still to be adjusted: give the record of the run, NAME.json, or "
+        "the deck that it punched, NAME.pun (--anyway compiles from it)"
+    )
+
+
+def _y_parallaxes(run: Triangulation, left: int) -> FloatArray:
+    """Return the y-parallaxes (k,) mm of the points that a photo shares with the next one, NaN where unknown."""
+    block, plates = run.block, run.block.plates
+    one, other = (np.flatnonzero((plates.photo == photo) & plates.triangulated) for photo in (left, left + 1))
+    common, here, there = np.intersect1d(plates.point[one], plates.point[other], return_indices=True)
+    at = np.stack([one[here], other[there]], axis=1)
+    readings = Readings(
+        ids=block.points.ids[common],
+        submerged=block.points.bathymetric[common] & np.isfinite(block.photos.tide[[left, left + 1]]).all(),
+        xy=plates.xy[at],
+        sigma=np.full((len(common), 2, 2), block.options.plate_sigma),
+    )
+    return true_points(run.without_errors, (left, left + 1), readings).y_parallax

@@ -11,7 +11,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.joined_surfaces import Surface
-from musatpy.compilation.raster_bottoms import RasterBottom
+from musatpy.compilation.rasters import RasterBottom
 from musatpy.errors import Problem, SoundingError, SystemsError
 from musatpy.soundings.differences import Differences
 from musatpy.soundings.sounding_files import Soundings

@@ -8,9 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.adjustment.considered import extended
-from musatpy.adjustment.iteration import initial_state, is_considered, water_knowledge
+from musatpy.adjustment.iteration import LEVEL, initial_state, is_considered, water_knowledge
 from musatpy.adjustment.job import build_network
-from musatpy.adjustment.network import job_frame, participation
+from musatpy.adjustment.network import Network, job_frame, participation
+from musatpy.adjustment.normals import Cofactors
+from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, CompilationError, Problem
@@ -272,3 +274,31 @@ def adjusted_water(given: Water | None, found: tuple[float, FloatArray] | None) 
         return given
     index, tilt = found
     return replace(given, index=index, tilt_east=float(tilt[0]), tilt_north=float(tilt[1]))
+
+
+def joint_covariances(run: Triangulation, network: Network) -> Cofactors:
+    """Return the covariances of stations and water in the pattern of a network."""
+    return covariances_in(run, network.pattern, network.border.size)
+
+
+def covariances_in(run: Triangulation, pattern: Pattern, size: int) -> Cofactors:
+    """Return the covariances of stations that meet in a pattern, and of `size` quantities of the water."""
+    q = pattern.size
+    blocks = np.zeros((len(pattern.pairs), q, q))
+    blocks[pattern.diagonal, :6, :6] = run.covariance
+    place = {pair: row for row, pair in enumerate(map(tuple, pattern.pairs.tolist()))}
+    for pair, covariance in zip(map(tuple, run.pairs.photo.tolist()), run.pairs.covariance, strict=True):
+        if pair in place:
+            blocks[place[pair], :6, :6] = covariance
+    if run.levels is not None and q > LEVEL:
+        levels = run.levels
+        known = [(place[pair], row) for row, pair in enumerate(map(tuple, levels.photo.tolist())) if pair in place]
+        at, row = np.array(known, dtype=np.int64).reshape(-1, 2).T
+        blocks[at, :6, LEVEL], blocks[at, LEVEL, :6] = levels.of_first[row], levels.of_second[row]
+        blocks[at, LEVEL, LEVEL] = levels.level[row]
+    border, corner = np.zeros((pattern.count, q, size)), np.zeros((size, size))
+    if run.water is not None:
+        border[:, :6], corner[:] = run.water.stations, run.water.covariance
+        if q > LEVEL and len(run.water.levels):
+            border[:, LEVEL] = run.water.levels
+    return Cofactors(pattern=pattern, blocks=blocks, border=border.reshape(pattern.order, size), corner=corner)

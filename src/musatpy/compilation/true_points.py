@@ -6,8 +6,9 @@ network of rays with other measurements, so that both agree to rounding.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,17 +17,17 @@ from musatpy.adjustment.ground import PARALLEL, intersect_freely, settle_group
 from musatpy.adjustment.iteration import State, initial_state
 from musatpy.adjustment.job import build_network
 from musatpy.adjustment.network import Network, PointGroup, group_points, participation
-from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
+from musatpy.adjustment.propagation import Piece, depth_cofactors, pieces, point_covariances
 from musatpy.adjustment.result import bathymetric_points
 from musatpy.adjustment.sightings import residuals, straight_rays
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.compilation.errors_of_pairs import joint_covariances, y_parallax
-from musatpy.compilation.parts import in_parts
-from musatpy.compilation.triangulation import Triangulation
+from musatpy.compilation.triangulation import Triangulation, joint_covariances
+from musatpy.errors import AdjustmentError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, in_front, widest_angle
 from musatpy.model import Block, PlateMeasurements, Points
 
+Result = TypeVar("Result")
 _CHUNK = 2**14  # readings at a time
 _TURNS = 8  # times that rays may change between wet and dry
 PARALLEL_RAYS, BEHIND = "its rays are parallel", "its rays meet behind a camera"
@@ -83,11 +84,13 @@ class TruePoints:
         columns = {name: np.full((count, *shape), np.nan) for name, shape in _SHAPES.items()}
         return cls(**columns, wet=np.zeros((count, 2), dtype=bool), reasons={})
 
-    def among(self, rows: IntArray, count: int, without: dict[int, str]) -> TruePoints:
-        """Return the points as `rows` of `count`; others have no position, and reasons of their own."""
-        out = self.nothing(count)
-        out.put(rows, self)
-        out.reasons.update(without)
+    @classmethod
+    def joined(cls, parts: Sequence[TruePoints]) -> TruePoints:
+        """Return points of several parts, one after the other."""
+        numbers = [len(part.position) for part in parts]
+        out = cls.nothing(sum(numbers))
+        for part, rows in zip(parts, np.split(np.arange(sum(numbers)), np.cumsum(numbers)[:-1]), strict=True):
+            out.put(rows, part)
         return out
 
     def put(self, rows: IntArray, others: TruePoints) -> None:
@@ -97,13 +100,10 @@ class TruePoints:
                 getattr(self, name)[rows] = values
         self.reasons.update({int(rows[row]): why for row, why in others.reasons.items()})
 
-    def without(self, reasons: dict[int, str]) -> TruePoints:
-        """Return the points with some taken out, for reasons by their rows."""
-        kept = np.setdiff1d(np.arange(len(self.position)), list(reasons))
-        columns = {name: values[kept] for name, values in vars(self).items() if name != "reasons"}
-        place = {int(row): number for number, row in enumerate(kept)}
-        known = {place[row]: why for row, why in self.reasons.items() if row in place}
-        return TruePoints(**columns, reasons=known).among(kept, len(self.position), reasons)
+    def take_out(self, reasons: dict[int, str]) -> None:
+        """Let points have no position, for reasons by their rows."""
+        self.put(np.array(list(reasons), dtype=np.int64), self.nothing(len(reasons)))
+        self.reasons.update(reasons)
 
 
 def true_points(run: Triangulation, photos: tuple[int, int], readings: Readings) -> TruePoints:
@@ -255,3 +255,51 @@ def _in_system(network: Network, ground: FloatArray) -> FloatArray:
     known = np.isfinite(ground).all(axis=1)
     position[known] = network.frame.system(ground[known])
     return position
+
+
+def in_parts(work: Callable[[IntArray], Result], rows: IntArray) -> Iterator[tuple[IntArray, Result | None]]:
+    """Yield parts of rows (k,) with what `work` makes of them, None for a single row of which it makes nothing.
+
+    Rows of which it raises `AdjustmentError` are divided in halves.
+    """
+    if not len(rows):
+        return
+    try:
+        result = work(rows)
+    except AdjustmentError:
+        if len(rows) == 1:
+            yield rows, None
+            return
+        for half in np.array_split(rows, 2):
+            yield from in_parts(work, half)
+        return
+    yield rows, result
+
+
+def y_parallax(network: Network, piece: Piece) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return how far right images (k,) mm are off the rays of left ones, sigmas, and the share of pointing in them.
+
+    The four image coordinates of a point have one condition a'dl = 0 with a'B = 0, B their partials by the point:
+    the right image is off its epipolar curve by a'(read - adjusted) over the length of its part of a, positive
+    along y.
+    """
+    N, E = piece.E.normals, piece.E
+    k, m = piece.group.rays.shape
+    a = _left_null(N.B.reshape(k, 2 * m, 3)).reshape(k, m, 2)
+    right = int(np.argmax(piece.group.rays[0])) if k else 1  # those of the left photo come first
+    size = np.linalg.norm(a[:, right], axis=1) * np.where(a[:, right, 1] < 0.0, -1.0, 1.0)
+    a /= size[:, None, None]
+    off = -np.einsum("kma,kma->k", a, N.residual)
+    by_station = np.einsum("kma,kmaq->kmq", a, N.images.by_station).reshape(k, -1)
+    J = np.concatenate([by_station, np.einsum("kma,kmax->kx", a, E.extras.images)], axis=1)
+    variance = np.einsum("ki,kij,kj->k", J, piece.Q, J)
+    pointing = np.einsum("kma,kma->k", np.square(a), 1.0 / network.weight[piece.group.rays])
+    variance += pointing
+    return off, np.sqrt(variance), pointing / variance
+
+
+def _left_null(B: FloatArray) -> FloatArray:
+    """Return the rows a (k, 4) with a'B = 0 of matrices B (k, 4, 3): their cofactors."""
+    rows = np.arange(4)
+    minors = [np.linalg.det(B[:, rows != row]) for row in rows]
+    return np.stack([minor if row % 2 == 0 else -minor for row, minor in enumerate(minors)], axis=1)

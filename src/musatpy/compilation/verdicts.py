@@ -1,21 +1,123 @@
-"""What a compilation is worth: as the verdict on a run, with its reasons."""
+"""What is odd about a compilation, and what it is worth: as the verdict on a run, with its reasons."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation.against_run import AgainstRun
-from musatpy.compilation.compiled import Compiled
+from musatpy.compilation.compiled import ABOVE, MISSED, Compiled, CompiledModel
+from musatpy.compilation.loop import Drive, Loop
+from musatpy.compilation.stereomodels import slip_of
 from musatpy.compilation.triangulation import PUNCHED, Triangulation
-from musatpy.model import Concern, Grade, Reason, Verdict
+from musatpy.model import Concern, CoordinateSystem, Grade, Reason, Verdict
 from musatpy.model.findings import GRADES
 from musatpy.probability import test_limit
 
 _HALF = 5.0  # sigmas that half of the y-parallaxes of a model are beyond: no errors of run and pointing do that
+_NAMED = 10  # points of a kind of warning that are named, the worst
+_FARTHEST, _PART_OF_HEIGHT = 20.0, 0.1  # m, or of the flying height in local jobs, of a datum from the water
+_OFF = 0.001  # m by which points without y-parallax may be off before it is told
 _POINTS = "Point Compilation"  # beginning of titles of the listing
+
+
+def warnings_of(compiled: Compiled) -> Iterator[str]:
+    """Yield what is odd about the run and the readings."""
+    if compiled.run.caution:
+        yield f"{compiled.run.caution}: {compiled.run.because}" if compiled.run.because else compiled.run.caution
+    yield from (text for _, text in slips(compiled))
+    for model in compiled.models:
+        lost = _lost_without_parallax(compiled, model)
+        if lost > _OFF:
+            yield f"model {model.name} has model points without y-parallax: up to {lost:.3f} m in this model"
+    parallax, test = 1e3 * compiled.points.y_parallax, np.abs(compiled.y_parallax_test)
+    over = compiled.over_water / compiled.sigma[:, 2]
+    land = ~compiled.submerged & ~compiled.on_shore
+    beyond = np.isfinite(compiled.height) & np.isnan(compiled.datum_depth)
+    if beyond.any():
+        yield f"{np.count_nonzero(beyond)} points lie outside the grid of the datum {compiled.datum.name}"
+    if compiled.deck.datum is not None:
+        yield from far_datum(compiled)
+    yield from _named(
+        compiled,
+        np.where(test > MISSED, test, np.nan),
+        lambda row: f"has a y-parallax of {parallax[row]:.1f} um, {test[row]:.1f} sigmas",
+    )
+    yield from _named(
+        compiled,
+        np.where(compiled.too_high, over, np.nan),
+        lambda row: f"is flagged as submerged and stands {compiled.over_water[row]:.2f} m above the water",
+    )
+    yield from _named(
+        compiled,
+        np.where(land & (over < -ABOVE), -over, np.nan),
+        lambda row: f"is not flagged as submerged and lies {-compiled.over_water[row]:.2f} m below the water",
+    )
+    yield from _named(
+        compiled,
+        np.where(compiled.on_shore & (np.abs(over) > MISSED), np.abs(over), np.nan),
+        lambda row: f"is on the shoreline and {compiled.over_water[row]:+.2f} m off the water",
+    )
+
+
+def far_datum(compiled: Compiled, below: float = 0.0) -> Iterator[str]:
+    """Yield that a datum so far (m) `below` that of the bottom is farther from the water than any tide."""
+    gap = compiled.datum_depth - below + compiled.over_water
+    if not np.isfinite(gap).any():
+        return
+    middle, farthest = float(np.nanmedian(gap)), _FARTHEST
+    if compiled.run.block.options.system is CoordinateSystem.LOCAL:
+        farthest = _PART_OF_HEIGHT * float(np.median([model.stereo.height for model in compiled.models]))
+    if abs(middle) > farthest:
+        side = "above" if middle > 0.0 else "below"
+        yield (
+            f"the sounding datum is {abs(middle):.1f} m {side} the water, more than {farthest:.3g} m: "
+            "one of both may be a height above the ellipsoid, and the other above mean sea level"
+        )
+
+
+def slips(compiled: Compiled) -> Iterator[tuple[int, str]]:
+    """Yield the models (rows) most of whose readings make no points, and what would."""
+    for row, model in enumerate(compiled.models):
+        if slip := slip_of(model.stereo, model.readings.xy):
+            yield row, f"model {model.name}: most of its readings make no points, and would if {slip}"
+
+
+def lost(compiled: Compiled) -> Iterator[tuple[int, str]]:
+    """Yield the readings of the deck (rows) that give no position, and why."""
+    for row, reason in enumerate(compiled.reasons):
+        if reason is not None:
+            point = f"point {compiled.ids[row]} of model {compiled.model_ids[row]}"
+            yield int(compiled.rows[row]), f"{point} has no position: {reason}"
+
+
+def _named(compiled: Compiled, size: FloatArray, words: Callable[[int], str]) -> Iterator[str]:
+    """Yield what is odd about the worst points, in their order; `size` (k,) is NaN where nothing is odd."""
+    odd = np.flatnonzero(np.isfinite(size))
+    worst = odd[np.argsort(-size[odd], kind="stable")[:_NAMED]]
+    for row in np.sort(worst).tolist():
+        yield f"point {compiled.ids[row]} of model {compiled.model_ids[row]} {words(row)}"
+    if len(odd) > _NAMED:
+        yield f"and {len(odd) - _NAMED} points more, less so: the table of points has them"
+
+
+def _lost_without_parallax(compiled: Compiled, model: CompiledModel) -> float:
+    """Return by how much (m) submerged points are off at most whose y-parallax was not read; 0 without any.
+
+    By rays to a shared point, where they should have their own.
+    """
+    if model.drive is Drive.TRUE:
+        return 0.0
+    stereo, unread = model.stereo, compiled.deck.stages.without_parallax[model.rows]
+    position = model.points.position[unread & model.points.wet.all(axis=1)]
+    position = position[np.isfinite(position).all(axis=1)]
+    if not len(position):
+        return 0.0
+    loop, true = Loop(stereo=stereo), stereo.model(stereo.run.frame.working(position))
+    shared = np.repeat(stereo.half_way(loop.stages(true).xy)[:, None], 2, axis=1)
+    return float(np.linalg.norm(loop.mark(stereo.images(shared)) - true, axis=1).max())
 
 
 def verdict_of(compiled: Compiled, against: Sequence[AgainstRun]) -> Verdict:
@@ -43,7 +145,7 @@ def _of_run(run: Triangulation) -> Iterator[Reason]:
 
 def _parallaxes(compiled: Compiled) -> Iterator[Reason]:
     """Yield the y-parallaxes that errors of pointing, stations and water do not make."""
-    test = np.abs(compiled.parallax_test)
+    test = np.abs(compiled.y_parallax_test)
     known, gross = np.isfinite(test), np.zeros(len(test), dtype=bool)
     for model in compiled.models:
         here = known & (compiled.model_ids == model.name)
@@ -99,7 +201,7 @@ def _heights(compiled: Compiled) -> Iterator[Reason]:
 def _worst(compiled: Compiled, rows: BoolArray, size: FloatArray, form: str = ".1f") -> str:
     """Return the largest of some points in words."""
     row = int(np.argmax(np.where(rows, size, -np.inf)))
-    point = compiled.deck.stages.ids[compiled.rows[row]]
+    point = compiled.ids[row]
     return f"point {point} of model {compiled.model_ids[row]} by {size[row]:{form}}"
 
 

@@ -16,10 +16,10 @@ from musatpy.correction.layers import correct_layers
 from musatpy.correction.photographs import Photographs
 from musatpy.correction.rasters import band_of, correct_raster, only_band
 from musatpy.correction.surfaces import correct_surface
+from musatpy.depth.cameras import system_of_points
 from musatpy.depth.correction import Correction, Progress, Tally
 from musatpy.depth.csv_points import correct_csv
 from musatpy.depth.las_points import correct_las
-from musatpy.depth.point_systems import system_of_points
 from musatpy.errors import DepthError, Problem
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.projected import crs_of

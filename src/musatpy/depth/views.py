@@ -1,11 +1,13 @@
-"""Depth factors at places of a stereo model: of the normal pair of the paper, or of any stations.
+"""Depth factors over a stereo model, as tables and a picture: of the normal pair of the paper, or of any stations.
 
 Groeneveld Meijer (1964): Table 1 is `factors` of a `Pair`, Figure 4 their contours, Table 2 `normalised`, Table 3
-`single_value`. Lengths of a pair are in any unit, the same for all; those of stations are metres.
+`single_value`. Lengths of a pair are in any unit, the same for all; those of stations are metres. Pictures need
+matplotlib, the extra `plots`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +17,9 @@ from numpy.typing import NDArray
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.depth.cameras import Cameras
 from musatpy.depth.correction import Correction
-from musatpy.errors import DepthError
+from musatpy.errors import DepthError, Problem
+from musatpy.figures import INK, add_bar, image_of, lay_out, new_panels, styled
+from musatpy.files import write_files
 from musatpy.geometry.crs import local_map
 from musatpy.geometry.systems import geographic
 from musatpy.pointfiles.columns import PLAN, Column, Wanted
@@ -23,6 +27,9 @@ from musatpy.pointfiles.point_tables import read_table
 from musatpy.refraction.apparent import REASONS, Fault, Stations
 from musatpy.refraction.depth_factor import DepthDeparture, departure, pair_factor
 
+_LONG, _LEAST = 6.5, 4.0  # inches, of the sides of a map
+_BORDER = 0.05  # of the extent, around it
+_FILES = ("png", "svg", "pdf")
 _PLACES = (PLAN, ("d1", "d2", "s", "t"))
 _NEARLY_ZERO = 1e-6  # of the height: stands for an apparent depth of zero, where rays have no true point
 
@@ -160,3 +167,81 @@ def read_places(path: Path) -> dict[str, FloatArray]:
     table = read_table(path, Wanted(columns=columns, forms=_PLACES, bare=PLAN))
     table.require(DepthError, empty="no places")
     return dict(table.values)
+
+
+def factor_table(places: Mapping[str, FloatArray], factors: Factors) -> list[str]:
+    """Return a line for each place: where it is, and its factor for each apparent depth (Table 1)."""
+    heads = [*places, *(f"F({depth:g})" for depth in factors.depths.tolist())]
+    lines = ["".join(f"{head:>10}" for head in heads)]
+    for row, factor in enumerate(factors.factor.tolist()):
+        where = "".join(f"{values[row]:10.1f}" for values in places.values())
+        lines.append(where + "".join(f"{value:10.4f}" if value == value else f"{'-':>10}" for value in factor))
+    return lines + [f"-: {reason}" for reason in factors.reasons()]
+
+
+def normalised_table(x: FloatArray, y: FloatArray, depths: FloatArray, normalised: Normalised) -> list[str]:
+    """Return the largest departure of each apparent depth (Table 2), `-` where there is no factor."""
+    heads = ("apparent", "at x", "at y", "F", "F used", "depth", "by F used", "error", "percent")
+    lines = ["".join(f"{head:>10}" for head in heads)]
+    off = normalised.departure
+    for i, depth in enumerate(depths.tolist()):
+        place = normalised.place[i]
+        if np.isnan(normalised.factor[i]):
+            lines.append(f"{depth:10.3f}" + f"{'-':>10}" * (len(heads) - 1))
+            continue
+        lines.append(
+            f"{depth:10.3f}{x[place]:10.1f}{y[place]:10.1f}{normalised.factor[i]:10.4f}{normalised.normal[i]:10.4f}"
+            f"{off.depth[i]:10.3f}{off.other_depth[i]:10.3f}{off.error[i]:10.3f}{100.0 * off.relative[i]:10.2f}"
+        )
+    return lines
+
+
+def single_table(single: SingleValue) -> list[str]:
+    """Return how far the right factors depart from one for the whole model, and how much of it is within each."""
+    heads = ("F", "depth", "departure", "percent", "of model")
+    lines = ["".join(f"{head:>10}" for head in heads)]
+    off = single.departure
+    for i, level in enumerate(single.levels.tolist()):
+        lines.append(
+            f"{level:10.4f}{off.other_depth[i]:10.3f}{off.error[i]:10.3f}{100.0 * off.relative[i]:10.2f}"
+            f"{100.0 * single.within[i]:9.0f}%"
+        )
+    return lines
+
+
+@styled
+def contour_picture(
+    path: Path,
+    x: FloatArray,
+    y: FloatArray,
+    factor: FloatArray,
+    stations: FloatArray,
+    *,
+    title: str,
+    step: float,
+    unit: str = "",
+) -> None:
+    """Write contours of factors (ny, nx) at x (nx,), y (ny,), and stations (k, 2), as Groeneveld Meijer's Figure 4.
+
+    The format is that of the suffix, PNG, SVG or PDF; stations far from the contours are not drawn. Raises
+    `MusatError` without matplotlib, and `DepthError` for another suffix.
+    """
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in _FILES:
+        raise DepthError([Problem(message=f"a picture is .png, .svg or .pdf, not '{path.suffix}'")])
+    sides = np.array([np.ptp(x), np.ptp(y)])
+    low, high = np.array([x.min(), y.min()]) - _BORDER * sides, np.array([x.max(), y.max()]) + _BORDER * sides
+    size = np.maximum(_LONG * sides / sides.max(), _LEAST)
+    figure, ((axes,),) = new_panels(size[:1], size[1:], title)
+    shown = np.ma.masked_invalid(factor)
+    levels = step * np.arange(np.floor(shown.min() / step), np.ceil(shown.max() / step) + 1)
+    filled = axes.contourf(x, y, shown, levels=levels, cmap="viridis_r", alpha=0.35)
+    lines = axes.contour(x, y, shown, levels=levels, colors="0.2", linewidths=0.8)
+    axes.clabel(lines, fmt=f"%.{max(2, int(np.ceil(-np.log10(step))))}f")
+    near = stations[((stations >= low) & (stations <= high)).all(axis=1)]
+    if len(near):
+        axes.plot(*near.T, "^", color=INK, markersize=7, label="exposure stations")
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=f"x{unit}", ylabel=f"y{unit}")
+    add_bar(axes, filled, "depth factor F")
+    lay_out(figure)
+    write_files({path: image_of(figure, kind)})

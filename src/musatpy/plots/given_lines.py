@@ -18,8 +18,7 @@ from musatpy.plots.plane import Plane
 from musatpy.plots.profile import Line, SoundedPlaces
 from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, Wanted
 from musatpy.pointfiles.point_tables import read_table
-from musatpy.soundings.job_places import job_places
-from musatpy.soundings.sounding_files import read_soundings
+from musatpy.soundings.sounding_files import job_places, read_soundings
 from musatpy.units import DEGREE
 
 

@@ -255,7 +255,7 @@ def sections_of(done: Compilation) -> list[Section]:
     """Return what the listing of a compilation says, section by section."""
     compiled, verdict = done.compiled, done.verdict
     assert verdict is not None
-    names = zip(compiled.deck.stages.ids[compiled.rows], compiled.model_ids, compiled.reasons, strict=True)
+    names = zip(compiled.ids, compiled.model_ids, compiled.reasons, strict=True)
     reasons = [f"Point {point} of model {model}: {reason}." for point, model, reason in names if reason]
     return [
         verdict_section(verdict),

@@ -13,10 +13,9 @@ from musatpy.reports.table import Report, filled
 from musatpy.surfaces.contours import bounds
 
 if TYPE_CHECKING:
-    from musatpy.compilation.bottom import Bottom
-    from musatpy.compilation.datums import Datum
-    from musatpy.compilation.file_places import FilePlaces
-    from musatpy.compilation.grids import PostGrid
+    from musatpy.compilation.answers import FilePlaces
+    from musatpy.compilation.bottom import Bottom, PostGrid
+    from musatpy.compilation.compiled import Datum
     from musatpy.compilation.joined_surfaces import EdgeMatch, Surface
 
 Level = tuple[str, float, bool, int, float, float]

@@ -21,11 +21,9 @@ from musatpy.statistics.analyses import words_of
 
 if TYPE_CHECKING:
     from musatpy.compilation.against_run import AgainstRun
-    from musatpy.compilation.answers import StatedPoints
+    from musatpy.compilation.answers import FilePlaces, StatedPoints
     from musatpy.compilation.bottom import Bottom
-    from musatpy.compilation.compiled import Compiled
-    from musatpy.compilation.datums import Datum
-    from musatpy.compilation.file_places import FilePlaces
+    from musatpy.compilation.compiled import Compiled, Datum
     from musatpy.compilation.profiles import CompiledProfile, ProfileScan
     from musatpy.compilation.setups import ModelSetUp
     from musatpy.model import Verdict
@@ -65,31 +63,29 @@ def extremes(
 POINTS: Rows[Compilation, Compiled] = Rows(
     "points", "one row per reading", of=lambda c: c.compiled, fields=(
         identity("model", "model_ids"),
-        identity("point", lambda c: c.deck.stages.ids[c.rows], text="point or feature"),
-        Field("class", "string", "G, P, S, R", lambda c: c.deck.stages.kind[c.rows], "Class", "A5"),
+        identity("point", "ids", text="point or feature"),
+        Field("class", "string", "G, P, S, R", "kind", "Class", "A5"),
         flag("submerged", "flagged so", "Bath", "B"),
-        Field("position", "3 number?", "true", lambda c: c.gathered("position"), position(4), unit=POSITION_UNIT),
+        Field("position", "3 number?", "true", "points.position", position(4), unit=POSITION_UNIT),
         Field("sigma", "3 number?", "east north up", heading=ENU_SIGMAS, edit="F8.3"),
-        Field("covariance", "3x3 number?", "of east, north, up", lambda c: c.gathered("covariance"), unit="m2"),
+        Field("covariance", "3x3 number?", "of east, north, up", "points.covariance", unit="m2"),
         Field("apparent", "3 number?", "where the straight rays meet", heading=position(4), unit=POSITION_UNIT),
-        Field("model_position", "3 number?", "true, in the model", lambda c: c.in_models[0],
-              [f"Model {axis}\nm" for axis in "XYZ"], "F10.3", exact=True),
-        Field("model_apparent", "3 number?", "apparent, in the model", lambda c: c.in_models[1], unit="m",
-              exact=True),
-        Field("water_level", "number?", "mean of both photos, there", lambda c: c.gathered("water_level"),
+        Field("model_position", "3 number?", "true, in the model",
+              heading=[f"Model {axis}\nm" for axis in "XYZ"], edit="F10.3", exact=True),
+        Field("model_apparent", "3 number?", "apparent, in the model", unit="m", exact=True),
+        Field("water_level", "number?", "mean of both photos, there", "points.water_level",
               "Water\nm", "F9.3"),
-        Field("depth", "number?", "below that", lambda c: c.gathered("depth"), "Depth\nm", "F8.3"),
-        Field("depth_sigma", "number?", "of the depth", lambda c: c.gathered("depth_sigma"), "Sigma\nm", "F7.3"),
-        Field("datum_depth", "number?", "below the sounding datum", lambda c: c.datum_depth[0], "Below datum\nm",
-              "F11.3"),
-        Field("datum_depth_sigma", "number?", "of that", lambda c: c.datum_depth[1], "Sigma\nm", "F7.3"),
-        Field("incidence", "2 number?", "of wet rays, in air", "incidences",
-              ("Incid. L\ndegrees", "Incid. R\ndegrees"), "F8.3"),
-        Field("wet", "2 boolean", "the ray goes through the water", lambda c: c.gathered("wet")),
+        Field("depth", "number?", "below that", "points.depth", "Depth\nm", "F8.3"),
+        Field("depth_sigma", "number?", "of the depth", "points.depth_sigma", "Sigma\nm", "F7.3"),
+        Field("datum_depth", "number?", "below the sounding datum", heading="Below datum\nm", edit="F11.3"),
+        Field("datum_depth_sigma", "number?", "of that", heading="Sigma\nm", edit="F7.3"),
+        Field("incidence", "2 number?", "of wet rays, in air",
+              heading=("Incid. L\ndegrees", "Incid. R\ndegrees"), edit="F8.3"),
+        Field("wet", "2 boolean", "the ray goes through the water", "points.wet"),
         Field("y_parallax", "number?", "by which the right image is off its epipolar curve",
-              lambda c: c.gathered("y_parallax"), "py\num", "F9.2"),
-        Field("y_parallax_test", "number?", "over its sigma, as a normal variable", "parallax_test", "Test py",
-              "F7.2"),
+              "points.y_parallax", "py\num", "F9.2"),
+        Field("y_parallax_test", "number?", "over its sigma, as a normal variable", heading="Test py",
+              edit="F7.2"),
         Field("remark", "string?", "why it has no depth, or a y-parallax beyond its limit", "remarks", "Remark",
               "A22"),
         Field("reason", "string?", "why it has no position", "reasons"),
@@ -97,9 +93,9 @@ POINTS: Rows[Compilation, Compiled] = Rows(
 )  # fmt: skip
 STATED_POINTS: Rows[Compiled, tuple[Compiled, StatedPoints]] = Rows(
     "points", "one row per reading; null where the system does not reach",
-    of=lambda c: None if c.answer is None else (c, c.answer), fields=(
+    of=lambda c: _stated(c), fields=(
         Field("model", "string", "model id", lambda a: a[0].model_ids),
-        Field("point", "string", "point or feature", lambda a: a[0].deck.stages.ids[a[0].rows]),
+        Field("point", "string", "point or feature", lambda a: a[0].ids),
         Field("position", "3 number?", "true", lambda a: a[1].position, unit="that of the coordinates", exact=True),
         Field("covariance", "3x3 number?", "of that", lambda a: a[1].covariance,
               unit="that of the coordinates, squared", exact=True),
@@ -117,6 +113,13 @@ ANSWER: FieldGroup[Compilation, Compiled] = FieldGroup(
     ),
     optional=True,
 )
+
+
+def _stated(compiled: Compiled) -> tuple[Compiled, StatedPoints] | None:
+    from musatpy.compilation.answers import stated_points  # few runs do
+
+    points = stated_points(compiled)
+    return None if points is None else (compiled, points)
 
 
 def _words(compiled: Compiled) -> Words | None:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.compilation.point_orders import order_names, orders_of_points
 from musatpy.reports.analyses import differences
 from musatpy.reports.fields import Document, Each, Field, FieldGroup, Rows, flag, within
 from musatpy.reports.pages import Section, labelled, print_titled, wrapped
@@ -21,7 +20,7 @@ from musatpy.soundings.differences import (
     regression,
     samples,
 )
-from musatpy.soundings.s44 import source
+from musatpy.soundings.s44 import order_names, source
 
 if TYPE_CHECKING:
     from musatpy.compilation.compiled import Compiled
@@ -120,8 +119,7 @@ DOCUMENT: Document[Sounded] = Document(
 
 def point_orders(compiled: Compiled) -> dict[str, int]:
     """Return how many submerged points meet each order by their own sigmas, as the strictest."""
-    orders = orders_of_points(compiled)
-    return {name: int(np.count_nonzero(orders == name)) for name in order_names()}
+    return {name: int(np.count_nonzero(compiled.orders == name)) for name in order_names()}
 
 
 def sections_of(compared: Sounded, compiled: Compiled | None) -> list[Section]:

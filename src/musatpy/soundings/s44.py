@@ -56,3 +56,8 @@ def orders_met(depth: FloatArray, covariance: FloatArray) -> IntArray:
     plan = _HORIZONTAL * np.sqrt(np.linalg.eigvalsh(np.nan_to_num(covariance[:, :2, :2]))[:, -1])
     met = [(up <= order.vertical(depth)) & (plan <= order.horizontal(depth)) for order in survey_orders()]
     return np.asarray(np.argmax([*met, np.ones(len(depth), dtype=bool)], axis=0))
+
+
+def order_names() -> list[str]:
+    """Return the names of the orders, the strictest first, and that of points that meet none."""
+    return [*(order.name for order in survey_orders()), NO_ORDER]

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.arrays import DateArray, FloatArray, TextArray
-from musatpy.errors import Problem, SoundingError
+from musatpy.errors import Problem, SoundingError, SystemsError
+from musatpy.geometry.crs import system_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import crs_of
 from musatpy.interchange import las
 from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, Column, Wanted
 from musatpy.pointfiles.las_files import SUFFIXES
 from musatpy.pointfiles.point_tables import read_table
-from musatpy.soundings.job_places import job_places
 from musatpy.units import DEGREE
 
 if TYPE_CHECKING:
@@ -106,3 +106,27 @@ def _of_table(source: Path, dated: bool) -> Soundings:
         sigma=table.numbers("sigma"),
         date=table.dates(_DATE) if dated else np.full(len(lines), "NaT", dtype="datetime64[D]"),
     )
+
+
+def job_places(source: Path, xy: FloatArray, crs: pyproj.CRS | None, job: Ellipsoid | None) -> FloatArray:
+    """Return places (n, 2) of xy (n, 2) in a system: latitude and longitude (rad) by the ellipsoid of a job.
+
+    Those of a local job (`job` None) are x and y themselves. Raises `SoundingError` where one of the two is local
+    and the other is not, and where the system stands on another ellipsoid.
+    """
+    if job is None and crs is not None:
+        message = f"it is in the system {crs.name}, and the job in a local one"
+        raise SoundingError([Problem(file=str(source), message=message)])
+    if job is None:
+        return xy
+    if crs is None:
+        message = "no coordinate system is given: name it (--crs EPSG:32620)"
+        raise SoundingError([Problem(file=str(source), message=message)])
+    plane = crs.sub_crs_list[0] if crs.is_compound else crs
+    try:
+        level = system_of(plane.to_wkt(), job).level(np.column_stack([xy, np.zeros(len(xy))]))
+    except SystemsError as error:
+        raise SoundingError(
+            [Problem(file=str(source), message=problem.message) for problem in error.problems]
+        ) from error
+    return level[:, :2]

@@ -1,4 +1,4 @@
-"""Contours of a network of triangles: straight in each of them, with the greater values on their right."""
+"""Contours of triangles, straight in each, and of grids of nodes; with the greater values on their right."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.errors import Problem, SurfaceError
+from musatpy.errors import MusatError, Problem, SurfaceError
 from musatpy.figures import check_matplotlib
 from musatpy.surfaces.tin import Tin
 
@@ -121,3 +121,41 @@ def bounds(lines: Sequence[Contour]) -> list[tuple[float, int, float, float]]:
         area = abs(sum(line.area for line in of_level))
         rows.append((level, len(of_level), sum(line.length for line in of_level), area))
     return rows
+
+
+def grid_contours(
+    values: FloatArray,
+    corner: tuple[float, float],
+    spacing: float,
+    levels: Sequence[float],
+    index: Sequence[float] = (),
+    shortest: float = 0.0,
+) -> Contours:
+    """Return the contours of nodes (rows, columns), north and east of a corner, without open pieces below a length.
+
+    Lines end beside nodes that are NaN, but in corners of squares whose other three nodes are there. Raises
+    `MusatError` where contourpy is missing.
+    """
+    rows, columns = values.shape
+    if min(rows, columns) < 2:
+        return Contours(lines=(), dropped=0)
+    try:
+        from contourpy import contour_generator
+    except ImportError as error:
+        raise MusatError("contours need contourpy: pip install 'musatpy[plots]'") from error
+    generator = contour_generator(
+        corner[0] + spacing * np.arange(columns),
+        corner[1] + spacing * np.arange(rows),
+        np.ma.masked_invalid(values),
+        name="serial",
+        corner_mask=True,
+        line_type="Separate",
+    )
+    return kept(_posts_traced(generator, sorted(levels)), index, shortest)
+
+
+def _posts_traced(generator: Any, levels: Sequence[float]) -> Iterator[tuple[float, FloatArray]]:
+    for level in levels:
+        for xy in generator.lines(level):
+            if len(xy) > 1:  # contourpy has the greater values on the left
+                yield float(level), np.asarray(xy[::-1], dtype=float)
