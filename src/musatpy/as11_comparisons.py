@@ -15,7 +15,7 @@ from musatpy.as11_runs import compiled_deck, run_of
 from musatpy.compilation.bottom import bottom_of
 from musatpy.compilation.compiled import Compiled
 from musatpy.compilation.contoured import Contoured, contoured
-from musatpy.compilation.joined_surfaces import Surface, surfaces_of
+from musatpy.compilation.joined_surfaces import JoinedSurface, surfaces_of
 from musatpy.compilation.rasters import RasterBottom, read_raster_bottom
 from musatpy.compilation.sounded import Matching, Sounded, nowhere, sounded
 from musatpy.compilation.verdicts import far_datum
@@ -38,7 +38,7 @@ _RASTERS = (".tif", ".tiff")
 class _Bottom:
     """What soundings are held against: a bottom, and how it came about; not compiled where it is a raster."""
 
-    surfaces: Sequence[Surface | RasterBottom]
+    surfaces: Sequence[JoinedSurface | RasterBottom]
     ellipsoid: Ellipsoid | None
     compiled: Compiled | None
     title: str

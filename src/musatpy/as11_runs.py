@@ -18,7 +18,7 @@ from musatpy.compilation.profiles import oddities, profiles_of, scans_of
 from musatpy.compilation.run_records import of_record, unadjusted
 from musatpy.compilation.setups import model_set_up
 from musatpy.compilation.stereomodels import faults_of_pair
-from musatpy.compilation.triangulation import Triangulation, of_block
+from musatpy.compilation.triangulation import AdjustedRun, of_block
 from musatpy.compilation.verdicts import lost, slips, verdict_of, warnings_of
 from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
 from musatpy.files import together, write_files
@@ -31,7 +31,7 @@ from musatpy.model import Verdict
 from musatpy.model.compilation import AGAIN
 from musatpy.reports import compilation, compilation_comparisons
 from musatpy.reports.compilation_bottom import contours_csv, grid_csv
-from musatpy.reports.compilation_points import Compilation, profiles_csv
+from musatpy.reports.compilation_points import CompilationReport, profiles_csv
 from musatpy.reports.pages import csv_files
 from musatpy.reports.record import dumps
 from musatpy.runs import ExitStatus, output_paths
@@ -111,13 +111,13 @@ def compile_deck(
     )
 
 
-def _reported(result: Compiled, bottoms: Sequence[Bottom]) -> Compilation:
+def _reported(result: Compiled, bottoms: Sequence[Bottom]) -> CompilationReport:
     """Return what is reported of a deck; raises `ProblemsError` where its profiles cannot be used."""
     kind, profiles = result.deck.stages.kind, profiles_of(result)
     against = [against_run(model, kind[model.rows] == AGAIN) for model in result.models]
     drawn = (text for bottom in bottoms for text in bottom.warnings(result.deck.grids.ids.tolist()))
     of_points = (text for part in against for text in part.warnings())
-    return Compilation(
+    return CompilationReport(
         compiled=result,
         against=against,
         warnings=(*of_points, *warnings_of(result), *oddities(profiles), *drawn),
@@ -142,7 +142,7 @@ def _with_bottoms(run: Path, deck: Path, anyway: bool) -> tuple[Compiled | None,
         return None, (), [*problems, *_of_file(deck, error)]
 
 
-def _extracts(done: Compilation) -> Iterator[tuple[str, bytes]]:
+def _extracts(done: CompilationReport) -> Iterator[tuple[str, bytes]]:
     """Yield the names and contents of the files that a deck asks for: profiles, contours, grids of posts."""
     places, datum = places_of(done.compiled), done.compiled.datum
     if done.profiles:
@@ -175,7 +175,7 @@ def set_up_deck(
     against = [against_run(model, kind[model.rows] == AGAIN) for model in result.models]
     warnings = (*(text for part in against for text in part.warnings()), *warnings_of(result))
     set_up = [model_set_up(model, kind[model.rows]) for model in result.models]
-    done = Compilation(compiled=result, against=against, warnings=warnings, set_up=set_up)
+    done = CompilationReport(compiled=result, against=against, warnings=warnings, set_up=set_up)
     listing, record = setup_paths(deck, out_dir)
     sections = compilation.set_up_sections(done)
     text = compilation.listing_of(done, sections, carriage_control=carriage_control, date=date)
@@ -203,7 +203,7 @@ def compare_points(
     count = sum(len(part.rows) for part in against)
     if not count:
         raise CompilationError([Problem(file=str(deck), message="no point of it has a position in the run too")])
-    done = Compilation(compiled=result, against=against)
+    done = CompilationReport(compiled=result, against=against)
     values = dumps(compilation_comparisons.AGAINST_RUN.record(done))
     write_files({listing: compilation_comparisons.point_listing(done).encode(), record: values.encode()})
     return count, compilation_comparisons.vectors(done), problems
@@ -215,7 +215,7 @@ def setup_paths(deck: Path, out_dir: Path | None) -> tuple[Path, Path]:
     return stem.with_name(f"{stem.name}.lst"), stem.with_name(f"{stem.name}.json")
 
 
-def run_of(path: Path, anyway: bool = False) -> Triangulation:
+def run_of(path: Path, anyway: bool = False) -> AdjustedRun:
     """Return the triangulation of the record of a run, or of a punched deck; `anyway` also of one not adjusted.
 
     Raises `CompilationError` or `DeckError` where it cannot be compiled from, and `OSError`.

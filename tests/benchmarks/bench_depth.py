@@ -19,7 +19,7 @@ import pandas as pd
 from scipy.optimize import least_squares
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from musatpy.depth.cameras import Cameras, read_cameras
+from musatpy.depth.cameras import CameraStations, read_cameras
 from musatpy.depth.correction import Correction
 from musatpy.depth.csv_points import correct_csv
 from refraction.bisection import incidence_distance
@@ -59,7 +59,7 @@ def correction(path: Path) -> Correction:
     return Correction(cameras=read_cameras(path, camera=CAMERA), index=INDEX)
 
 
-def by_means(cameras: Cameras, points: Path, target: Path) -> None:
+def by_means(cameras: CameraStations, points: Path, target: Path) -> None:
     """The fast peer, from file to file."""
     table = pd.read_csv(points)
     stations = cameras.stations
@@ -75,7 +75,7 @@ def by_means(cameras: Cameras, points: Path, target: Path) -> None:
     table.to_csv(target, index=False, float_format="%.4f")
 
 
-def by_least_squares(cameras: Cameras, A: np.ndarray) -> np.ndarray:
+def by_least_squares(cameras: CameraStations, A: np.ndarray) -> np.ndarray:
     """The accurate peer for one point: the true point whose rays meet in the apparent one."""
     position, level = cameras.stations.position, cameras.stations.level
     rows = np.flatnonzero(cameras.sees(A[None])[0])

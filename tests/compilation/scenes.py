@@ -7,9 +7,9 @@ import numpy as np
 from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.compiled import Compiled, compiled
-from musatpy.compilation.joined_surfaces import BottomPoints, Surface
+from musatpy.compilation.joined_surfaces import DepthPoints, JoinedSurface
 from musatpy.compilation.stereomodels import Stereomodel
-from musatpy.compilation.triangulation import Triangulation, of_solution
+from musatpy.compilation.triangulation import AdjustedRun, of_solution
 from musatpy.compilation.true_points import Readings
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
@@ -26,7 +26,7 @@ MODEL = "MDL 1        1        2                                          5.00"
 
 def pair(
     height: float, base: float, tides: tuple[float, float] = (0.0, 0.0), *, sphere: bool = False
-) -> Triangulation:
+) -> AdjustedRun:
     """Return a run of two photographs, straight down, along X or along the equator, without errors."""
     position = np.array([[0.0, 0.0, height], [base, 0.0, height]])
     if sphere:
@@ -59,7 +59,7 @@ def pair(
         ),
         points=empty(model.Points),
     )
-    return Triangulation(
+    return AdjustedRun(
         block=block,
         given=position,
         covariance=np.zeros((2, 6, 6)),
@@ -74,7 +74,7 @@ def pair(
     )
 
 
-def flat_images(run: Triangulation, points: FloatArray) -> FloatArray:
+def flat_images(run: AdjustedRun, points: FloatArray) -> FloatArray:
     """Return the images (k, 2, 2) mm of points (k, 3) below flat water, by the tangent of their rays in air."""
     photos, f = run.block.photos, run.block.cameras.focal_length[0]
     gap = points[:, None] - photos.position
@@ -158,11 +158,11 @@ def deck_of_cards(*cards: str) -> Compilation:
 
 def surface_of(
     xyz: FloatArray, sigma: float = 0.0, water: float = 0.0, longest: float = np.inf, plan: Any = None
-) -> Surface:
+) -> JoinedSurface:
     """Return the bottom of points (k, 3), their third coordinate a depth, all of one sigma and below one water."""
     sigmas = np.full(len(xyz), sigma)
-    points = BottomPoints(xy=xyz[:, :2], depth=xyz[:, 2], sigma=sigmas, water=np.full(len(xyz), water))
-    return Surface(models=("M",), points=points, tin=Tin.of(xyz, sigmas, longest), plan=plan)
+    points = DepthPoints(xy=xyz[:, :2], depth=xyz[:, 2], sigma=sigmas, water=np.full(len(xyz), water))
+    return JoinedSurface(models=("M",), points=points, tin=Tin.of(xyz, sigmas, longest), plan=plan)
 
 
 def soundings_at(

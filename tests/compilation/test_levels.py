@@ -11,9 +11,9 @@ from musatpy import adjust, read_deck
 from musatpy.arrays import FloatArray
 from musatpy.compilation.answers import places_of
 from musatpy.compilation.bottom import Bottom, bottom_of, bottoms_of, grids_of
-from musatpy.compilation.compiled import Compiled, Datum, compiled
-from musatpy.compilation.joined_surfaces import Surface
-from musatpy.compilation.triangulation import Triangulation, of_solution
+from musatpy.compilation.compiled import Compiled, DepthDatum, compiled
+from musatpy.compilation.joined_surfaces import JoinedSurface
+from musatpy.compilation.triangulation import AdjustedRun, of_solution
 from musatpy.compilation.verdicts import warnings_of
 from musatpy.errors import CompilationError
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
@@ -146,7 +146,7 @@ def test_posts_stand_at_multiples_of_their_spacing_and_are_empty_beside_the_surf
     result = bottom(_WEST, _EAST, grids=grid_specs(25.0, (1630.0, 410.0), (1490.0, -30.0)))
     (grid,) = result.grids
     assert (grid.west, grid.south, grid.depth.shape) == (1500.0, -25.0, (18, 6))
-    place = grid.coordinates(Datum())
+    place = grid.coordinates(DepthDatum())
     # A plane is exact, to the rounding of compiled points; beyond X = 1600 m there is no surface.
     east = place[:, 0] > 1600.0
     np.testing.assert_allclose(grid.depth.ravel()[~east], depths(place[~east, :2]), rtol=0, atol=1e-6)
@@ -172,7 +172,7 @@ def rolling(xy: FloatArray) -> FloatArray:
     return np.asarray(9.0 + 0.004 * xy[:, 0] + 1.5 * np.sin(xy[:, 0] / 150.0) * np.cos(xy[:, 1] / 130.0))
 
 
-def noisy(seed: int, number: int = 150, sigma: float = 0.2) -> Surface:
+def noisy(seed: int, number: int = 150, sigma: float = 0.2) -> JoinedSurface:
     """Return the surface of points of the rolling bottom with errors."""
     draws = np.random.default_rng(seed)
     xy = draws.uniform(0.0, 1000.0, (number, 2))
@@ -189,7 +189,7 @@ def test_posts_by_collocation_are_nearer_to_the_truth_and_know_how_near() -> Non
             grids_of(grid_specs(40.0, *corners, collocated=collocated), surfaces, 1.0)[0]
             for collocated in (False, True)
         )
-        truth = rolling(by_tin.coordinates(Datum())[:, :2]).reshape(by_tin.depth.shape)
+        truth = rolling(by_tin.coordinates(DepthDatum())[:, :2]).reshape(by_tin.depth.shape)
         error.append([np.square(grid.depth - truth).mean() for grid in (by_tin, by_collocation)])
         tests.append(np.square((by_collocation.depth - truth) / by_collocation.sigma).mean())
         assert by_tin.validation is None and by_collocation.validation is not None
@@ -231,7 +231,7 @@ def beach(*cards: str) -> Compiled:
     return compiled(run, deck_of_cards(MODEL, *cards, *readings))
 
 
-def straight_images(run: Triangulation, points: FloatArray) -> FloatArray:
+def straight_images(run: AdjustedRun, points: FloatArray) -> FloatArray:
     """Return the images (k, 2, 2) mm of points on land."""
     gap = points[:, None] - run.block.photos.position
     return np.asarray(-run.block.cameras.focal_length[0] * gap[..., :2] / gap[..., 2:])
@@ -324,12 +324,12 @@ def tilted_datum(folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def st_thomas() -> Triangulation:
+def st_thomas() -> AdjustedRun:
     return of_solution(adjust(read_deck(FIXTURES / "st_thomas/st_thomas.crd")))
 
 
 @pytest.mark.slow
-def test_depths_below_a_datum_in_a_grid_file(st_thomas: Triangulation, tmp_path: Path) -> None:
+def test_depths_below_a_datum_in_a_grid_file(st_thomas: AdjustedRun, tmp_path: Path) -> None:
     """Depths by the surface at each point, contours at its height there less their depth."""
     spec = SoundingDatum(name="MLLW", height=0.02, sigma=0.05, geoid=str(tilted_datum(tmp_path)))
     result = compiled(st_thomas, replace(compilation(), datum=spec))
@@ -348,9 +348,7 @@ def test_depths_below_a_datum_in_a_grid_file(st_thomas: Triangulation, tmp_path:
     )
 
 
-def test_points_outside_the_grid_of_a_datum_have_no_depth_below_it(
-    st_thomas: Triangulation, tmp_path: Path
-) -> None:
+def test_points_outside_the_grid_of_a_datum_have_no_depth_below_it(st_thomas: AdjustedRun, tmp_path: Path) -> None:
     path = tilted_datum(tmp_path)
     data = bytearray(path.read_bytes())
     data[8:16] = np.array(-64.935).astype(">f8").tobytes()  # it begins farther east
@@ -375,7 +373,7 @@ def test_a_local_job_has_no_grid_of_heights() -> None:
     ("height", "side"), [(None, ""), (-0.15, ""), (19.0, ""), (21.0, "20.8 m above"), (-42.0, "42.2 m below")]
 )
 def test_a_sounding_datum_far_from_the_water_is_told(
-    st_thomas: Triangulation, height: float | None, side: str
+    st_thomas: AdjustedRun, height: float | None, side: str
 ) -> None:
     """The height 0 of a job without a datum is none."""
     datum = None if height is None else SoundingDatum(name="MLLW", height=height)

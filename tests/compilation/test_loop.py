@@ -14,7 +14,7 @@ from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.loop import Drive, Loop, driven, read_path, stages_of
 from musatpy.compilation.stereomodels import Stereomodel, set_up
-from musatpy.compilation.triangulation import Triangulation, of_solution
+from musatpy.compilation.triangulation import AdjustedRun, of_solution
 from musatpy.compilation.verdicts import warnings_of
 from musatpy.errors import CompilationError
 from musatpy.reports.record import dumps, record
@@ -188,7 +188,7 @@ _DEPTH = 30.0
 
 
 @pytest.fixture(scope="module")
-def run() -> Triangulation:
+def run() -> AdjustedRun:
     """Return the pair of section 5: H 3000 m, f 152.4 mm, base 1810 m."""
     return pair(3000.0, 1810.0)
 
@@ -219,11 +219,11 @@ def cards(place: FloatArray, parallax: FloatArray | None, loop: str = " ", flags
     return lines
 
 
-def points(run: Triangulation, *deck: str) -> Compiled:
+def points(run: AdjustedRun, *deck: str) -> Compiled:
     return compiled(run, deck_of_cards(*deck))
 
 
-def test_rays_come_back_from_the_mark_and_its_parallax(run: Triangulation) -> None:
+def test_rays_come_back_from_the_mark_and_its_parallax(run: AdjustedRun) -> None:
     stereo = set_up(run, "1", "2")
     xy = flat_images(run, at_depth(_PLACES, _DEPTH))
     place, parallax = marks(stereo, xy)
@@ -231,7 +231,7 @@ def test_rays_come_back_from_the_mark_and_its_parallax(run: Triangulation) -> No
     np.testing.assert_allclose(back, xy, rtol=0, atol=1e-9)  # rounding: straight rays to both sides of the mark
 
 
-def test_points_are_true_with_their_parallaxes_and_off_without(run: Triangulation) -> None:
+def test_points_are_true_with_their_parallaxes_and_off_without(run: AdjustedRun) -> None:
     true = at_depth(_PLACES, _DEPTH)
     place, parallax = marks(set_up(run, "1", "2"), flat_images(run, true))
     result = points(run, *cards(place, parallax))
@@ -250,7 +250,7 @@ def test_points_are_true_with_their_parallaxes_and_off_without(run: Triangulatio
     )
 
 
-def test_dry_points_need_no_parallax(run: Triangulation) -> None:
+def test_dry_points_need_no_parallax(run: AdjustedRun) -> None:
     place, _ = marks(set_up(run, "1", "2"), flat_images(run, at_depth(_PLACES, 0.0)))
     place[:, 2] += 5.0
     result = points(run, *cards(place, None, flags="G "))
@@ -259,7 +259,7 @@ def test_dry_points_need_no_parallax(run: Triangulation) -> None:
     assert not list(warnings_of(result))
 
 
-def test_marks_of_a_loop_through_the_water_are_the_true_points(run: Triangulation) -> None:
+def test_marks_of_a_loop_through_the_water_are_the_true_points(run: AdjustedRun) -> None:
     """Nothing is lost without y-parallaxes there; one that the operator saw stays a y-parallax of the point."""
     true = at_depth(_PLACES, _DEPTH)
     place = set_up(run, "1", "2").model(run.frame.working(true))

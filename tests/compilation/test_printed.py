@@ -11,7 +11,7 @@ import pytest
 
 from compilation.scenes import at_depth, curved_images, flat_images, grid, pair, readings_at
 from musatpy.arrays import FloatArray
-from musatpy.compilation.printed import AS_1983, Printed, printed_points, true_coordinates
+from musatpy.compilation.printed import AS_1983, Shortcuts, printed_points, true_coordinates
 from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
 from musatpy.compilation.true_points import true_points
 from musatpy.errors import CompilationError
@@ -19,7 +19,7 @@ from musatpy.errors import CompilationError
 PLACES = grid((200.0, 1600.0), 1700.0)
 
 
-def errors(model: Stereomodel, points: FloatArray, xy: FloatArray, mode: Printed) -> FloatArray:
+def errors(model: Stereomodel, points: FloatArray, xy: FloatArray, mode: Shortcuts) -> FloatArray:
     """Return the errors (k, 3) of compiled points against working coordinates."""
     return np.asarray(model.working(printed_points(model, xy, mode)) - points)
 
@@ -36,16 +36,16 @@ def flat(tides: tuple[float, float], depth: float) -> tuple[Stereomodel, FloatAr
 def test_own_rays_give_the_truth(tides: tuple[float, float], depth: float) -> None:
     """To 1e-10 m, tides of their own included: rounding of coordinates of some kilometres."""
     model, points, xy = flat(tides, depth + 0.5)
-    assert np.abs(errors(model, points, xy, Printed())).max() < 1e-10
+    assert np.abs(errors(model, points, xy, Shortcuts())).max() < 1e-10
 
 
 def test_one_model_point_for_both_rays_is_wrong_by_centimetres() -> None:
     """Largest .083, mean .0155 m at 30 m: the apparent rays do not meet."""
     model, points, xy = flat((0.0, 0.0), 30.0)
-    error = np.linalg.norm(errors(model, points, xy, Printed(shared_point=True)), axis=1)
+    error = np.linalg.norm(errors(model, points, xy, Shortcuts(shared_point=True)), axis=1)
     assert error.max() == pytest.approx(0.083, rel=0.05) and error.mean() == pytest.approx(0.0155, rel=0.05)
     assert errors(model, points, xy, AS_1983) == pytest.approx(
-        errors(model, points, xy, Printed(shared_point=True))
+        errors(model, points, xy, Shortcuts(shared_point=True))
     )
 
 
@@ -62,7 +62,7 @@ def test_a_mean_tide_is_wrong_by_a_decimetre() -> None:
     """Tides of .4 and -.3 m: largest .13, mean .07 m on these places, whatever the depth."""
     for depth in (2.0, 30.0):
         model, points, xy = flat((0.4, -0.3), depth)
-        error = np.linalg.norm(errors(model, points, xy, Printed(mean_tide=True)), axis=1)
+        error = np.linalg.norm(errors(model, points, xy, Shortcuts(mean_tide=True)), axis=1)
         assert error.max() == pytest.approx(0.13, abs=0.01) and error.mean() == pytest.approx(0.07, abs=0.005)
 
 
@@ -81,8 +81,8 @@ def test_one_vertical_for_a_model_is_wrong_at_its_edge(
     places = grid((0.0, base), half)
     for depth in (2.0, 25.0):
         points, xy = curved_images(model, places, depth)
-        assert np.abs(errors(model, points, xy, Printed())).max() < 1.3e-4
-        error = np.linalg.norm(errors(model, points, xy, Printed(model_vertical=True)), axis=1)
+        assert np.abs(errors(model, points, xy, Shortcuts())).max() < 1.3e-4
+        error = np.linalg.norm(errors(model, points, xy, Shortcuts(model_vertical=True)), axis=1)
         assert error.max() == pytest.approx(largest, rel=0.05)
         assert np.sqrt(np.mean(np.square(error))) == pytest.approx(rms, rel=0.05)
         image = true_points(model.run, model.photos, readings_at(xy))

@@ -15,7 +15,7 @@ from musatpy import read_deck
 from musatpy.as11_runs import run_of
 from musatpy.compilation.loop import Loop
 from musatpy.compilation.stereomodels import set_up
-from musatpy.compilation.triangulation import Triangulation, of_block
+from musatpy.compilation.triangulation import AdjustedRun, of_block
 from musatpy.compilation.true_points import Readings, true_points
 from musatpy.model import Program, WaterLevel
 from musatpy.reports.compilation_comparisons import AGAINST_RUN
@@ -155,7 +155,7 @@ def test_sigmas_on_the_water_cards_of_a_punched_deck_are_in_those_of_points(leve
     assert found[2, 2] > 1.1 * exact[2, 2]
 
 
-def one_reading(run: Triangulation) -> Readings:
+def one_reading(run: AdjustedRun) -> Readings:
     """Return the reading of a submerged point on the first two photos."""
     xy = Loop(stereo=set_up(run, *run.block.photos.ids[:2].tolist())).stages(np.array([[300.0, -900.0, -12.0]])).xy
     return readings_at(xy)

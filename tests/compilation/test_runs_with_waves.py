@@ -17,7 +17,7 @@ from musatpy.compilation.compiled import compiled
 from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.point_errors import ThroughWaves
 from musatpy.compilation.stereomodels import Stereomodel, set_up
-from musatpy.compilation.triangulation import Triangulation, of_solution
+from musatpy.compilation.triangulation import AdjustedRun, of_solution
 from musatpy.compilation.true_points import NOT_FOLLOWED, true_points
 from musatpy.errors import CompilationError
 from musatpy.formats.compilation_deck import compilation_bytes
@@ -42,7 +42,7 @@ def swell(times: tuple[float, float] = (0.0, 9.0), sigma: FloatArray | None = No
     return Sea(surface=surface, time=np.array(times), origin=np.zeros(3), sigma=sigma)
 
 
-def wavy(sea: Sea) -> Triangulation:
+def wavy(sea: Sea) -> AdjustedRun:
     return replace(pair(1500.0, 900.0, (0.4, -0.3)), sea=sea)
 
 
@@ -157,7 +157,7 @@ def test_a_mark_goes_through_a_wave_without_a_jump(sea: Stereomodel) -> None:
     assert np.abs(jump).max() < 1e-9
 
 
-def corrected(run: Triangulation, apparent: FloatArray) -> TruePoints:
+def corrected(run: AdjustedRun, apparent: FloatArray) -> TruePoints:
     """Return the true points of apparent ones (k, 3) of both photos."""
     photos = run.block.photos
     stations = Stations(position=photos.position, level=photos.tide, axis=-attitude_matrix(photos.attitude)[:, 2])

@@ -14,14 +14,14 @@ from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import compiled
 from musatpy.compilation.setups import ModelSetUp, model_set_up
 from musatpy.compilation.stereomodels import set_up
-from musatpy.compilation.triangulation import Triangulation
+from musatpy.compilation.triangulation import AdjustedRun
 from musatpy.reports.compilation import SET_UP
 from record_rows import valid_rows
 
 _H, _BASE, _F, _POINTING = 3000.0, 1810.0, 152.4, 0.005
 
 
-def with_points(run: Triangulation, points: FloatArray) -> Triangulation:
+def with_points(run: AdjustedRun, points: FloatArray) -> AdjustedRun:
     """Return a run with submerged points (r, 3)."""
     ids = np.array([f"P{row}" for row in range(len(points))])
     block = replace(run.block, points=model.Points(ids=ids, bathymetric=np.ones(len(points), dtype=bool)))
@@ -29,7 +29,7 @@ def with_points(run: Triangulation, points: FloatArray) -> Triangulation:
     return replace(run, block=block, position=points, point_covariance=none, control=np.zeros(len(points), bool))
 
 
-def set_up_of(run: Triangulation, *cards: str) -> ModelSetUp:
+def set_up_of(run: AdjustedRun, *cards: str) -> ModelSetUp:
     deck = deck_of_cards(MODEL, *cards)
     result = compiled(run, deck)
     return model_set_up(result.models[0], deck.stages.kind)

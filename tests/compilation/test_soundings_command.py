@@ -14,7 +14,7 @@ import stage_readings
 from cli.commands import musat
 from compilation.scenes import soundings_at, surface_of
 from musatpy.compilation.compiled import compiled
-from musatpy.compilation.joined_surfaces import Surface, surfaces_of
+from musatpy.compilation.joined_surfaces import JoinedSurface, surfaces_of
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.sounded import DRY, STEEP, UNDATED, Matching, sounded
 from musatpy.formats.compilation_deck import read_compilation
@@ -27,7 +27,7 @@ from record_rows import read_rows, valid_rows
 SLOPE, WATER = 0.1, 1.0  # the datum is 1 m above the water
 
 
-def surface(shift: float = 0.0, sigma: float = 0.2, longest: float = np.inf) -> Surface:
+def surface(shift: float = 0.0, sigma: float = 0.2, longest: float = np.inf) -> JoinedSurface:
     """Return a bottom that falls towards east from 0 to 10 m below the datum, x and y 0 to 100 m."""
     x, y = (part.ravel() for part in np.meshgrid(np.linspace(0.0, 100.0, 11), np.linspace(0.0, 100.0, 11)))
     return surface_of(np.column_stack([x, y, SLOPE * x + shift]), sigma, WATER, longest)

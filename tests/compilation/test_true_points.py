@@ -25,8 +25,8 @@ from musatpy.arrays import FloatArray
 from musatpy.compilation.against_run import AgainstRun, against_run
 from musatpy.compilation.compiled import compiled
 from musatpy.compilation.run_records import of_record
-from musatpy.compilation.triangulation import Triangulation, of_solution
-from musatpy.compilation.true_points import BEHIND, Readings, TruePoints, true_points
+from musatpy.compilation.triangulation import AdjustedRun, of_solution
+from musatpy.compilation.true_points import BEHIND, CompiledPoints, Readings, true_points
 from musatpy.errors import CompilationError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.reports.compilation import DOCUMENT
@@ -68,7 +68,7 @@ def readings_of(block: model.Block, point: int, factor: float) -> tuple[tuple[in
     )
 
 
-def compare(run: Triangulation, solution: model.Solution, points: list[int]) -> None:
+def compare(run: AdjustedRun, solution: model.Solution, points: list[int]) -> None:
     """Hold compiled points against those of the run."""
     working = run.frame.working(solution.points.position)
     bathymetric = solution.bathymetric
@@ -115,20 +115,20 @@ def test_points_that_the_run_keeps_out_are_the_same_when_they_are_compiled(
 
 
 @pytest.fixture(scope="module")
-def strip() -> Triangulation:
+def strip() -> AdjustedRun:
     return of_solution(adjust(read_deck(FIXTURES / "st_thomas/st_thomas.crd")))
 
 
-def one(strip: Triangulation, xy: list[list[float]]) -> TruePoints:
+def one(strip: AdjustedRun, xy: list[list[float]]) -> CompiledPoints:
     return true_points(strip, (0, 1), readings_at(np.array([xy])))
 
 
-def test_rays_that_give_no_point_are_told(strip: Triangulation) -> None:
+def test_rays_that_give_no_point_are_told(strip: AdjustedRun) -> None:
     crossed = one(strip, [[-80.0, 0.0], [80.0, 0.0]])
     assert crossed.reasons == {0: BEHIND} and np.isnan(crossed.position).all() and np.isnan(crossed.depth).all()
 
 
-def test_the_y_parallax_is_what_the_right_image_is_off(strip: Triangulation) -> None:
+def test_the_y_parallax_is_what_the_right_image_is_off(strip: AdjustedRun) -> None:
     """An image moved by 0.1 mm across its epipolar curve; the sigma of a pointing and of the stations."""
     at = one(strip, [[60.0, 20.0], [-30.0, 20.0]])
     moved = one(strip, [[60.0, 20.0], [-30.0, 20.1]])

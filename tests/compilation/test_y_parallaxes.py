@@ -17,7 +17,7 @@ from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import Compiled, CompiledModel, parallax_tests
 from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.stereomodels import set_up
-from musatpy.compilation.triangulation import Triangulation, of_solution
+from musatpy.compilation.triangulation import AdjustedRun, of_solution
 from musatpy.compilation.true_points import true_points
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.probability import student_as_normal
@@ -26,7 +26,7 @@ from musatpy.simulation import simulate
 from musatpy.simulation.simulation_spec import spec_from_table
 
 
-def strip() -> Triangulation:
+def strip() -> AdjustedRun:
     """Return a run of three photos over tilted water whose tides, tilt and index have sigmas."""
     spec = {
         "seed": 3,
@@ -92,7 +92,7 @@ OWN = np.array([0.05, 0.05, 0.05, 3e-5, 3e-5, 3e-5])
 INDEX_SIGMA = 0.002
 
 
-def uncertain() -> Triangulation:
+def uncertain() -> AdjustedRun:
     """Return a run of two photographs with errors of their stations and of the index."""
     run = pair(3000.0, 1810.0)
     common = np.diag(np.square(COMMON))
@@ -109,7 +109,7 @@ def uncertain() -> Triangulation:
     )  # fmt: skip
 
 
-def images(run: Triangulation, points: FloatArray, errors: FloatArray, index: FloatArray) -> FloatArray:
+def images(run: AdjustedRun, points: FloatArray, errors: FloatArray, index: FloatArray) -> FloatArray:
     """Return the images (n, k, 2, 2) of points (k, 3) on stations that are off by errors (n, 2, 6), by scalars."""
     photos, f = run.block.photos, run.block.cameras.focal_length[0]
     station = (photos.position + errors[..., :3])[:, None]

@@ -15,7 +15,7 @@ from musatpy import model
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation.loop import Drive, Loop
-from musatpy.compilation.point_errors import PointErrors
+from musatpy.compilation.point_errors import PointSigmas
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import of_solution
@@ -112,7 +112,7 @@ def test_errors_are_as_large_as_their_sigmas() -> None:
         run = of_solution(solution)
         now, xy = run.block.photos, exact + NOISE * draws.normal(size=exact.shape)
         stations = Stations(position=now.position, level=now.tide, axis=-attitude_matrix(now.attitude)[:, 2])
-        errors = PointErrors(run=run, photos=np.arange(len(now.ids)), pointing=NOISE * solution.unit_sigma)
+        errors = PointSigmas(run=run, photos=np.arange(len(now.ids)), pointing=NOISE * solution.unit_sigma)
         for name, chosen in views.items():
             found = true_points(apparent(now, block.cameras, xy, chosen), stations, index, chosen)
             sigma, depth_sigma = errors(found.position, chosen)
@@ -131,7 +131,7 @@ def test_sigmas_are_those_of_the_run_for_its_own_points() -> None:
     solution = adjust(replace(block, plates=replace(block.plates, triangulated=~out)))
     seen = np.zeros((len(chosen), len(block.photos.ids)), dtype=bool)
     seen[np.searchsorted(chosen, block.plates.point[out]), block.plates.photo[out]] = True
-    errors = PointErrors(
+    errors = PointSigmas(
         run=of_solution(solution), photos=np.arange(len(block.photos.ids)), pointing=NOISE * solution.unit_sigma
     )
     sigma, depth = errors(solution.points.position[chosen], seen)
@@ -305,7 +305,7 @@ def test_a_run_has_the_sigmas_of_its_stations(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert "sigma of a depth" in result.stdout
     pointing = solution.block.options.plate_sigma * solution.unit_sigma
-    sigma, depth = PointErrors(run=run, photos=np.arange(len(photos.ids)), pointing=pointing)(BOTTOM, seen)
+    sigma, depth = PointSigmas(run=run, photos=np.arange(len(photos.ids)), pointing=pointing)(BOTTOM, seen)
     for row, place, one, of_depth in zip(rows_of(tmp_path / "true.csv"), BOTTOM, sigma, depth, strict=True):
         np.testing.assert_allclose([float(row[f"true_{axis}"]) for axis in "xyz"], place, atol=1e-3)
         found = [float(row[f"sigma_{name}"]) for name in ("east", "north", "height", "depth")]

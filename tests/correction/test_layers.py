@@ -20,7 +20,7 @@ from cli.commands import musat
 from compilation.scenes import at_depth, flat_images, grid, pair, readings_at
 from musatpy.arrays import FloatArray
 from musatpy.compilation.loop import Drive, Loop
-from musatpy.compilation.point_errors import PointErrors
+from musatpy.compilation.point_errors import PointSigmas
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.true_points import true_points
@@ -115,7 +115,7 @@ def test_sigmas_of_two_photographs_are_those_of_a_compilation() -> None:
     """By the network of many rays as by that of a stereopair, without the digits of a table."""
     run, true = pair(3000.0, 1810.0), at_depth(grid((200.0, 1600.0), 1700.0, 5), 12.0)
     points = true_points(run, (0, 1), readings_at(flat_images(run, true), sigma=0.005))
-    errors = PointErrors(run=run, photos=np.arange(2), pointing=0.005)
+    errors = PointSigmas(run=run, photos=np.arange(2), pointing=0.005)
     sigma, depth_sigma = errors(true, np.ones((len(true), 2), dtype=bool))
     np.testing.assert_allclose(sigma, np.sqrt(np.diagonal(points.covariance, axis1=1, axis2=2)), rtol=1e-6)
     np.testing.assert_allclose(depth_sigma, points.depth_sigma, rtol=1e-6)

@@ -11,7 +11,7 @@ import pytest
 
 from depth import lagoon
 from depth.lagoon import rows
-from musatpy.depth.cameras import Cameras, read_cameras
+from musatpy.depth.cameras import CameraStations, read_cameras
 from musatpy.depth.correction import Correction
 from musatpy.depth.csv_points import ADDED, correct_csv
 from musatpy.depth.las_points import correct_las
@@ -188,7 +188,7 @@ def test_las_has_the_same_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_las_has_a_bit_for_each_of_many_cameras(tmp_path: Path) -> None:
     position = np.column_stack([np.linspace(0.0, 6900.0, 70), np.zeros(70), np.full(70, 900.0)])
     stations = Stations(position=position, level=np.zeros(70))
-    cameras = Cameras(names=tuple(map(str, range(70))), stations=stations, limit=np.radians(30.0))
+    cameras = CameraStations(names=tuple(map(str, range(70))), stations=stations, limit=np.radians(30.0))
     header = laspy.LasHeader(version="1.2", point_format=0)
     header.scales = np.full(3, 1e-3)
     las = laspy.LasData(header)
@@ -222,7 +222,7 @@ def test_a_camera_sees_its_format_and_its_angle() -> None:
     np.testing.assert_array_equal(cameras.sees(points), inside)
     gap = points[:, None] - cameras.stations.position
     off = np.degrees(np.arctan2(np.hypot(gap[..., 0], gap[..., 1]), -gap[..., 2]))
-    limited = Cameras(names=cameras.names, stations=cameras.stations, limit=np.radians(25.0))
+    limited = CameraStations(names=cameras.names, stations=cameras.stations, limit=np.radians(25.0))
     np.testing.assert_array_equal(limited.sees(points), off <= 25.0)
 
 

@@ -16,7 +16,7 @@ from depth import restated
 from depth.lagoon import FOLDER as LAGOON
 from depth.lagoon import rows
 from musatpy.depth.correction import Correction
-from musatpy.depth.point_positions import Ground, Tilt
+from musatpy.depth.point_positions import PointSystem, Tilt
 from musatpy.depth.run_cameras import read_run
 from musatpy.errors import DepthError
 from musatpy.geometry.collinearity import attitude_matrix
@@ -346,7 +346,7 @@ def test_the_water_over_a_point_is_that_of_the_adjustment() -> None:
     slope = np.array([2e-4, -3e-4]) @ frame.axes(np.zeros(3))[:2]
     tide = 0.4
     over = surface(frame, slope, np.full(len(level), tide), frame.from_level(level))
-    ground = Ground(system=Geocentric(ellipsoid), tilt=Tilt(slope=slope, pivot=pivot))
+    ground = PointSystem(system=Geocentric(ellipsoid), tilt=Tilt(slope=slope, pivot=pivot))
     placed = ground.placed(ellipsoid.geocentric(level))
     assert placed.verticals is not None
     np.testing.assert_allclose(placed.verticals.axes[:, 2], over.normal, atol=1e-12)

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from musatpy.depth.cameras import Cameras
+from musatpy.depth.cameras import CameraStations
 from musatpy.depth.views import (
-    Pair,
-    Places,
+    PairPlaces,
+    VerticalPair,
     contour_picture,
     factor_table,
     factors,
@@ -22,7 +22,7 @@ from musatpy.errors import DepthError
 from musatpy.refraction.apparent import Stations
 from musatpy.refraction.depth_factor import model_factor
 
-PAPER = Pair(height=2500.0, base=1126.0, index=1.35)  # feet
+PAPER = VerticalPair(height=2500.0, base=1126.0, index=1.35)  # feet
 DEPTHS = np.array([0.0, 10.0, 25.0, 50.0, 100.0])
 # The model of Figure 3: as wide as the flight lines of 40 % side overlap are apart, and its corner
 X, Y = (one.ravel() for one in np.meshgrid(np.linspace(0.0, 1126.0, 13), np.linspace(-1125.0, 1125.0, 19)))
@@ -30,7 +30,7 @@ X, Y = (one.ravel() for one in np.meshgrid(np.linspace(0.0, 1126.0, 13), np.lins
 
 def test_the_model_is_worst_at_its_corners() -> None:
     """Table 2: the largest departures from the factors of 25 feet are in the corners."""
-    found = PAPER.formula(Places.at(X, Y, PAPER.base), DEPTHS)
+    found = PAPER.formula(PairPlaces.at(X, Y, PAPER.base), DEPTHS)
     off = normalised(found, found.factor[:, 2])
     for place in np.delete(off.place, 2).tolist():
         assert (abs(X[place] - 563.0), abs(Y[place])) == (563.0, 1125.0)
@@ -41,7 +41,7 @@ def test_the_model_is_worst_at_its_corners() -> None:
 
 def test_a_single_value_for_the_model() -> None:
     """Table 3 with its value of 1.410: within 4.1 per cent everywhere, contour by contour."""
-    factor = PAPER.formula(Places.at(X, Y, PAPER.base), np.array([25.0])).factor[:, 0]
+    factor = PAPER.formula(PairPlaces.at(X, Y, PAPER.base), np.array([25.0])).factor[:, 0]
     found = single_value(factor, 1.410, 25.0, 0.01)
     assert found.levels[0] == factor.max() and found.levels[-1] == factor.min()
     np.testing.assert_allclose(found.levels[1:-1], np.arange(1.46, 1.365, -0.01), atol=1e-12)
@@ -54,7 +54,7 @@ def test_a_single_value_for_the_model() -> None:
 
 def test_rays_of_the_pair_are_near_the_formula() -> None:
     by_rays = PAPER.exact(X, Y, DEPTHS)
-    by_formula = PAPER.formula(Places.at(X, Y, PAPER.base), DEPTHS)
+    by_formula = PAPER.formula(PairPlaces.at(X, Y, PAPER.base), DEPTHS)
     assert not by_rays.fault.any()
     # 2e-4 at the corners at 100 feet, where the rays miss each other by 1.7 feet; tests/refraction/test_apparent.py
     np.testing.assert_allclose(by_rays.factor, by_formula.factor, atol=3e-4)
@@ -66,15 +66,15 @@ def test_rays_of_the_pair_are_near_the_formula() -> None:
 def test_stations_of_unequal_height_and_tide() -> None:
     """Factors are of heights above the water: moved up with it they stay; a third station changes them."""
     position = np.array([[0.0, 0.0, 2500.0], [1126.0, 0.0, 2500.0]])
-    level = Cameras(names=("1", "2"), stations=Stations(position=position, level=np.zeros(2)))
-    high = Cameras(
+    level = CameraStations(names=("1", "2"), stations=Stations(position=position, level=np.zeros(2)))
+    high = CameraStations(
         names=("1", "2"), stations=Stations(position=position + np.array([0.0, 0.0, 7.0]), level=np.full(2, 7.0))
     )
     x, y = np.array([200.0, 563.0]), np.array([300.0, 0.0])
     found, moved = (factors(model_of(cameras, 1.35), x, y, DEPTHS).factor for cameras in (level, high))
     np.testing.assert_allclose(found, moved, atol=1e-6)  # one step of the iteration
     third = Stations(position=np.vstack([position, [563.0, 900.0, 2500.0]]), level=np.zeros(3))
-    more = factors(model_of(Cameras(names=("1", "2", "3"), stations=third), 1.35), x, y, DEPTHS).factor
+    more = factors(model_of(CameraStations(names=("1", "2", "3"), stations=third), 1.35), x, y, DEPTHS).factor
     assert (np.abs(more - found) > 1e-3).all()  # another ray, another factor
 
 
@@ -83,19 +83,19 @@ def test_depths_are_those_below_the_tides_of_the_cameras_that_see_a_place() -> N
     place = np.array([[0.0, 0.0, 2500.0], [1126.0, 0.0, 2500.0]])
     far = place + np.array([90000.0, 0.0, 40.0])
     stations = Stations(position=np.vstack([place, far]), level=np.array([0.0, 0.0, 40.0, 40.0]))
-    cameras = Cameras(names=("1", "2", "3", "4"), stations=stations, limit=np.radians(40.0))
+    cameras = CameraStations(names=("1", "2", "3", "4"), stations=stations, limit=np.radians(40.0))
     x, y = np.array([200.0, 90200.0]), np.array([300.0, 300.0])
     low, high = factors(model_of(cameras, 1.35), x, y, DEPTHS).factor
     np.testing.assert_allclose(low, high, atol=1e-6)  # one step of the iteration
     pair = Stations(position=place, level=np.zeros(2))
-    alone = factors(model_of(Cameras(names=("1", "2"), stations=pair), 1.35), x[:1], y[:1], DEPTHS)
+    alone = factors(model_of(CameraStations(names=("1", "2"), stations=pair), 1.35), x[:1], y[:1], DEPTHS)
     np.testing.assert_allclose(low, alone.factor[0], atol=1e-6)
 
 
 def test_a_place_that_no_camera_sees_has_a_reason() -> None:
     position = np.array([[0.0, 0.0, 900.0], [500.0, 0.0, 900.0]])
     stations = Stations(position=position, level=np.zeros(2))
-    cameras = Cameras(names=("1", "2"), stations=stations, limit=np.radians(30.0))
+    cameras = CameraStations(names=("1", "2"), stations=stations, limit=np.radians(30.0))
     x = np.array([250.0, -300.0, 5000.0])
     found = factors(model_of(cameras, 1.34), x, np.zeros(3), np.array([5.0]))
     assert np.isnan(found.factor[:, 0]).tolist() == [False, True, True]

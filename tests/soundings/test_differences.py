@@ -13,7 +13,7 @@ from musatpy.interchange import las
 from musatpy.interchange.layers import Column, Points
 from musatpy.refraction.flat import air_tangent
 from musatpy.soundings.differences import (
-    Differences,
+    DepthDifferences,
     likeness_warning,
     median_and_spread,
     order_shares,
@@ -26,9 +26,9 @@ from musatpy.soundings.sounding_files import read_soundings
 from musatpy.units import DEGREE
 
 
-def differences(compiled: FloatArray, sounded: FloatArray, sigma: float = 0.1) -> Differences:
+def differences(compiled: FloatArray, sounded: FloatArray, sigma: float = 0.1) -> DepthDifferences:
     names = np.arange(len(sounded)).astype(np.str_)
-    return Differences(names=names, compiled=compiled, sounded=sounded, sigma=np.full(len(sounded), sigma))
+    return DepthDifferences(names=names, compiled=compiled, sounded=sounded, sigma=np.full(len(sounded), sigma))
 
 
 def soundings(number: int = 400, noise: float = 0.1) -> tuple[FloatArray, FloatArray]:
@@ -304,7 +304,7 @@ def test_places_of_a_map_that_is_named(tmp_path: Path) -> None:
     assert not read_soundings(file, WGS84).angular
 
 
-def sample(number: int = 60) -> tuple[Differences, np.ndarray]:
+def sample(number: int = 60) -> tuple[DepthDifferences, np.ndarray]:
     """Return differences that grow with depth, the first a blunder, and their places."""
     draws = np.random.default_rng(5)
     sounded = np.linspace(1.0, 20.0, number)

@@ -11,9 +11,9 @@ import click
 from musatpy.cli.options import options_of
 
 if TYPE_CHECKING:
-    from musatpy.depth.cameras import Cameras
+    from musatpy.depth.cameras import CameraStations
     from musatpy.depth.correction import Correction
-    from musatpy.depth.views import Factors, Pair
+    from musatpy.depth.views import DepthFactors, VerticalPair
 
 _MOST_PLACES = 2000  # each way: four million make some hundred megabytes
 _MOST_LEVELS = 1000  # lines of a table or a picture that someone still reads
@@ -117,7 +117,7 @@ depths_option = click.option(
 )
 
 
-def index_by(given: dict[str, Any], cameras: Cameras | None = None) -> float:
+def index_by(given: dict[str, Any], cameras: CameraStations | None = None) -> float:
     """Return the index that the options say or that follows from them, else that of the run of the cameras."""
     from musatpy.formats.refractive_index import faults, index_of
     from musatpy.model import WaterConditions
@@ -161,7 +161,7 @@ def limit_and_camera(given: dict[str, Any]) -> tuple[float | None, tuple[float, 
     return None if angle is None else angle * DEGREE, None if focal is None else (focal, *frame)
 
 
-def cameras_by(path: Path, given: dict[str, Any]) -> Cameras:
+def cameras_by(path: Path, given: dict[str, Any]) -> CameraStations:
     """Return the cameras of a file, or of the record of a run, completed by options."""
     from musatpy.depth.cameras import read_cameras
     from musatpy.depth.run_cameras import SUFFIX, read_run
@@ -189,7 +189,7 @@ class ModelView:
     def __init__(self, given: dict[str, Any]) -> None:
         self.given = given
         self.model: Correction | None = None
-        self.pair: Pair | None = None
+        self.pair: VerticalPair | None = None
         height, base = given["height"], given["base"]
         if given["stations"] is not None:
             if height is not None or base is not None or given["exact"]:
@@ -205,9 +205,9 @@ class ModelView:
             raise click.UsageError("--height and --base are needed, or --cameras")
         if any(given[name] is not None for name in ("level", "focal", "frame", "angle")):
             raise click.UsageError("--level, --focal, --format and --angle go with --cameras")
-        from musatpy.depth.views import Pair
+        from musatpy.depth.views import VerticalPair
 
-        self.pair = Pair(height=height, base=base, index=self.index)
+        self.pair = VerticalPair(height=height, base=base, index=self.index)
 
     def heading(self) -> str:
         """Return what the factors are of."""
@@ -247,17 +247,17 @@ class ModelView:
         x, y = (np.linspace(corners[i], corners[i + 2], counts[i]) for i in (0, 1))
         return x, y
 
-    def over_grid(self, depths: tuple[float, ...]) -> tuple[dict[str, Any], Factors]:
+    def over_grid(self, depths: tuple[float, ...]) -> tuple[dict[str, Any], DepthFactors]:
         """Return the places of the grid, x fastest, and their factors."""
         import numpy as np
 
         x, y = (axis.reshape(-1) for axis in np.meshgrid(*self.grid()))
         return {"x": x, "y": y}, self._factors(x, y, depths)
 
-    def _factors(self, x: Any, y: Any, depths: tuple[float, ...]) -> Factors:
+    def _factors(self, x: Any, y: Any, depths: tuple[float, ...]) -> DepthFactors:
         import numpy as np
 
-        from musatpy.depth.views import Places, factors
+        from musatpy.depth.views import PairPlaces, factors
 
         if min(depths) < 0.0:
             raise click.UsageError("an apparent depth is not less than zero")
@@ -266,17 +266,17 @@ class ModelView:
             return factors(self.model, x, y, np.array(depths))
         if self.given["exact"]:
             return self.pair.exact(x, y, np.array(depths))
-        return self.pair.formula(Places.at(x, y, self.pair.base), np.array(depths))
+        return self.pair.formula(PairPlaces.at(x, y, self.pair.base), np.array(depths))
 
-    def listed(self, path: Path, depths: tuple[float, ...]) -> tuple[dict[str, Any], Factors]:
+    def listed(self, path: Path, depths: tuple[float, ...]) -> tuple[dict[str, Any], DepthFactors]:
         """Return the places of a file, and their factors."""
         import numpy as np
 
-        from musatpy.depth.views import Places, read_places
+        from musatpy.depth.views import PairPlaces, read_places
 
         places = read_places(path)
         if "x" in places:
             return places, self._factors(places["x"], places["y"], depths)
         if self.pair is None or self.given["exact"]:
             raise click.UsageError("places by d1, d2, s, t are for the formula; rays need x, y")
-        return places, self.pair.formula(Places(**places), np.array(depths))
+        return places, self.pair.formula(PairPlaces(**places), np.array(depths))

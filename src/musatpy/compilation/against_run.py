@@ -16,7 +16,7 @@ from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.waterline import water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.compiled import CompiledModel, are_of_run, on_both_photos, points_of_run
-from musatpy.compilation.triangulation import Triangulation, covariances_in
+from musatpy.compilation.triangulation import AdjustedRun, covariances_in
 from musatpy.compilation.true_points import Readings, network_of, network_of_plates
 from musatpy.model.tables import taken
 
@@ -200,7 +200,7 @@ def _compiled_network(model: CompiledModel, rows: IntArray) -> tuple[Network, St
     return network.with_plates(network.xy, wet), state
 
 
-def _run_network(run: Triangulation, points: IntArray) -> tuple[Network, State]:
+def _run_network(run: AdjustedRun, points: IntArray) -> tuple[Network, State]:
     """Return the network of points of the run by the rays that gave them their positions."""
     plates, block = run.block.plates, run.block
     took_part = np.isin(plates.point, plates.point[run.triangulated])
@@ -216,7 +216,7 @@ def _run_network(run: Triangulation, points: IntArray) -> tuple[Network, State]:
     return network.with_plates(network.xy, line.wet), state
 
 
-def _influences(run: Triangulation, network: Network, state: State, points: IntArray) -> dict[int, _Influence]:
+def _influences(run: AdjustedRun, network: Network, state: State, points: IntArray) -> dict[int, _Influence]:
     """Return the influences of the points of a network."""
     out: dict[int, _Influence] = {}
     Q = covariances_in(run, network.pattern, network.border.size)

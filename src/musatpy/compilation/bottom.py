@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.compilation.compiled import Compiled, Datum
-from musatpy.compilation.joined_surfaces import EdgeMatch, Of, Surface, surfaces_of
+from musatpy.compilation.compiled import Compiled, DepthDatum
+from musatpy.compilation.joined_surfaces import EdgeMatch, JoinedSurface, Of, surfaces_of
 from musatpy.errors import CollocationError, CompilationError, Problem
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import ContourSpec, GridSpecs
@@ -32,7 +32,7 @@ class Sheet:
     """The contours of one surface: of its triangles, or of the posts of a grid, by whose name it goes then."""
 
     name: str
-    surface: Surface
+    surface: JoinedSurface
     contours: Contours
 
 
@@ -43,14 +43,14 @@ class Bottom:
     Surfaces are of depths below the sounding datum, or of heights.
     """
 
-    surfaces: tuple[Surface, ...]
+    surfaces: tuple[JoinedSurface, ...]
     sheets: tuple[Sheet, ...]
     edges: tuple[EdgeMatch, ...]
     grids: tuple[PostGrid, ...] = ()
     of: Of = Of.DEPTH
 
     @property
-    def named(self) -> list[tuple[str, Surface]]:
+    def named(self) -> list[tuple[str, JoinedSurface]]:
         """The surfaces with their names: numbers, those of heights behind an H."""
         letter = "H" if self.of is Of.HEIGHT else ""
         return [(f"{letter}{number}", surface) for number, surface in enumerate(self.surfaces, 1)]
@@ -66,14 +66,14 @@ class Bottom:
             if self.of is Of.DEPTH and grid not in [found.name for found in self.grids]:
                 yield f"grid {grid} has no posts: there is no surface"
 
-    def vertices(self, sheet: Sheet, line: Contour, datum: Datum) -> FloatArray:
+    def vertices(self, sheet: Sheet, line: Contour, datum: DepthDatum) -> FloatArray:
         """Return the vertices (k, 3) of a contour in the system of the job."""
         level = np.full(len(line.xy), line.level)
         if self.of is Of.HEIGHT:
             return sheet.surface.coordinates(line.xy, level)
         return sheet.surface.below(line.xy, level, datum)
 
-    def dropped(self, surface: Surface) -> int:
+    def dropped(self, surface: JoinedSurface) -> int:
         """Return how many pieces of contours of a surface were too short."""
         return sum(sheet.contours.dropped for sheet in self.sheets if sheet.surface is surface)
 
@@ -112,7 +112,7 @@ def bottom_of(compiled: Compiled) -> Bottom | None:
     return replace(bottom, sheets=of_posts if spec.grid else _sheets(bottom.named, spec))
 
 
-def _sheets(surfaces: Iterable[tuple[str, Surface]], spec: ContourSpec) -> tuple[Sheet, ...]:
+def _sheets(surfaces: Iterable[tuple[str, JoinedSurface]], spec: ContourSpec) -> tuple[Sheet, ...]:
     """Return the contours of the triangles of surfaces."""
     sheets = []
     for name, surface in surfaces:
@@ -162,7 +162,7 @@ class PostGrid:
     south: float
     depth: FloatArray
     sigma: FloatArray
-    surface: Surface
+    surface: JoinedSurface
     validation: CrossValidation | None = None  # of the points, left out in groups, where posts are predicted
 
     @property
@@ -170,7 +170,7 @@ class PostGrid:
         """Number of posts without a depth."""
         return int(np.count_nonzero(np.isnan(self.depth)))
 
-    def coordinates(self, datum: Datum) -> FloatArray:
+    def coordinates(self, datum: DepthDatum) -> FloatArray:
         """Return coordinates (p, 3) of the job of all posts, row by row, depths below a datum."""
         rows, columns = self.depth.shape
         x, y = np.meshgrid(
@@ -180,7 +180,7 @@ class PostGrid:
 
 
 def grids_of(
-    specs: GridSpecs, surfaces: Sequence[Surface], corner_unit: float, lines: IntArray | None = None
+    specs: GridSpecs, surfaces: Sequence[JoinedSurface], corner_unit: float, lines: IntArray | None = None
 ) -> tuple[PostGrid, ...]:
     """Return the grids of posts on surfaces; corners count in `corner_unit` of the job's coordinates.
 
@@ -206,7 +206,7 @@ def _grid(
     name: str,
     spacing: float,
     corners: FloatArray,
-    surfaces: Sequence[Surface],
+    surfaces: Sequence[JoinedSurface],
     *,
     collocated: bool,
     line: int | None,

@@ -10,10 +10,10 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.loop import Drive, Loop, stages_of
-from musatpy.compilation.printed import Printed, printed_points
+from musatpy.compilation.printed import Shortcuts, printed_points
 from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
-from musatpy.compilation.triangulation import Triangulation
-from musatpy.compilation.true_points import Readings, TruePoints, true_points
+from musatpy.compilation.triangulation import AdjustedRun
+from musatpy.compilation.true_points import CompiledPoints, Readings, true_points
 from musatpy.errors import CompilationError, Problem, ProblemsError
 from musatpy.geometry.geodesy import Frame, surface
 from musatpy.model.compilation import RECOVERABLE, SHORE, Compilation, Mode, SoundingDatum
@@ -33,7 +33,7 @@ _CHECKED = 1e-3  # of the variance of pointing that the stations must leave of a
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Datum:
+class DepthDatum:
     """A sounding datum: heights of the job, m; with a grid, those above its surface."""
 
     name: str = ""
@@ -59,11 +59,11 @@ class Datum:
         return height
 
 
-def datum_of(spec: SoundingDatum | None, run: Triangulation) -> Datum:
+def datum_of(spec: SoundingDatum | None, run: AdjustedRun) -> DepthDatum:
     """Return the datum of a deck on a run, the height 0 without one. Raises `CompilationError` for a bad grid."""
     if spec is None:
-        return Datum()
-    plain = Datum(name=spec.name, height=spec.height, sigma=spec.sigma)
+        return DepthDatum()
+    plain = DepthDatum(name=spec.name, height=spec.height, sigma=spec.sigma)
     if not spec.geoid:
         return plain
     if run.map_system is None:
@@ -74,7 +74,7 @@ def datum_of(spec: SoundingDatum | None, run: Triangulation) -> Datum:
         geoid = Geoid(spec.geoid)
     except ProblemsError as error:
         raise CompilationError(error.problems) from error
-    return Datum(name=spec.name, height=spec.height, sigma=spec.sigma, geoid=geoid, frame=run.frame)
+    return DepthDatum(name=spec.name, height=spec.height, sigma=spec.sigma, geoid=geoid, frame=run.frame)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,12 +84,12 @@ class CompiledModel:
     name: str
     stereo: Stereomodel
     mode: Mode
-    printed: Printed
+    printed: Shortcuts
     pointing: float
     limit: float
     rows: IntArray
     readings: Readings
-    points: TruePoints
+    points: CompiledPoints
     drive: Drive = Drive.AIR  # of the plotter that its model points come from
 
 
@@ -108,15 +108,15 @@ class Compiled:
     """
 
     deck: Compilation
-    run: Triangulation
+    run: AdjustedRun
     models: tuple[CompiledModel, ...]
-    datum: Datum
+    datum: DepthDatum
     rows: IntArray
     ids: TextArray
     kind: TextArray
     model_ids: TextArray
     submerged: BoolArray
-    points: TruePoints
+    points: CompiledPoints
     apparent: FloatArray
     model_position: FloatArray
     model_apparent: FloatArray
@@ -134,7 +134,7 @@ class Compiled:
     orders: TextArray
 
 
-def compiled(run: Triangulation, deck: Compilation) -> Compiled:
+def compiled(run: AdjustedRun, deck: Compilation) -> Compiled:
     """Return the points of a compilation deck.
 
     Raises `CompilationError` with every model that cannot be set up and for a datum that is none.
@@ -153,8 +153,8 @@ def compiled(run: Triangulation, deck: Compilation) -> Compiled:
     return _table(run, deck, datum, models)
 
 
-def _table(run: Triangulation, deck: Compilation, datum: Datum, models: Sequence[CompiledModel]) -> Compiled:
-    rows, points = np.concatenate([m.rows for m in models]), TruePoints.joined([m.points for m in models])
+def _table(run: AdjustedRun, deck: Compilation, datum: DepthDatum, models: Sequence[CompiledModel]) -> Compiled:
+    rows, points = np.concatenate([m.rows for m in models]), CompiledPoints.joined([m.points for m in models])
     numbers, frame, position = [len(m.rows) for m in models], run.frame, points.position
     kind, submerged = deck.stages.kind[rows], np.concatenate([m.readings.submerged for m in models])
     dry = np.asarray(~points.wet.any(axis=1))
@@ -196,7 +196,7 @@ def _table(run: Triangulation, deck: Compilation, datum: Datum, models: Sequence
     )
 
 
-def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Stereomodel) -> CompiledModel:
+def _compiled_model(run: AdjustedRun, deck: Compilation, row: int, stereo: Stereomodel) -> CompiledModel:
     models, stages = deck.models, deck.stages
     pointing, limit = float(models.pointing[row]), float(models.limit[row])
     if not np.isfinite(pointing):
@@ -212,7 +212,7 @@ def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Ste
         xy=xy,
         sigma=np.broadcast_to(sigma[:, None, None], (len(rows), 2, 2)),
     )
-    printed = Printed(
+    printed = Shortcuts(
         shared_point=models.rays[row] == "SHARED",
         model_vertical=models.vertical[row] == "MODEL",
         mean_tide=models.tide[row] == "MEAN",
@@ -240,21 +240,23 @@ def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Ste
     )
 
 
-def _points(stereo: Stereomodel, readings: Readings) -> TruePoints:
+def _points(stereo: Stereomodel, readings: Readings) -> CompiledPoints:
     """Return the points, without those whose images or water do not allow one."""
     off = np.flatnonzero(off_plate(stereo, readings.xy).any(axis=1))
     without = dict.fromkeys(off.tolist(), OFF_PLATE)
     if not np.isfinite(stereo.tides).all() or stereo.run.block.water is None:
         without |= dict.fromkeys(np.flatnonzero(readings.submerged).tolist(), NO_TIDE)
     kept = np.setdiff1d(np.arange(len(readings.ids)), list(without))
-    points = TruePoints.nothing(len(readings.ids))
+    points = CompiledPoints.nothing(len(readings.ids))
     points.put(kept, true_points(stereo.run, stereo.photos, readings.part(kept)))
     vague = np.flatnonzero(points.covariance[:, 2, 2] > np.square(stereo.height))
     points.take_out(without | dict.fromkeys(vague.tolist(), NEARLY_PARALLEL))
     return points
 
 
-def _as_printed(stereo: Stereomodel, readings: Readings, points: TruePoints, printed: Printed) -> TruePoints:
+def _as_printed(
+    stereo: Stereomodel, readings: Readings, points: CompiledPoints, printed: Shortcuts
+) -> CompiledPoints:
     """Return the points with submerged ones by the formulas of ETL-0306; what is known of their errors stays."""
     frame = stereo.run.frame
     wet = np.flatnonzero(readings.submerged & points.wet.all(axis=1) & np.isfinite(points.depth))
@@ -287,7 +289,7 @@ def _incidences(model: CompiledModel) -> FloatArray:
     return np.where(points.wet, angle, np.nan)
 
 
-def _remarks(points: TruePoints, submerged: BoolArray, on_shore: BoolArray, off: BoolArray) -> list[str | None]:
+def _remarks(points: CompiledPoints, submerged: BoolArray, on_shore: BoolArray, off: BoolArray) -> list[str | None]:
     """Return why points have no depth, and whether their y-parallax is `off`; None where all is well."""
     columns = (
         (submerged & (points.wet.sum(axis=1) == 1), "between the tides"),
@@ -300,7 +302,7 @@ def _remarks(points: TruePoints, submerged: BoolArray, on_shore: BoolArray, off:
     return [None if row in points.reasons or not text else text for row, text in enumerate(texts)]
 
 
-def _orders(depth: FloatArray, covariance: FloatArray, datum: Datum) -> TextArray:
+def _orders(depth: FloatArray, covariance: FloatArray, datum: DepthDatum) -> TextArray:
     """Return the strictest order (k,) of S-44 that each point with a depth meets; the datum has a sigma too."""
     covariance = covariance.copy()
     covariance[:, 2, 2] += datum.sigma**2

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.compilation.joined_surfaces import Surface
+from musatpy.compilation.joined_surfaces import JoinedSurface
 from musatpy.compilation.rasters import RasterBottom
 from musatpy.errors import Problem, SoundingError
 from musatpy.soundings.contours import ContourLines, Offsets, area_between, largest_of_most, offsets
@@ -71,7 +71,7 @@ class Contoured:
 
 
 def contoured(
-    surfaces: Sequence[Surface | RasterBottom],
+    surfaces: Sequence[JoinedSurface | RasterBottom],
     other: ContourLines,
     datum: float = 0.0,
     levels: Sequence[float] = (),

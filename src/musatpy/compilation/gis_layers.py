@@ -10,7 +10,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.compilation.bottom import Bottom, PostGrid
-from musatpy.compilation.compiled import Compiled, Datum
+from musatpy.compilation.compiled import Compiled, DepthDatum
 from musatpy.compilation.joined_surfaces import Of
 from musatpy.errors import CompilationError, Problem
 from musatpy.geometry.crs import Plan, system_of
@@ -81,7 +81,7 @@ def layers_of(compiled: Compiled, bottoms: Sequence[Bottom], crs: str = "") -> d
     return layers
 
 
-def _contours(bottom: Bottom, datum: Datum, at: _Placement, place: dict[str, Any]) -> Lines:
+def _contours(bottom: Bottom, datum: DepthDatum, at: _Placement, place: dict[str, Any]) -> Lines:
     """Return contours as lines; those at one height have no rounding of the way there."""
     lines = [(sheet, line) for sheet in bottom.sheets for line in sheet.contours.lines]
     paths = []
@@ -101,7 +101,7 @@ def _contours(bottom: Bottom, datum: Datum, at: _Placement, place: dict[str, Any
     return Lines.of_paths(paths, columns=columns, **place)
 
 
-def raster_of(grid: PostGrid, datum: Datum) -> Grid:
+def raster_of(grid: PostGrid, datum: DepthDatum) -> Grid:
     """Return the depths of a grid of posts and their sigmas; on the map of the points, or in a local system."""
     crs = None
     if grid.surface.plan is not None:

@@ -17,7 +17,7 @@ from itertools import combinations
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.compilation.compiled import Compiled, CompiledModel, Datum
+from musatpy.compilation.compiled import Compiled, CompiledModel, DepthDatum
 from musatpy.compilation.profiles import profiles_of
 from musatpy.errors import SurfaceError
 from musatpy.geometry.crs import Plan
@@ -62,7 +62,7 @@ class EdgeMatch:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BottomPoints:
+class DepthPoints:
     """k points of a bottom, xy (k, 2) m: depths below the datum (k,) m, with sigmas, and those of the water."""
 
     xy: FloatArray
@@ -72,7 +72,7 @@ class BottomPoints:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Surface:
+class JoinedSurface:
     """The surface of models that overlap, in plan: metres on the map about the job, X and Y of local jobs; depths.
 
     The network is None, with its `reason`, where the points make none. `plan` takes places back to the job, None in
@@ -80,7 +80,7 @@ class Surface:
     """
 
     models: tuple[str, ...]
-    points: BottomPoints
+    points: DepthPoints
     tin: Tin | None
     plan: Plan | None
     reason: str = ""
@@ -96,7 +96,7 @@ class Surface:
         places = np.column_stack([xy, height])
         return places if self.plan is None else self.plan.coordinates(places)
 
-    def below(self, xy: FloatArray, depth: FloatArray, datum: Datum) -> FloatArray:
+    def below(self, xy: FloatArray, depth: FloatArray, datum: DepthDatum) -> FloatArray:
         """Return coordinates (k, 3) of the job of places (k, 2) at depths (k,) below a datum."""
         at_zero = self.coordinates(xy, np.zeros(len(xy)))
         return self.coordinates(xy, datum.over(at_zero) - depth)
@@ -125,7 +125,7 @@ class _Points:
     reason: str
 
 
-def surfaces_of(compiled: Compiled, of: Of = Of.DEPTH) -> tuple[tuple[Surface, ...], tuple[EdgeMatch, ...]]:
+def surfaces_of(compiled: Compiled, of: Of = Of.DEPTH) -> tuple[tuple[JoinedSurface, ...], tuple[EdgeMatch, ...]]:
     """Return the surfaces of depths below the sounding datum, or of heights, and how models that overlap match."""
     spec = compiled.deck.contours if of is Of.DEPTH else compiled.deck.heights
     longest = spec.longest_edge if spec else np.inf
@@ -247,7 +247,9 @@ def _beside(part: _Points, other: _Points) -> _Beside:
     )
 
 
-def _surface(parts: list[_Points], beyond: list[BoolArray], plan: Plan | None, longest_edge: float) -> Surface:
+def _surface(
+    parts: list[_Points], beyond: list[BoolArray], plan: Plan | None, longest_edge: float
+) -> JoinedSurface:
     """Return the surface of models by their points that are not `beyond` the middle of an overlap."""
     kept = ~np.concatenate(beyond)
     xyz, sigma, shore, water = (
@@ -255,9 +257,9 @@ def _surface(parts: list[_Points], beyond: list[BoolArray], plan: Plan | None, l
     )
     alone = len(parts) == 1
     tin, reason = (parts[0].tin, parts[0].reason) if alone else _network(xyz, sigma, shore, longest_edge)
-    return Surface(
+    return JoinedSurface(
         models=tuple(part.model.name for part in parts),
-        points=BottomPoints(xy=xyz[:, :2], depth=xyz[:, 2], sigma=sigma, water=water),
+        points=DepthPoints(xy=xyz[:, :2], depth=xyz[:, 2], sigma=sigma, water=water),
         tin=tin,
         plan=plan,
         reason=reason,

@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.compilation.bottom import Bottom
 from musatpy.compilation.compiled import Compiled
-from musatpy.compilation.joined_surfaces import Of, Surface
+from musatpy.compilation.joined_surfaces import JoinedSurface, Of
 from musatpy.figures import DRY, GREY, INK, RED, add_bar, image_of, lay_out, new_panels, styled, write_beside
 from musatpy.surfaces.contours import Contour
 
@@ -39,7 +39,7 @@ def contour_pictures(compiled: Compiled, bottom: Bottom) -> dict[str, bytes]:
     return {kind: image_of(figure, kind) for kind in ("png", "pdf")}
 
 
-def _lines_of(bottom: Bottom, surface: Surface) -> list[Contour]:
+def _lines_of(bottom: Bottom, surface: JoinedSurface) -> list[Contour]:
     """Return the contours of a surface, or of the posts that are on its map."""
     return [line for sheet in bottom.sheets if sheet.surface is surface for line in sheet.contours.lines]
 
@@ -65,7 +65,7 @@ def _label(axes: Any, line: Contour) -> None:
     )  # fmt: skip
 
 
-def _draw_models(axes: Any, compiled: Compiled, surface: Surface) -> None:
+def _draw_models(axes: Any, compiled: Compiled, surface: JoinedSurface) -> None:
     """Draw the bases of the models of a surface, and what both photos show at the height of the origin."""
     for model in compiled.models:
         if model.name not in surface.models:

@@ -13,7 +13,7 @@ from musatpy.adjustment.network import group_points
 from musatpy.adjustment.propagation import covariances_with_depths, pieces
 from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.compilation.triangulation import Triangulation, joint_covariances, of_block
+from musatpy.compilation.triangulation import AdjustedRun, joint_covariances, of_block
 from musatpy.compilation.true_points import in_parts, network_of_plates
 from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.model import (
@@ -32,10 +32,10 @@ from musatpy.model.tables import empty
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PointErrors:
+class PointSigmas:
     """How well points are known from k photos (rows) of a run whose images have a sigma of pointing (mm)."""
 
-    run: Triangulation
+    run: AdjustedRun
     photos: IntArray  # (k,)
     pointing: float
 
@@ -76,7 +76,7 @@ class PointErrors:
 class ThroughWaves:
     """How the waves of a run refract rays to k of its photos (rows)."""
 
-    run: Triangulation
+    run: AdjustedRun
     photos: IntArray  # (k,)
 
     def __call__(self, station: IntArray, camera: FloatArray, ground: FloatArray) -> FloatArray:
@@ -100,7 +100,7 @@ class ThroughWaves:
 def of_stations(
     names: tuple[str, ...], position: FloatArray, rotation: FloatArray, camera: FloatArray, tide: FloatArray,
     sigma: FloatArray, water: Water,
-) -> Triangulation:  # fmt: skip
+) -> AdjustedRun:  # fmt: skip
     """Return k stations of a table as a triangulation, their errors independent of each other.
 
     position (k, 3) m, Z up; rotation (k, 3, 3) ground to photo; camera (k, 3) mm: focal length, width, height of

@@ -19,7 +19,7 @@ _STILL = 1e-7  # m
 
 
 @dataclass(frozen=True, kw_only=True)
-class Printed:
+class Shortcuts:
     """What is taken as in 1983: one model point for both rays, the vertical of the model, the mean tide."""
 
     shared_point: bool = False
@@ -27,10 +27,10 @@ class Printed:
     mean_tide: bool = False
 
 
-AS_1983 = Printed(shared_point=True, model_vertical=True, mean_tide=True)
+AS_1983 = Shortcuts(shared_point=True, model_vertical=True, mean_tide=True)
 
 
-def printed_points(model: Stereomodel, xy: FloatArray, mode: Printed) -> FloatArray:
+def printed_points(model: Stereomodel, xy: FloatArray, mode: Shortcuts) -> FloatArray:
     """Return the true points (k, 3) in the model of submerged images (k, 2, 2) mm on its plates.
 
     The water is level; where the rays of a point meet above it, the formulas go on all the same.

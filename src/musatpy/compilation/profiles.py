@@ -10,12 +10,12 @@ from itertools import pairwise
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.compilation.compiled import Compiled, CompiledModel, Datum
+from musatpy.compilation.compiled import Compiled, CompiledModel, DepthDatum
 from musatpy.errors import CompilationError, Problem
 from musatpy.geometry.crs import Plan
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import IN_PROFILE
-from musatpy.surfaces.profiles import Profile, profile
+from musatpy.surfaces.profiles import LineProfile, profile
 from musatpy.units import DEGREE
 
 _MOST_LINES = 10_000  # of a scan
@@ -37,7 +37,7 @@ class CompiledProfile:
     step: float
     line: int
     rows: IntArray
-    profile: Profile | None
+    profile: LineProfile | None
     position: FloatArray
     sigma: FloatArray
     time: FloatArray
@@ -46,7 +46,7 @@ class CompiledProfile:
     plan: Plan | None
     reason: str = ""
 
-    def posts(self, datum: Datum) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def posts(self, datum: DepthDatum) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return stations (s,) at even steps, depths there, their sigmas, and coordinates (s, 3) of the job."""
         assert self.profile is not None
         stations, depths = self.profile.at_steps(self.step)

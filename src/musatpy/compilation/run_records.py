@@ -12,7 +12,7 @@ import numpy as np
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.triangulation import (
     UNCONVERGED,
-    Triangulation,
+    AdjustedRun,
     adjusted_water,
     fault_of_run,
     freedom_of,
@@ -87,7 +87,7 @@ _OF_LATER = {  # fields that older records lack
 }
 
 
-def of_record(path: Path, anyway: bool = False) -> Triangulation:
+def of_record(path: Path, anyway: bool = False) -> AdjustedRun:
     """Return the triangulation of the record of a run; `anyway` also of one that has not converged.
 
     Raises `CompilationError` where it is none that can be compiled from, and `OSError`.
@@ -109,7 +109,7 @@ def of_record(path: Path, anyway: bool = False) -> Triangulation:
     except CompilationError as error:
         raise CompilationError([replace(problem, file=str(path)) for problem in error.problems]) from error
     caution, because = (UNCONVERGED, unconverged) if unconverged else _doubts(record)
-    return Triangulation(
+    return AdjustedRun(
         block=block,
         given=_array(stations["given_position"], 3),
         covariance=_array(stations["covariance"], 6, 6),
@@ -303,7 +303,7 @@ def _water_precision(table: Any, stations: int) -> WaterPrecision | None:
     )
 
 
-def unadjusted(run: Triangulation) -> str:
+def unadjusted(run: AdjustedRun) -> str:
     """Return what says that the stations of a deck are not those of its plates; empty where nothing does.
 
     A punched deck may have no plate measurements. Raises `DeckError` as `reduction.readings_job.reduce` where they
@@ -326,7 +326,7 @@ def unadjusted(run: Triangulation) -> str:
     )
 
 
-def _y_parallaxes(run: Triangulation, left: int) -> FloatArray:
+def _y_parallaxes(run: AdjustedRun, left: int) -> FloatArray:
     """Return the y-parallaxes (k,) mm of the points that a photo shares with the next one, NaN where unknown."""
     block, plates = run.block, run.block.plates
     one, other = (np.flatnonzero((plates.photo == photo) & plates.triangulated) for photo in (left, left + 1))

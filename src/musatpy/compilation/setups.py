@@ -12,7 +12,7 @@ from musatpy.compilation.against_run import predicted
 from musatpy.compilation.compiled import CompiledModel
 from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.stereomodels import off_plate
-from musatpy.compilation.true_points import Readings, TruePoints, true_points
+from musatpy.compilation.true_points import CompiledPoints, Readings, true_points
 from musatpy.geometry.collinearity import in_front
 from musatpy.model.compilation import AGAIN
 
@@ -45,7 +45,7 @@ class Expected:
 
     place: FloatArray
     depth: FloatArray
-    points: TruePoints
+    points: CompiledPoints
     pointing: FloatArray
 
     @property
@@ -127,7 +127,7 @@ def _below_water(model: CompiledModel, xy: FloatArray, depth: FloatArray) -> Flo
     return place
 
 
-def _compiled(model: CompiledModel, xy: FloatArray, submerged: BoolArray) -> TruePoints:
+def _compiled(model: CompiledModel, xy: FloatArray, submerged: BoolArray) -> CompiledPoints:
     readings = Readings(
         ids=np.arange(len(xy)).astype(np.str_),
         submerged=submerged,

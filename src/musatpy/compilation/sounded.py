@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.compilation.joined_surfaces import Surface
+from musatpy.compilation.joined_surfaces import JoinedSurface
 from musatpy.compilation.rasters import RasterBottom
 from musatpy.errors import Problem, SoundingError, SystemsError
-from musatpy.soundings.differences import Differences
+from musatpy.soundings.differences import DepthDifferences
 from musatpy.soundings.sounding_files import Soundings
 from musatpy.surfaces.nearby import planes_at
 from musatpy.surfaces.tin import EMPTY, FEW, INSIDE, LAND, LONG_EDGE, OUTSIDE, REASONS, SurfaceValues
@@ -58,7 +58,7 @@ class Sounded:
     how: Matching
     rows: IntArray
     xy: FloatArray
-    differences: Differences
+    differences: DepthDifferences
     reasons: dict[int, str]
 
 
@@ -72,7 +72,7 @@ class _Bottoms:
     reason: IntArray
 
 
-def sounded(surfaces: Sequence[Surface | RasterBottom], soundings: Soundings, how: Matching) -> Sounded:
+def sounded(surfaces: Sequence[JoinedSurface | RasterBottom], soundings: Soundings, how: Matching) -> Sounded:
     """Return soundings beside the surfaces of a compilation or a raster; where these overlap beside the surer one.
 
     Raises `SoundingError` where their coordinates are not of the kind of the job's.
@@ -88,7 +88,7 @@ def sounded(surfaces: Sequence[Surface | RasterBottom], soundings: Soundings, ho
         how=how,
         rows=met,
         xy=used[0].places(soundings.place[met]) if used else np.zeros((0, 2)),
-        differences=Differences(
+        differences=DepthDifferences(
             names=soundings.names[met],
             compiled=at.depth[met],
             sounded=soundings.depth[met] + how.datum,
@@ -98,7 +98,7 @@ def sounded(surfaces: Sequence[Surface | RasterBottom], soundings: Soundings, ho
     )
 
 
-def _bottoms_at(surfaces: Sequence[Surface | RasterBottom], soundings: Soundings, radius: float) -> _Bottoms:
+def _bottoms_at(surfaces: Sequence[JoinedSurface | RasterBottom], soundings: Soundings, radius: float) -> _Bottoms:
     n = len(soundings.depth)
     depth, sigma, slope = np.full(n, np.nan), np.full(n, np.inf), np.full(n, np.nan)
     reason = np.full(n, OUTSIDE)
@@ -114,7 +114,7 @@ def _bottoms_at(surfaces: Sequence[Surface | RasterBottom], soundings: Soundings
     return _Bottoms(depth=depth, sigma=sigma, slope=slope, reason=reason)
 
 
-def _bottom_at(surface: Surface | RasterBottom, places: FloatArray, radius: float) -> _Bottoms:
+def _bottom_at(surface: JoinedSurface | RasterBottom, places: FloatArray, radius: float) -> _Bottoms:
     """Return a bottom at places (n, 2); that of a model is dry where it is above the water of the nearest point."""
     if isinstance(surface, RasterBottom):
         return _of(surface.at(places))
@@ -136,7 +136,9 @@ def _of(at: SurfaceValues) -> _Bottoms:
     return _Bottoms(depth=at.value, sigma=at.sigma, slope=slope, reason=at.reason)
 
 
-def nowhere(surfaces: Sequence[Surface | RasterBottom], soundings: Soundings, compared: Sounded) -> SoundingError:
+def nowhere(
+    surfaces: Sequence[JoinedSurface | RasterBottom], soundings: Soundings, compared: Sounded
+) -> SoundingError:
     """Return the error of soundings none of which meets the bottom: why, and with which other places they would."""
     why = next(iter(compared.reasons.values()), "there is no bottom")
     names = "lat and lon" if soundings.angular else "x and y"

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.compilation.triangulation import Triangulation
+from musatpy.compilation.triangulation import AdjustedRun
 from musatpy.errors import CompilationError, Problem
 from musatpy.geometry import collinearity
 from musatpy.geometry.collinearity import attitude_matrix, in_front
@@ -27,7 +27,7 @@ class Stereomodel:
     without water. axes (3, 3): X, Y, Z of the model as rows in working axes.
     """
 
-    run: Triangulation
+    run: AdjustedRun
     left: int
     right: int
     origin: FloatArray
@@ -114,7 +114,7 @@ class Stereomodel:
         return collinearity.first_pair(np.broadcast_to(self.stations, (len(xy), 2, 3)), self.rays(xy))
 
 
-def set_up(run: Triangulation, left: str, right: str) -> Stereomodel:
+def set_up(run: AdjustedRun, left: str, right: str) -> Stereomodel:
     """Return the stereomodel of two photos by their names.
 
     Raises `CompilationError` where the run has none of a name, where they share no point of it, and where the base
@@ -153,13 +153,13 @@ def set_up(run: Triangulation, left: str, right: str) -> Stereomodel:
     return Stereomodel(run=run, left=rows[0], right=rows[1], origin=origin, axes=np.stack([x, np.cross(up, x), up]))
 
 
-def _mean_ground(run: Triangulation) -> float:
+def _mean_ground(run: AdjustedRun) -> float:
     """Return the mean height (m) of the points of a run, 0 of one without any."""
     known = run.position[np.isfinite(run.position).all(axis=1)]
     return float(run.frame.height(run.frame.working(known)).mean()) if len(known) else 0.0
 
 
-def faults_of_pair(run: Triangulation, left: str, right: str) -> list[tuple[str, str]]:
+def faults_of_pair(run: AdjustedRun, left: str, right: str) -> list[tuple[str, str]]:
     """Return why two photos by their names make no model: `left` or `right`, and what is wrong with it."""
     names = run.block.photos.ids
     missing = [

@@ -37,7 +37,7 @@ PUNCHED = "from a punched deck: sigmas are those of stages and water alone"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Triangulation:
+class AdjustedRun:
     """n photos of a run, where it has put them.
 
     The block has the photos at their adjusted stations and tides, the adjusted water, and the points and plate
@@ -94,7 +94,7 @@ class Triangulation:
         return waves or is_considered(self.block, water_knowledge(self.block))
 
     @property
-    def without_errors(self) -> Triangulation:
+    def without_errors(self) -> AdjustedRun:
         """The same with stations and water without error: sigmas of what is compiled are those of pointing."""
         pairs = replace(self.pairs, covariance=np.zeros_like(self.pairs.covariance))
         return replace(self, covariance=np.zeros_like(self.covariance), pairs=pairs, levels=None, water=None)
@@ -134,7 +134,7 @@ def waves_of_run(block: Block, adjusted: FloatArray | None, given: Sea | None = 
     return replace(sea, surface=sea.trains.with_values(adjusted).surface)
 
 
-def of_solution(solution: Solution, sea: Sea | None = None) -> Triangulation:
+def of_solution(solution: Solution, sea: Sea | None = None) -> AdjustedRun:
     """Return the triangulation of a solution, with the waves that were given beside its block, if any.
 
     Raises `CompilationError` where it cannot be compiled from.
@@ -148,7 +148,7 @@ def of_solution(solution: Solution, sea: Sea | None = None) -> Triangulation:
     stations = solution.stations
     adjusted = block.photos if water is None else replace(block.photos, tide=water.tide)
     waves = None if water is None or water.waves is None else water.waves.value
-    return Triangulation(
+    return AdjustedRun(
         block=Block(
             titles=(),
             options=block.options,
@@ -175,7 +175,7 @@ def of_solution(solution: Solution, sea: Sea | None = None) -> Triangulation:
     )
 
 
-def of_block(block: Block) -> Triangulation:
+def of_block(block: Block) -> AdjustedRun:
     """Return the triangulation of a punched deck: stations and control as they stand there, without error.
 
     So does its water, whose sigmas on the cards are those of errors that are not adjusted (`considered`). Raises
@@ -195,7 +195,7 @@ def of_block(block: Block) -> Triangulation:
     count, known = len(block.points.ids), np.isfinite(block.control.position).all(axis=1)
     position = np.full((count, 3), np.nan)
     position[block.control.point[known]] = block.control.position[known]
-    return Triangulation(
+    return AdjustedRun(
         block=Block(
             titles=(),
             options=block.options,
@@ -276,12 +276,12 @@ def adjusted_water(given: Water | None, found: tuple[float, FloatArray] | None) 
     return replace(given, index=index, tilt_east=float(tilt[0]), tilt_north=float(tilt[1]))
 
 
-def joint_covariances(run: Triangulation, network: Network) -> Cofactors:
+def joint_covariances(run: AdjustedRun, network: Network) -> Cofactors:
     """Return the covariances of stations and water in the pattern of a network."""
     return covariances_in(run, network.pattern, network.border.size)
 
 
-def covariances_in(run: Triangulation, pattern: Pattern, size: int) -> Cofactors:
+def covariances_in(run: AdjustedRun, pattern: Pattern, size: int) -> Cofactors:
     """Return the covariances of stations that meet in a pattern, and of `size` quantities of the water."""
     q = pattern.size
     blocks = np.zeros((len(pattern.pairs), q, q))

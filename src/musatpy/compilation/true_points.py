@@ -22,7 +22,7 @@ from musatpy.adjustment.result import bathymetric_points
 from musatpy.adjustment.sightings import residuals, straight_rays
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.compilation.triangulation import Triangulation, joint_covariances
+from musatpy.compilation.triangulation import AdjustedRun, joint_covariances
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, in_front, widest_angle
 from musatpy.model import Block, PlateMeasurements, Points
@@ -55,7 +55,7 @@ class Readings:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TruePoints:
+class CompiledPoints:
     """k points in the system of the job; NaN where there is none, and `reasons` says why.
 
     covariance (k, 3, 3) along east, north, up; apparent (k, 3) where the straight rays meet. Depths are below the
@@ -79,13 +79,13 @@ class TruePoints:
     reasons: dict[int, str]
 
     @classmethod
-    def nothing(cls, count: int) -> TruePoints:
+    def nothing(cls, count: int) -> CompiledPoints:
         """Return points of which nothing is known, not even why."""
         columns = {name: np.full((count, *shape), np.nan) for name, shape in _SHAPES.items()}
         return cls(**columns, wet=np.zeros((count, 2), dtype=bool), reasons={})
 
     @classmethod
-    def joined(cls, parts: Sequence[TruePoints]) -> TruePoints:
+    def joined(cls, parts: Sequence[CompiledPoints]) -> CompiledPoints:
         """Return points of several parts, one after the other."""
         numbers = [len(part.position) for part in parts]
         out = cls.nothing(sum(numbers))
@@ -93,7 +93,7 @@ class TruePoints:
             out.put(rows, part)
         return out
 
-    def put(self, rows: IntArray, others: TruePoints) -> None:
+    def put(self, rows: IntArray, others: CompiledPoints) -> None:
         """Take others as `rows`."""
         for name, values in vars(others).items():
             if name != "reasons":
@@ -106,9 +106,9 @@ class TruePoints:
         self.reasons.update(reasons)
 
 
-def true_points(run: Triangulation, photos: tuple[int, int], readings: Readings) -> TruePoints:
+def true_points(run: AdjustedRun, photos: tuple[int, int], readings: Readings) -> CompiledPoints:
     """Return the points of readings on two photos (rows) of a run."""
-    out = TruePoints.nothing(len(readings.ids))
+    out = CompiledPoints.nothing(len(readings.ids))
     for first in range(0, len(readings.ids), _CHUNK):
         chunk = np.arange(first, min(first + _CHUNK, len(readings.ids)))
         for rows, points in in_parts(lambda some: _from_rays(run, photos, readings.part(some)), chunk):
@@ -119,7 +119,7 @@ def true_points(run: Triangulation, photos: tuple[int, int], readings: Readings)
     return out
 
 
-def _from_rays(run: Triangulation, photos: tuple[int, int], readings: Readings) -> TruePoints:
+def _from_rays(run: AdjustedRun, photos: tuple[int, int], readings: Readings) -> CompiledPoints:
     """Return the points of readings. Raises `AdjustmentError` where one cannot be followed through waves."""
     block, measured, state = network_of(run, photos, readings)
     submerged = readings.submerged
@@ -134,7 +134,7 @@ def _from_rays(run: Triangulation, photos: tuple[int, int], readings: Readings) 
     return _described(run, block, measured, network, state, groups, line, reasons)
 
 
-def network_of(run: Triangulation, photos: tuple[int, int], readings: Readings) -> tuple[Block, Network, State]:
+def network_of(run: AdjustedRun, photos: tuple[int, int], readings: Readings) -> tuple[Block, Network, State]:
     """Return the block of the readings on the photos of the run, its network, and its first state."""
     count = len(readings.ids)
     plates = PlateMeasurements(
@@ -147,9 +147,7 @@ def network_of(run: Triangulation, photos: tuple[int, int], readings: Readings) 
     return network_of_plates(run, Points(ids=readings.ids, bathymetric=readings.submerged), plates)
 
 
-def network_of_plates(
-    run: Triangulation, points: Points, plates: PlateMeasurements
-) -> tuple[Block, Network, State]:
+def network_of_plates(run: AdjustedRun, points: Points, plates: PlateMeasurements) -> tuple[Block, Network, State]:
     """Return the block of points that a run holds no station by, its network, and its first state."""
     options = replace(run.block.options, submerged_factor=1.0)
     block, frame = replace(run.block, points=points, plates=plates, options=options), run.frame
@@ -199,7 +197,7 @@ def _lost(network: Network, state: State, groups: Iterable[PointGroup]) -> dict[
 
 
 def _described(
-    run: Triangulation,
+    run: AdjustedRun,
     block: Block,
     measured: Network,
     network: Network,
@@ -207,7 +205,7 @@ def _described(
     groups: tuple[PointGroup, ...],
     line: WaterLine,
     reasons: dict[int, str],
-) -> TruePoints:
+) -> CompiledPoints:
     covariances = joint_covariances(run, network)
     submerged = block.points.bathymetric
     count = len(submerged)
@@ -233,7 +231,7 @@ def _described(
         every[bathymetric.point] = values
         return every
 
-    return TruePoints(
+    return CompiledPoints(
         position=_in_system(network, state.ground),
         covariance=covariance,
         apparent=of_all(bathymetric.apparent),

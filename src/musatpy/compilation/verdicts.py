@@ -11,7 +11,7 @@ from musatpy.compilation.against_run import AgainstRun
 from musatpy.compilation.compiled import ABOVE, MISSED, Compiled, CompiledModel
 from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.stereomodels import slip_of
-from musatpy.compilation.triangulation import PUNCHED, Triangulation
+from musatpy.compilation.triangulation import PUNCHED, AdjustedRun
 from musatpy.model import Concern, CoordinateSystem, Grade, Reason, Verdict
 from musatpy.model.findings import GRADES
 from musatpy.probability import test_limit
@@ -137,7 +137,7 @@ def verdict_of(compiled: Compiled, against: Sequence[AgainstRun]) -> Verdict:
     return _ranked(reasons, compiled.run)
 
 
-def _of_run(run: Triangulation) -> Iterator[Reason]:
+def _of_run(run: AdjustedRun) -> Iterator[Reason]:
     """Yield what speaks against the run; that it is a punched deck does not: its points are the same."""
     if run.caution and run.caution != PUNCHED:
         yield _doubt(Concern.CONVERGENCE, f"{run.caution}: {run.because}" if run.because else run.caution)
@@ -218,6 +218,6 @@ def _rejection(concern: Concern, text: str, section: str = "") -> Reason:
     return Reason(grade=Grade.REJECTED, concern=concern, text=text, section=section)
 
 
-def _ranked(reasons: list[Reason], run: Triangulation) -> Verdict:
+def _ranked(reasons: list[Reason], run: AdjustedRun) -> Verdict:
     ranked = sorted(reasons, key=lambda reason: -GRADES.index(reason.grade))
     return Verdict(reasons=tuple(ranked), notes=(run.caution,) if run.caution == PUNCHED else ())

@@ -17,7 +17,7 @@ from musatpy.correction.photographs import Photographs
 from musatpy.correction.rasters import band_of, correct_raster, only_band
 from musatpy.correction.surfaces import correct_surface
 from musatpy.depth.cameras import system_of_points
-from musatpy.depth.correction import Correction, Progress, Tally
+from musatpy.depth.correction import Correction, CorrectionTally, Progress
 from musatpy.depth.csv_points import correct_csv
 from musatpy.depth.las_points import correct_las
 from musatpy.errors import DepthError, Problem
@@ -38,7 +38,7 @@ _DEEPEST = 80.0  # m, beyond what light comes back from in the clearest water
 class CorrectedFile:
     """What came of the points of a file, as what they were taken, and why they have no sigmas, if so."""
 
-    tally: Tally
+    tally: CorrectionTally
     system: System
     photographs: Photographs
 

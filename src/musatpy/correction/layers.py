@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.depth.correction import NO_POINTS, Correction, Tally, in_order
+from musatpy.depth.correction import NO_POINTS, Correction, CorrectionTally, in_order
 from musatpy.depth.csv_points import SIGMAS
 from musatpy.depth.misplaced_points import attempted, require_sight
 from musatpy.errors import DepthError, Problem
@@ -28,7 +28,7 @@ _CHUNK = 16384  # points at a time
 
 def correct_layers(
     layers: Layers, correction: Correction, source: Path, *, numbered: bool = False, jobs: int = 1
-) -> tuple[Layers, Tally]:
+) -> tuple[Layers, CorrectionTally]:
     """Return layers with the true places, the posts of a grid as points; reasons are `numbered`, or texts.
 
     The heights of a grid are its only band. Raises `DepthError` for points that their system does not reach,
@@ -40,7 +40,7 @@ def correct_layers(
         part = _posts(layer) if isinstance(layer, Grid) else layer
         apparent = part.xyz if isinstance(part, Points) else np.concatenate(part.vertices)
         points = _corrected(correction, str(source), apparent, jobs)
-        tally = tally + Tally.of(points)
+        tally = tally + CorrectionTally.of(points)
         good = points.fault == Fault.NONE
         place = np.where(good[:, None], points.position, apparent)
         if isinstance(part, Points):

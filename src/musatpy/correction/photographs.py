@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from musatpy.compilation.point_errors import PointErrors, ThroughWaves, of_stations
+from musatpy.compilation.point_errors import PointSigmas, ThroughWaves, of_stations
 from musatpy.compilation.run_records import of_record
-from musatpy.depth.cameras import Cameras
+from musatpy.depth.cameras import CameraStations
 from musatpy.depth.run_cameras import read_run
 from musatpy.errors import CompilationError, DepthError, Problem
 from musatpy.model import Water
@@ -23,8 +23,8 @@ class Photographs:
     `caution`: what speaks against the run.
     """
 
-    cameras: Cameras
-    errors: PointErrors | None
+    cameras: CameraStations
+    errors: PointSigmas | None
     without: str = ""
     caution: str = ""
     through: ThroughWaves | None = None
@@ -53,14 +53,14 @@ def of_run(
     sigma = run.block.options.plate_sigma * run.unit_sigma if pointing is None else pointing
     return Photographs(
         cameras=cameras.only(rows),
-        errors=PointErrors(run=run, photos=np.array(rows), pointing=sigma),
+        errors=PointSigmas(run=run, photos=np.array(rows), pointing=sigma),
         caution=": ".join(part for part in (run.caution, run.because) if part),
         through=None if run.sea is None else ThroughWaves(run=run, photos=np.array(rows)),
     )
 
 
 def of_table(
-    path: Path, cameras: Cameras, index: float, *, photos: Sequence[str] = (), pointing: float | None = None
+    path: Path, cameras: CameraStations, index: float, *, photos: Sequence[str] = (), pointing: float | None = None
 ) -> Photographs:
     """Return the photographs of a table of stations, or some of them.
 
@@ -76,10 +76,10 @@ def of_table(
         some.names, some.stations.position, some.rotation, some.camera, some.stations.level, some.sigma,
         Water(index=index),
     )  # fmt: skip
-    return Photographs(cameras=some, errors=PointErrors(run=run, photos=np.arange(len(rows)), pointing=pointing))
+    return Photographs(cameras=some, errors=PointSigmas(run=run, photos=np.arange(len(rows)), pointing=pointing))
 
 
-def _rows(path: Path, cameras: Cameras, photos: Sequence[str]) -> list[int]:
+def _rows(path: Path, cameras: CameraStations, photos: Sequence[str]) -> list[int]:
     """Return the rows of cameras by their names, of all without any. Raises `DepthError`."""
     missing = [name for name in photos if name not in cameras.names]
     if missing:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.depth.correction import NO_POINTS, Correction, Progress, Tally, in_order
+from musatpy.depth.correction import NO_POINTS, Correction, CorrectionTally, Progress, in_order
 from musatpy.depth.csv_points import SIGMAS
 from musatpy.depth.misplaced_points import attempted, require_sight
 from musatpy.errors import DepthError, Problem
@@ -52,7 +52,7 @@ def correct_raster(
     *,
     jobs: int = 1,
     progress: Progress | None = None,
-) -> Tally:
+) -> CorrectionTally:
     """Correct the heights of a band of an open raster; `progress` is told of posts.
 
     Raises `DepthError` for posts that their system does not reach, and where no camera sees any, `InterchangeError`
@@ -80,7 +80,7 @@ def correct_raster(
             )  # fmt: skip
             shaped = (np.asarray(column, dtype=float).reshape(-1, columns) for column in values)
             writer.put(first, dict(zip(bands, shaped, strict=False)))
-            tally = tally + Tally.of(points)
+            tally = tally + CorrectionTally.of(points)
             if progress:
                 progress(len(here))
         require_sight(correction, tally, raster.path, apparent(0))

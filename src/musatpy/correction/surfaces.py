@@ -14,7 +14,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.correction.layers import DRY
 from musatpy.correction.rasters import POSTS
-from musatpy.depth.correction import NO_POINTS, Correction, Progress, Tally, in_order
+from musatpy.depth.correction import NO_POINTS, Correction, CorrectionTally, Progress, in_order
 from musatpy.depth.misplaced_points import attempted, require_sight
 from musatpy.errors import DepthError, Problem
 from musatpy.interchange import geotiff
@@ -54,7 +54,7 @@ def correct_surface(
     *,
     jobs: int = 1,
     progress: Progress | None = None,
-) -> Tally:
+) -> CorrectionTally:
     """Write heights, depths and sigmas of heights of the true surface at the posts of a raster.
 
     `progress` is told of posts. Raises as `correct_raster`.
@@ -84,7 +84,7 @@ def correct_surface(
             height = np.where(np.isin(points.fault, DRY), done.heights, points.position[:, 2])
             values = zip(_BANDS, (height, points.depth, points.sigma[:, 2]), strict=True)
             writer.put(first, {name: column.reshape(-1, columns) for name, column in values})
-            tally = tally + Tally.of(points)
+            tally = tally + CorrectionTally.of(points)
             if progress:
                 progress(len(height))
         some = strip(0)

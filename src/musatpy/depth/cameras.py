@@ -51,7 +51,7 @@ _STATIONS = Wanted(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Cameras:
+class CameraStations:
     """k stations with names. A camera sees what lies in its format, and within a limit of the vertical.
 
     Either rule may be missing, the format or the limit; with neither every camera sees every point. Stations are
@@ -74,7 +74,7 @@ class Cameras:
         """True where something says what a camera sees."""
         return self.camera is not None or self.limit is not None
 
-    def only(self, rows: Sequence[int]) -> Cameras:
+    def only(self, rows: Sequence[int]) -> CameraStations:
         """Return some of the cameras, in this order."""
         picked = list(rows)
 
@@ -130,7 +130,7 @@ def read_cameras(
     camera: tuple[float, float, float] | None = None,
     limit: float | None = None,
     water: bool = True,
-) -> Cameras:
+) -> CameraStations:
     """Return the cameras of a file; `level` and `camera` (focal length, width, height) where it has none.
 
     Without `water` a file may do without tides: the level is minus infinity where it has none. Raises `DepthError`
@@ -172,10 +172,14 @@ def read_cameras(
             raise DepthError([Problem(file=str(path), message=message)])
         sigma = np.nan_to_num(table.numbers(*_SIGMAS, "sigma_tide"))  # a tide without one is known
         sigma[:, 3:6] *= DEGREE
-    return Cameras(names=names, stations=stations, rotation=rotation, camera=formats, limit=limit, sigma=sigma)
+    return CameraStations(
+        names=names, stations=stations, rotation=rotation, camera=formats, limit=limit, sigma=sigma
+    )
 
 
-def system_of_points(points: Path, cameras: Cameras, crs: str | None = None, geoid: str | None = None) -> System:
+def system_of_points(
+    points: Path, cameras: CameraStations, crs: str | None = None, geoid: str | None = None
+) -> System:
     """Return the system of the points of a file, which is that of the stations where these are in no register.
 
     `crs`: code, PROJ string or WKT; `geoid`: grid file of the geoid above which heights are. Raises `SystemsError`

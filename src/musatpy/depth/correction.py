@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.depth.cameras import Cameras
-from musatpy.depth.point_positions import Ground
+from musatpy.depth.cameras import CameraStations
+from musatpy.depth.point_positions import PointSystem
 from musatpy.errors import DepthError, Problem
 from musatpy.geometry.systems import System
 from musatpy.refraction.apparent import REASONS, Fault, Through, TruePoints, true_points
@@ -48,16 +48,16 @@ class Correction:
     there are waves.
     """
 
-    cameras: Cameras
+    cameras: CameraStations
     index: float
     system: System | None = None  # None: that of the cameras
     errors: PointErrors | None = None
     through: Through | None = None
 
     @property
-    def ground(self) -> Ground:
+    def ground(self) -> PointSystem:
         """The system of the points, over the water of the cameras."""
-        return Ground(system=self.system or self.cameras.system, tilt=self.cameras.tilt)
+        return PointSystem(system=self.system or self.cameras.system, tilt=self.cameras.tilt)
 
     def __call__(self, apparent: FloatArray) -> tuple[TruePoints, BoolArray]:
         """Return the true points of apparent ones (n, 3), and (n, k) which cameras see them.
@@ -92,7 +92,7 @@ class Correction:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Tally:
+class CorrectionTally:
     """What came of points: how many of each `Fault`, and sums over those that are corrected."""
 
     faults: IntArray  # by Fault
@@ -103,7 +103,7 @@ class Tally:
     seen: int = 0  # points that a camera sees, corrected or not
 
     @classmethod
-    def of(cls, points: TruePoints) -> Tally:
+    def of(cls, points: TruePoints) -> CorrectionTally:
         """Return the tally of some points."""
         faults = np.bincount(points.fault, minlength=len(Fault))
         seen = int(np.count_nonzero(points.cameras))
@@ -119,8 +119,8 @@ class Tally:
             depth_variance=float(np.square(points.depth_sigma[good]).sum()),
         )
 
-    def __add__(self, other: Tally) -> Tally:
-        return Tally(
+    def __add__(self, other: CorrectionTally) -> CorrectionTally:
+        return CorrectionTally(
             faults=self.faults + other.faults,
             deepest=max(self.deepest, other.deepest),
             factor_sum=self.factor_sum + other.factor_sum,
@@ -149,7 +149,7 @@ class Tally:
         return lines + [f"{n} not: {REASONS[fault]}" for fault, n in counts if fault != Fault.NONE and n]
 
 
-NO_POINTS = Tally(faults=np.zeros(len(Fault), dtype=np.int64))
+NO_POINTS = CorrectionTally(faults=np.zeros(len(Fault), dtype=np.int64))
 
 
 def in_order(function: Callable[[Task], Done], tasks: Iterable[Task], jobs: int) -> Iterator[Done]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.depth.correction import NO_POINTS, Correction, Progress, Tally, in_order
+from musatpy.depth.correction import NO_POINTS, Correction, CorrectionTally, Progress, in_order
 from musatpy.depth.misplaced_points import attempted, require_sight
 from musatpy.errors import DepthError, Problem
 from musatpy.files import whole_file
@@ -26,7 +26,7 @@ ADDED = (
 SIGMAS = ("sigma_east", "sigma_north", "sigma_height", "sigma_depth")  # where the stations have any
 
 _Task = tuple[Layout, Sequence[str], FloatArray, int]  # rows of a file with their points (n, 3), and bytes of these
-_Corrected = tuple[str, Tally, int]  # rows with the true points, what they are, and bytes of the file
+_Corrected = tuple[str, CorrectionTally, int]  # rows with the true points, what they are, and bytes of the file
 
 
 def correct_csv(
@@ -37,7 +37,7 @@ def correct_csv(
     columns: Sequence[str] = AXES,
     jobs: int = 1,
     progress: Progress | None = None,
-) -> Tally:
+) -> CorrectionTally:
     """Correct the points of a file with these columns; `progress` is told of bytes.
 
     Raises `DepthError` with every line that cannot be read, for points that their system does not reach and where
@@ -75,7 +75,7 @@ def _correct_rows(correction: Correction, task: _Task) -> _Corrected | Problem:
     names = _names(correction.cameras.names, seen)
     texts = _values(names, points, correction.ground.system.decimals, correction.errors is not None)
     values = zip(*texts, strict=True)
-    return layout.rows_with(rows, values), Tally.of(points), size
+    return layout.rows_with(rows, values), CorrectionTally.of(points), size
 
 
 def _values(

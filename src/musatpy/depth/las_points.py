@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.depth.correction import NO_POINTS, Correction, Progress, Tally, in_order
+from musatpy.depth.correction import NO_POINTS, Correction, CorrectionTally, Progress, in_order
 from musatpy.depth.misplaced_points import attempted, require_sight
 from musatpy.errors import DepthError, Problem
 from musatpy.pointfiles.las_files import coordinates, rewritten
@@ -49,7 +49,7 @@ _Corrected = tuple[TruePoints, Any]  # n points, and the cameras that see them a
 
 def correct_las(
     source: Path, target: Path, correction: Correction, *, jobs: int = 1, progress: Progress | None = None
-) -> Tally:
+) -> CorrectionTally:
     """Correct the points of a file; `progress` is told of points.
 
     Raises `InterchangeError` without laspy, for a file that is none or that cannot hold the true points,
@@ -65,7 +65,7 @@ def correct_las(
         for points, done in zip(given, work, strict=True):
             if isinstance(done, Problem):
                 raise DepthError([done])
-            tally, some = tally + Tally.of(done[0]), coordinates(points) if not tally.seen else some
+            tally, some = tally + CorrectionTally.of(done[0]), coordinates(points) if not tally.seen else some
             values = _values(points, *done)
             if sigmas:
                 values |= zip(sigmas, (*done[0].sigma.T, done[0].depth_sigma), strict=True)

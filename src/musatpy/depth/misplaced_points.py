@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.depth.correction import Correction, Tally
+from musatpy.depth.correction import Correction, CorrectionTally
 from musatpy.errors import DepthError, Problem, SystemsError
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.geodesy import Ellipsoid
@@ -35,7 +35,7 @@ def attempted(correction: Correction, source: str, apparent: FloatArray) -> tupl
         )
 
 
-def require_sight(correction: Correction, tally: Tally, source: Path, some: FloatArray) -> None:
+def require_sight(correction: Correction, tally: CorrectionTally, source: Path, some: FloatArray) -> None:
     """Raise `DepthError` where there are points, and no camera sees any, with what would let it see `some`."""
     count = int(tally.faults.sum() - tally.faults[Fault.NOT_FINITE])
     if not count or tally.seen:

@@ -28,7 +28,7 @@ class Tilt:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Placed:
+class PlacedPoints:
     """n points in the axes of the stations, and each in its own vertical; None: that is Z of these axes."""
 
     position: FloatArray  # (n, 3) m
@@ -37,18 +37,18 @@ class Placed:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ground:
+class PointSystem:
     """The coordinate system of points, and how their water is tilted, if it is."""
 
     system: System = LOCAL
     tilt: Tilt | None = None
 
-    def placed(self, given: FloatArray) -> Placed:
+    def placed(self, given: FloatArray) -> PlacedPoints:
         """Return finite points (n, 3) as they are placed. Raises `SystemsError` where the system does not reach."""
         ellipsoid = self.system.ellipsoid
         if ellipsoid is None:
             if self.tilt is None:
-                return Placed(position=given, upright=given, verticals=None)
+                return PlacedPoints(position=given, upright=given, verticals=None)
             position, height, axes = given, given[:, 2], np.broadcast_to(np.eye(3), (len(given), 3, 3))
         else:
             level = self.system.level(given)
@@ -59,7 +59,7 @@ class Ground:
         upright = np.zeros_like(position)
         upright[:, 2] = height
         origin = position - height[:, None] * axes[:, 2]
-        return Placed(position=position, upright=upright, verticals=Verticals(origin=origin, axes=axes))
+        return PlacedPoints(position=position, upright=upright, verticals=Verticals(origin=origin, axes=axes))
 
     def restated(self, upright: FloatArray, verticals: Verticals) -> FloatArray:
         """Return the coordinates (n, 3) of points in their verticals."""

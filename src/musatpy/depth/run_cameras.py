@@ -14,7 +14,7 @@ import numpy as np
 
 from musatpy import json_files
 from musatpy.arrays import FloatArray
-from musatpy.depth.cameras import Cameras
+from musatpy.depth.cameras import CameraStations
 from musatpy.depth.point_positions import Tilt
 from musatpy.errors import DepthError, Problem, RecordError, SystemsError
 from musatpy.geometry.collinearity import attitude_matrix
@@ -46,7 +46,7 @@ def read_run(
     limit: float | None = None,
     water: bool = True,
     waves: bool = False,
-) -> Cameras:
+) -> CameraStations:
     """Return the adjusted stations of a run, with tides, attitudes, cameras, index and tilt of water.
 
     `camera` (focal length, width, height) where a camera has no format. Without `water` nothing of it is asked for,
@@ -133,7 +133,7 @@ def _water_faults(record: Any, waves: bool) -> list[str]:
     return faults
 
 
-def _cameras(record: Any, camera: tuple[float, float, float] | None, with_water: bool) -> Cameras:
+def _cameras(record: Any, camera: tuple[float, float, float] | None, with_water: bool) -> CameraStations:
     stations, water = record["stations"], record["adjusted_water"] if with_water else None
     columns = [record["cameras"][name] for name in ("camera", "focal_length", "format_size")]
     kinds = {camera: [focal_length, *size] for camera, focal_length, size in zip(*columns, strict=True)}
@@ -151,7 +151,7 @@ def _cameras(record: Any, camera: tuple[float, float, float] | None, with_water:
         axis=-rotation[:, 2] if axes is None else -np.einsum("ki,kij->kj", rotation[:, 2], axes),
         height=level[:, 2],
     )
-    return Cameras(
+    return CameraStations(
         names=tuple(stations["photo"]),
         stations=seen_from,
         rotation=rotation,

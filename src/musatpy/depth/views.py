@@ -1,8 +1,8 @@
 """Depth factors over a stereo model, as tables and a picture: of the normal pair of the paper, or of any stations.
 
-Groeneveld Meijer (1964): Table 1 is `factors` of a `Pair`, Figure 4 their contours, Table 2 `normalised`, Table 3
-`single_value`. Lengths of a pair are in any unit, the same for all; those of stations are metres. Pictures need
-matplotlib, the extra `plots`.
+Groeneveld Meijer (1964): Table 1 is `factors` of a `VerticalPair`, Figure 4 their contours, Table 2 `normalised`,
+Table 3 `single_value`. Lengths of a pair are in any unit, the same for all; those of stations are metres. Pictures
+need matplotlib, the extra `plots`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.depth.cameras import Cameras
+from musatpy.depth.cameras import CameraStations
 from musatpy.depth.correction import Correction
 from musatpy.errors import DepthError, Problem
 from musatpy.figures import INK, add_bar, image_of, lay_out, new_panels, styled
@@ -35,7 +35,7 @@ _NEARLY_ZERO = 1e-6  # of the height: stands for an apparent depth of zero, wher
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Places:
+class PairPlaces:
     """n places over a pair: distances from the nadirs, and parts of the base. A list need not be consistent."""
 
     d1: FloatArray
@@ -44,13 +44,13 @@ class Places:
     t: FloatArray
 
     @classmethod
-    def at(cls, x: FloatArray, y: FloatArray, base: float) -> Places:
+    def at(cls, x: FloatArray, y: FloatArray, base: float) -> PairPlaces:
         """Return places x along the base and y across it, Groeneveld Meijer (14)."""
         return cls(d1=np.hypot(x, y), d2=np.hypot(base - x, y), s=x, t=base - x)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Factors:
+class DepthFactors:
     """Depth factors (n, d) at n places for d apparent depths, and the `Fault` of those that are NaN."""
 
     depths: FloatArray
@@ -63,28 +63,28 @@ class Factors:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pair:
+class VerticalPair:
     """Two vertical photographs taken from one height above the water, `base` apart."""
 
     height: float
     base: float
     index: float
 
-    def formula(self, places: Places, depths: FloatArray) -> Factors:
+    def formula(self, places: PairPlaces, depths: FloatArray) -> DepthFactors:
         """Return the factors by (13)."""
         d1, d2, s, t = (values[:, None] for values in (places.d1, places.d2, places.s, places.t))
         factor = pair_factor(d1, d2, s, t, depths, self.height, self.index)
-        return Factors(depths=depths, factor=factor, fault=np.zeros(factor.shape, dtype=np.int8))
+        return DepthFactors(depths=depths, factor=factor, fault=np.zeros(factor.shape, dtype=np.int8))
 
-    def exact(self, x: FloatArray, y: FloatArray, depths: FloatArray) -> Factors:
+    def exact(self, x: FloatArray, y: FloatArray, depths: FloatArray) -> DepthFactors:
         """Return the factors of rays that are intersected as images give them."""
         position = np.array([[0.0, 0.0, self.height], [self.base, 0.0, self.height]])
         down = np.tile([0.0, 0.0, -1.0], (2, 1))
         stations = Stations(position=position, level=np.zeros(2), axis=down)
-        return factors(model_of(Cameras(names=("1", "2"), stations=stations), self.index), x, y, depths)
+        return factors(model_of(CameraStations(names=("1", "2"), stations=stations), self.index), x, y, depths)
 
 
-def model_of(cameras: Cameras, index: float) -> Correction:
+def model_of(cameras: CameraStations, index: float) -> Correction:
     """Return the correction of a model whose x and y are metres: on the ellipsoid east and north of its middle."""
     ellipsoid = cameras.system.ellipsoid
     if ellipsoid is None:
@@ -93,7 +93,7 @@ def model_of(cameras: Cameras, index: float) -> Correction:
     return Correction(cameras=cameras, index=index, system=local_map(ellipsoid, middle))
 
 
-def factors(model: Correction, x: FloatArray, y: FloatArray, depths: FloatArray) -> Factors:
+def factors(model: Correction, x: FloatArray, y: FloatArray, depths: FloatArray) -> DepthFactors:
     """Return the exact factors at places (n,) for apparent depths (d,) below the mean tide of their cameras.
 
     At an apparent depth of zero the factor is that of a millionth of the height, which is 1e-6 apart at most.
@@ -110,7 +110,7 @@ def factors(model: Correction, x: FloatArray, y: FloatArray, depths: FloatArray)
         seen_level = seen @ stations.level / np.maximum(seen.sum(axis=1), 1)
         flat[:, 2] += np.where(seen.any(axis=1), seen_level - level, 0.0)
     true, _ = model(flat)
-    return Factors(depths=depths, factor=true.factor.reshape(shape), fault=true.fault.reshape(shape))
+    return DepthFactors(depths=depths, factor=true.factor.reshape(shape), fault=true.fault.reshape(shape))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,7 +126,7 @@ class Normalised:
     departure: DepthDeparture  # (d,)
 
 
-def normalised(given: Factors, normal: FloatArray) -> Normalised:
+def normalised(given: DepthFactors, normal: FloatArray) -> Normalised:
     """Return what it costs to use the factors `normal` (n,) of one apparent depth for every depth."""
     off = np.abs(given.factor - normal[:, None])
     known = np.isfinite(off)
@@ -169,7 +169,7 @@ def read_places(path: Path) -> dict[str, FloatArray]:
     return dict(table.values)
 
 
-def factor_table(places: Mapping[str, FloatArray], factors: Factors) -> list[str]:
+def factor_table(places: Mapping[str, FloatArray], factors: DepthFactors) -> list[str]:
     """Return a line for each place: where it is, and its factor for each apparent depth (Table 1)."""
     heads = [*places, *(f"F({depth:g})" for depth in factors.depths.tolist())]
     lines = ["".join(f"{head:>10}" for head in heads)]

@@ -17,7 +17,7 @@ from musatpy.plots.tables import NothingToShowError, Tables
 from musatpy.reports import soundings
 from musatpy.reports.answer import USE
 from musatpy.reports.table import Report
-from musatpy.soundings.differences import Differences, likeness_warning, order_shares
+from musatpy.soundings.differences import DepthDifferences, likeness_warning, order_shares
 from musatpy.soundings.s44 import source
 
 COMPARED = "COMPARED"
@@ -76,7 +76,7 @@ def soundings_page(tables: Tables) -> Page:
     )
 
 
-def _order_met(differences: Differences) -> str:
+def _order_met(differences: DepthDifferences) -> str:
     """Return the strictest order that the differences meet, in words."""
     met = [order.name for order in order_shares(differences) if order.met]
     return f"95 % of the differences are within {f'S-44 {met[0]}' if met else 'no order of S-44'}"

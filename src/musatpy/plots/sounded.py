@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.plots.picture import Picture, counted, measure
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
-from musatpy.soundings.differences import Differences, median_and_spread, order_shares
+from musatpy.soundings.differences import DepthDifferences, median_and_spread, order_shares
 from musatpy.soundings.pictures import difference_figure
 
 
@@ -18,14 +18,14 @@ from musatpy.soundings.pictures import difference_figure
 class SoundedPlan:
     """Differences of k soundings, and where these are."""
 
-    differences: Differences
+    differences: DepthDifferences
     places: FloatArray  # (k, 2) m
 
 
-def differences_of(tables: Tables) -> Differences:
+def differences_of(tables: Tables) -> DepthDifferences:
     """Return the differences of a comparison. Raises `NothingToShowError` where there are none."""
     table = part(tables, "differences")
-    data = Differences(
+    data = DepthDifferences(
         names=texts(table, "sounding"),
         compiled=numbers(table, "compiled"),
         sounded=numbers(table, "sounded"),

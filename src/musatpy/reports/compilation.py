@@ -13,7 +13,7 @@ from musatpy.arrays import FloatArray
 from musatpy.model.tables import POSITION_UNIT
 from musatpy.reports import compilation_bottom, compilation_comparisons, compilation_points, headline, job_record
 from musatpy.reports.answer import MARKS, verdict_section
-from musatpy.reports.compilation_points import ENU_SIGMAS, Compilation
+from musatpy.reports.compilation_points import ENU_SIGMAS, CompilationReport
 from musatpy.reports.editing import position
 from musatpy.reports.fields import Document, Each, Field, FieldGroup, Rows, flag, identity
 from musatpy.reports.pages import Section, labelled, print_titled, wrapped
@@ -30,7 +30,7 @@ _ABOUT = (
     "sigmas along east, north, up (X, Y, Z in LOCL jobs). A number that does not exist is null"
 )
 
-JOB: FieldGroup[Compilation, Compiled] = FieldGroup(
+JOB: FieldGroup[CompilationReport, Compiled] = FieldGroup(
     "job", "what was compiled", of=lambda c: c.compiled, fields=(
         Field("titles", "* string", "titles of the deck", "deck.titles"),
         Field("system", "string", "coordinate system of the run", "run.block.options.system"),
@@ -45,10 +45,10 @@ JOB: FieldGroup[Compilation, Compiled] = FieldGroup(
         Field("datum_sigma", "number", "of that", "datum.sigma", unit="m"),
     ),
 )  # fmt: skip
-VERDICT: FieldGroup[Compilation, Verdict] = FieldGroup(
+VERDICT: FieldGroup[CompilationReport, Verdict] = FieldGroup(
     "verdict", "what it is worth", headline.VERDICT.fields, lambda c: c.verdict
 )
-MODELS: Each[Compilation, CompiledModel] = Each(
+MODELS: Each[CompilationReport, CompiledModel] = Each(
     "models", "one row per stereomodel", of=lambda c: c.compiled.models, fields=(
         identity("model", "name"),
         Field("photos", "2 string", "left and right",
@@ -81,7 +81,7 @@ MODELS: Each[Compilation, CompiledModel] = Each(
               "RMS py\num", "F7.2"),
     ),
 )  # fmt: skip
-SHORELINES: Each[Compilation, tuple[str, FloatArray]] = Each(
+SHORELINES: Each[CompilationReport, tuple[str, FloatArray]] = Each(
     "shoreline", "one row per model with points of the shoreline: their heights over the mean tide",
     of=lambda c: _shorelines(c.compiled), fields=(
         identity("model", lambda s: s[0]),
@@ -92,7 +92,7 @@ SHORELINES: Each[Compilation, tuple[str, FloatArray]] = Each(
               "Largest\nm", "F8.3"),
     ),
 )  # fmt: skip
-RECOVERED: Each[Compilation, AgainstRun] = Each(
+RECOVERED: Each[CompilationReport, AgainstRun] = Each(
     "recovered", "one row per model: readings of class R less what the points of the run predict",
     of=lambda c: c.against, fields=(
         identity("model", "model.name"),
@@ -106,10 +106,10 @@ RECOVERED: Each[Compilation, AgainstRun] = Each(
               words={True: "yes", False: "NO", None: "NO"}),
     ),
 )  # fmt: skip
-WARNINGS_FIELD: Field[Compilation] = Field(
+WARNINGS_FIELD: Field[CompilationReport] = Field(
     "warnings", "* string", "what is odd about readings and models", lambda c: list(c.warnings)
 )
-DOCUMENT: Document[Compilation] = Document(
+DOCUMENT: Document[CompilationReport] = Document(
     name="compilation_version",
     version="2.0",
     title="musatpy compilation",
@@ -124,28 +124,28 @@ DOCUMENT: Document[Compilation] = Document(
 )
 
 
-def _all(path: str) -> Callable[[Compilation], Any]:
+def _all(path: str) -> Callable[[CompilationReport], Any]:
     """Return what takes the values of all models, one after the other."""
     return lambda setups: np.concatenate([attrgetter(path)(model) for model in setups.set_up])
 
 
-def _models(path: str) -> Callable[[Compilation], Any]:
+def _models(path: str) -> Callable[[CompilationReport], Any]:
     """Return what takes the name of its model for each value."""
     return lambda setups: np.concatenate([[m.model.name] * len(attrgetter(path)(m)) for m in setups.set_up])
 
 
-def _of_run(setups: Compilation, name: str) -> Any:
+def _of_run(setups: CompilationReport, name: str) -> Any:
     """Return an attribute of the points of the run."""
     return getattr(setups.compiled.run.block.points, name)[_all("again.points")(setups)]
 
 
-def _in_model(setups: Compilation) -> Any:
+def _in_model(setups: CompilationReport) -> Any:
     run = setups.compiled.run
     places = (m.model.stereo.model(run.frame.working(run.position[m.again.points])) for m in setups.set_up)
     return np.concatenate(list(places))
 
 
-RUN_POINTS: Rows[Compilation, Compilation] = Rows(
+RUN_POINTS: Rows[CompilationReport, CompilationReport] = Rows(
     "points", "one row per point of the run that both photos of a model show", (
         identity("model", _models("again.points")),
         identity("point", lambda s: _of_run(s, "ids")),
@@ -161,7 +161,7 @@ RUN_POINTS: Rows[Compilation, Compilation] = Rows(
         Field("straight_y_parallax", "number?", "of straight rays", _all("again.straight"), "straight\num", "F8.2"),
     ),
 )  # fmt: skip
-EXPECTED: Rows[Compilation, Compilation] = Rows(
+EXPECTED: Rows[CompilationReport, CompilationReport] = Rows(
     "expected", "standard errors to expect of points at places of a model", (
         identity("model", _models("expected.depth")),
         Field("place", "3 number", "in the model", _all("expected.place"), ("X\nm", "Y\nm", "Z\nm"), "F10.2",
@@ -175,7 +175,7 @@ EXPECTED: Rows[Compilation, Compilation] = Rows(
         Field("run_sigma", "number?", "of the height, by the run", _all("expected.of_run"), "Run\nm", "F8.3"),
     ),
 )  # fmt: skip
-SET_UP: Document[Compilation] = Document(
+SET_UP: Document[CompilationReport] = Document(
     name="setup_version",
     version="2.0",
     title="musatpy models set up",
@@ -251,7 +251,7 @@ SET_UP_TABLES = (GEOMETRY_TABLE, AXES_TABLE, RUN_POINT_TABLE, EXPECTED_TABLE)
 STATED = (*(WARNINGS, MODEL_TABLE, SHORE_TABLE, RECOVERED_TABLE, compilation_comparisons.RUN_TABLE), *SET_UP_TABLES)
 
 
-def sections_of(done: Compilation) -> list[Section]:
+def sections_of(done: CompilationReport) -> list[Section]:
     """Return what the listing of a compilation says, section by section."""
     compiled, verdict = done.compiled, done.verdict
     assert verdict is not None
@@ -269,13 +269,13 @@ def sections_of(done: Compilation) -> list[Section]:
     ]
 
 
-def set_up_sections(done: Compilation) -> list[Section]:
+def set_up_sections(done: CompilationReport) -> list[Section]:
     """Return what the listing of models set up says, section by section."""
     tables = [report.section(done, new_page=number > 1) for number, report in enumerate(SET_UP_TABLES)]
     return [*_model_sections(done), *tables]
 
 
-def _model_sections(done: Compilation) -> list[Section]:
+def _model_sections(done: CompilationReport) -> list[Section]:
     """Return what a listing says of run, deck and models, warnings included."""
     read = any(part.again.any() for part in done.against)
     return [
@@ -296,7 +296,11 @@ def _of_waves(compiled: Compiled) -> str:
 
 
 def listing_of(
-    done: Compilation, sections: list[Section], *, carriage_control: bool = False, date: datetime.date | None = None
+    done: CompilationReport,
+    sections: list[Section],
+    *,
+    carriage_control: bool = False,
+    date: datetime.date | None = None,
 ) -> str:
     """Return the listing of a compilation, or of models set up, from its sections, on pages of 132 columns."""
     title, caution = "".join(done.compiled.deck.titles[:1]), done.compiled.run.caution

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.reports.compilation_points import Compilation, extremes
+from musatpy.reports.compilation_points import CompilationReport, extremes
 from musatpy.reports.fields import Each, Field, flag, identity
 from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report, filled
@@ -15,12 +15,12 @@ from musatpy.surfaces.contours import bounds
 if TYPE_CHECKING:
     from musatpy.compilation.answers import FilePlaces
     from musatpy.compilation.bottom import Bottom, PostGrid
-    from musatpy.compilation.compiled import Datum
-    from musatpy.compilation.joined_surfaces import EdgeMatch, Surface
+    from musatpy.compilation.compiled import DepthDatum
+    from musatpy.compilation.joined_surfaces import EdgeMatch, JoinedSurface
 
 Level = tuple[str, float, bool, int, float, float]
 
-SURFACES: Each[Compilation, tuple[str, Surface, Bottom]] = Each(
+SURFACES: Each[CompilationReport, tuple[str, JoinedSurface, Bottom]] = Each(
     "surfaces", "one row per surface of models that overlap, where depths or heights were asked for",
     of=lambda c: [(name, surface, bottom) for bottom in c.bottoms for name, surface in bottom.named], fields=(
         Field("surface", "string", "number, behind an H of heights", lambda s: s[0], "Surface", "A7", is_id=True),
@@ -41,7 +41,7 @@ SURFACES: Each[Compilation, tuple[str, Surface, Bottom]] = Each(
               "Without a surface, because", "A42"),
     ),
 )  # fmt: skip
-EDGES: Each[Compilation, tuple[Bottom, EdgeMatch]] = Each(
+EDGES: Each[CompilationReport, tuple[Bottom, EdgeMatch]] = Each(
     "edge_match", "one row per pair of models that overlap: values of the first less those of the second",
     of=lambda c: [(bottom, edge) for bottom in c.bottoms for edge in bottom.edges], fields=(
         Field("models", "2 string", "model ids", lambda e: e[1].models, ("First", "Second"), "A8", is_id=True),
@@ -58,7 +58,7 @@ EDGES: Each[Compilation, tuple[Bottom, EdgeMatch]] = Each(
         Field("point", "string", "of the largest", lambda e: e[1].names[e[1].largest], "at Point", "A8"),
     ),
 )  # fmt: skip
-GRIDS: Each[Compilation, PostGrid] = Each(
+GRIDS: Each[CompilationReport, PostGrid] = Each(
     "grids", "one row per grid of posts", of=lambda c: [grid for bottom in c.bottoms for grid in bottom.grids],
     fields=(
         identity("grid", "name", text="name"),
@@ -82,7 +82,7 @@ _DRAWN: tuple[Field[Level], ...] = (
     Field("length", "number", "in plan", lambda c: c[4], "Length\nm", "F12.1"),
     Field("area", "number", "enclosed by closed lines", lambda c: c[5], "Enclosed area\nm2", "F14.1", unit="m2"),
 )  # fmt: skip
-CONTOURS: Each[Compilation, Level] = Each(
+CONTOURS: Each[CompilationReport, Level] = Each(
     "contours", "one row per depth of a surface or grid", of=lambda c: _levels(c, "depth"), fields=(
         Field("contour", "string", "surface or grid, and depth", lambda c: f"{c[0]}:{c[1]:.3f}", "Contour", "A18",
               is_id=True),
@@ -92,7 +92,7 @@ CONTOURS: Each[Compilation, Level] = Each(
         *_DRAWN,
     ),
 )  # fmt: skip
-HEIGHT_CONTOURS: Each[Compilation, Level] = Each(
+HEIGHT_CONTOURS: Each[CompilationReport, Level] = Each(
     "height_contours", "one row per height of a surface", of=lambda c: _levels(c, "height"), fields=(
         Field("contour", "string", "surface and height", lambda c: f"{c[0]}:{c[1]:.3f}", "Contour", "A18",
               is_id=True),
@@ -104,7 +104,7 @@ HEIGHT_CONTOURS: Each[Compilation, Level] = Each(
 RECORD = (SURFACES, EDGES, CONTOURS, HEIGHT_CONTOURS, GRIDS)
 
 
-def _levels(done: Compilation, of: str) -> list[Level]:
+def _levels(done: CompilationReport, of: str) -> list[Level]:
     rows: list[Level] = []
     for sheet in (sheet for bottom in done.bottoms if bottom.of == of for sheet in bottom.sheets):
         thick = {line.level for line in sheet.contours.lines if line.index}
@@ -126,7 +126,7 @@ HEIGHT_TABLE = Report("Contours Of Height", HEIGHT_CONTOURS)
 STATED = (SURFACE_TABLE, EDGE_TABLE, CONTOUR_TABLE, HEIGHT_TABLE, GRID_TABLE, COLLOCATED_TABLE)
 
 
-def sections_of(done: Compilation) -> list[Section]:
+def sections_of(done: CompilationReport) -> list[Section]:
     """Return the tables; nothing of what was not asked for."""
     if not done.bottoms:
         return []
@@ -139,7 +139,7 @@ def sections_of(done: Compilation) -> list[Section]:
     ]
 
 
-def grid_csv(grid: PostGrid, places: FilePlaces, datum: Datum) -> str:
+def grid_csv(grid: PostGrid, places: FilePlaces, datum: DepthDatum) -> str:
     """Return the posts of a grid that have a depth as comma-separated values."""
     known = np.isfinite(grid.depth).ravel()
     texts = places.texts(grid.coordinates(datum)[known])
@@ -149,7 +149,7 @@ def grid_csv(grid: PostGrid, places: FilePlaces, datum: Datum) -> str:
     return "\n".join(lines) + "\n"
 
 
-def contours_csv(bottom: Bottom, places: FilePlaces, datum: Datum) -> str:
+def contours_csv(bottom: Bottom, places: FilePlaces, datum: DepthDatum) -> str:
     """Return the contours as comma-separated values, a vertex a line."""
     lines = [f"line,surface,{'depth' if bottom.of == 'depth' else 'level'},index,closed,{places.heading}"]
     number = 0

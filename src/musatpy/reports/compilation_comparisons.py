@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.reports import analyses
-from musatpy.reports.compilation_points import ENU_SIGMAS, Compilation
+from musatpy.reports.compilation_points import ENU_SIGMAS, CompilationReport
 from musatpy.reports.fields import Document, Each, Field, Rows, flag, identity, within
 from musatpy.reports.pages import Section, labelled, print_titled
 from musatpy.reports.table import Report
@@ -22,7 +22,7 @@ def _all(name: str) -> Any:
     return lambda done: np.concatenate([getattr(part, name) for part in done.against])
 
 
-RUN_POINTS: Rows[Compilation, Compilation] = Rows(
+RUN_POINTS: Rows[CompilationReport, CompilationReport] = Rows(
     "against_run", "one row per point that the run has too", (
         identity("model", lambda c: np.concatenate([[part.model.name] * len(part.rows) for part in c.against])),
         identity("point", lambda c: _points_of(c)),
@@ -36,7 +36,7 @@ RUN_POINTS: Rows[Compilation, Compilation] = Rows(
               [f"{side} {axis}\num" for side in ("Left", "Right") for axis in "xy"], "F7.2"),
     ),
 )  # fmt: skip
-ANALYSIS: Each[Compilation, tuple[str, DifferenceStatistics]] = Each(
+ANALYSIS: Each[CompilationReport, tuple[str, DifferenceStatistics]] = Each(
     "analysis",
     "differences of compiled points from the run in numbers, east, north, up",
     of=lambda c: _statistics(c),
@@ -45,7 +45,7 @@ ANALYSIS: Each[Compilation, tuple[str, DifferenceStatistics]] = Each(
         *within(lambda d: d[1], analyses.differences("m", "point")),
     ),
 )
-CAUTION: Field[Compilation] = Field(
+CAUTION: Field[CompilationReport] = Field(
     "caution", "string?", "what is to be known of the run, on every page", lambda c: c.compiled.run.caution or None
 )
 RECORD = (RUN_POINTS, ANALYSIS)
@@ -55,7 +55,7 @@ _ANALYSIS_TABLE = Report(
     ANALYSIS,
     ("component size", ANALYSIS.column("maximum_id", "Point with Max. Difference", "A8")),
 )
-AGAINST_RUN: Document[Compilation] = Document(
+AGAINST_RUN: Document[CompilationReport] = Document(
     name="point_comparison_version",
     version="2.0",
     title="musatpy comparison of compiled points",
@@ -64,13 +64,13 @@ AGAINST_RUN: Document[Compilation] = Document(
 )
 
 
-def point_listing(done: Compilation) -> str:
+def point_listing(done: CompilationReport) -> str:
     """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
     title, caution = "".join(done.compiled.deck.titles[:1]), done.compiled.run.caution
     return print_titled("COMPARISON OF POINTS", title, sections_of(done), caution)
 
 
-def sections_of(done: Compilation) -> list[Section]:
+def sections_of(done: CompilationReport) -> list[Section]:
     """Return the differences, in the layout of Table 6-7 too; nothing where no point is one of the run."""
     if not any(len(part.rows) for part in done.against):
         return []
@@ -89,13 +89,13 @@ def sections_of(done: Compilation) -> list[Section]:
     ]
 
 
-def vectors(done: Compilation) -> tuple[float, float, float]:
+def vectors(done: CompilationReport) -> tuple[float, float, float]:
     """Return the least, the mean and the largest length of the differences, m."""
     length = _all("length")(done)
     return float(length.min()), float(length.mean()), float(length.max())
 
 
-def _statistics(done: Compilation) -> list[tuple[str, DifferenceStatistics]]:
+def _statistics(done: CompilationReport) -> list[tuple[str, DifferenceStatistics]]:
     """Return the components of the differences with their statistics, none where there are no differences."""
     if not any(len(part.rows) for part in done.against):
         return []
@@ -104,7 +104,7 @@ def _statistics(done: Compilation) -> list[tuple[str, DifferenceStatistics]]:
     return list(zip(analysis.components, analysis.statistics, strict=True))
 
 
-def _points_of(done: Compilation) -> Any:
+def _points_of(done: CompilationReport) -> Any:
     return np.concatenate([part.model.readings.ids[part.rows] for part in done.against])
 
 

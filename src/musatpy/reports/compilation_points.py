@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from musatpy.compilation.against_run import AgainstRun
     from musatpy.compilation.answers import FilePlaces, StatedPoints
     from musatpy.compilation.bottom import Bottom
-    from musatpy.compilation.compiled import Compiled, Datum
+    from musatpy.compilation.compiled import Compiled, DepthDatum
     from musatpy.compilation.profiles import CompiledProfile, ProfileScan
     from musatpy.compilation.setups import ModelSetUp
     from musatpy.model import Verdict
@@ -32,7 +32,7 @@ ENU_SIGMAS = [f"Sigma {axis}\nm" for axis in "ENU"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Compilation:
+class CompilationReport:
     """What is reported: a deck on its run, and what came of it."""
 
     compiled: Compiled
@@ -60,7 +60,7 @@ def extremes(
     ]
 
 
-POINTS: Rows[Compilation, Compiled] = Rows(
+POINTS: Rows[CompilationReport, Compiled] = Rows(
     "points", "one row per reading", of=lambda c: c.compiled, fields=(
         identity("model", "model_ids"),
         identity("point", "ids", text="point or feature"),
@@ -103,7 +103,7 @@ STATED_POINTS: Rows[Compiled, tuple[Compiled, StatedPoints]] = Rows(
               unit="that of the coordinates", exact=True),
     ),
 )  # fmt: skip
-ANSWER: FieldGroup[Compilation, Compiled] = FieldGroup(
+ANSWER: FieldGroup[CompilationReport, Compiled] = FieldGroup(
     "stated",
     "the points as the run states its answer (SYS OUT); null where that is in the system of the job",
     of=lambda c: None if c.compiled.run.stated is None else c.compiled,
@@ -155,7 +155,7 @@ ANSWER_TABLES: tuple[Report[Any], Report[Any]] = (
 )
 
 
-PROFILES: Each[Compilation, CompiledProfile] = Each(
+PROFILES: Each[CompilationReport, CompiledProfile] = Each(
     "profiles", "one row per profile, of scans per line", of=lambda c: c.profiles, fields=(
         identity("model", "model"),
         identity("profile", "name"),
@@ -179,7 +179,7 @@ PROFILES: Each[Compilation, CompiledProfile] = Each(
               edit="A38"),
     ),
 )  # fmt: skip
-SCANS: Each[Compilation, ProfileScan] = Each(
+SCANS: Each[CompilationReport, ProfileScan] = Each(
     "scans", "one row per profile of several lines", of=lambda c: c.scans, fields=(
         identity("model", "model"),
         identity("profile", "name"),
@@ -209,7 +209,7 @@ SCAN_TABLE = Report("Scans By Profiles Side By Side", SCANS)
 OF_PROFILES = (PROFILE_TABLE, PACE_TABLE, SCAN_TABLE)
 
 
-def profile_sections(done: Compilation) -> list[Section]:
+def profile_sections(done: CompilationReport) -> list[Section]:
     """Return the tables, and the spikes; nothing without profiles."""
     if not done.profiles:
         return []
@@ -227,7 +227,7 @@ def profile_sections(done: Compilation) -> list[Section]:
     ]
 
 
-def profiles_csv(profiles: Sequence[CompiledProfile], places: FilePlaces, datum: Datum) -> str:
+def profiles_csv(profiles: Sequence[CompiledProfile], places: FilePlaces, datum: DepthDatum) -> str:
     """Return the readings of profiles, and the depths at even steps, as comma-separated values.
 
     What a row is stands first: a reading, a spike, a reading that thinning does not need, or a post.
@@ -255,7 +255,7 @@ def profiles_csv(profiles: Sequence[CompiledProfile], places: FilePlaces, datum:
 STATED = (POINT_TABLE, *ANSWER_TABLES, APPARENT_TABLE, RAY_TABLE, *OF_PROFILES)
 
 
-def point_sections(done: Compilation) -> list[Section]:
+def point_sections(done: CompilationReport) -> list[Section]:
     """Return the tables of points."""
     words, answer = _words(done.compiled), list[Section]()
     if words is not None:

@@ -30,7 +30,7 @@ _LEAST = 0.9  # correlation of depths that differ by a scale
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Differences:
+class DepthDifferences:
     """n soundings that meet a bottom: compiled and sounded depths (n,) m, and the sigma (n,) of a difference."""
 
     names: TextArray
@@ -55,9 +55,9 @@ class Differences:
             good = kept
         return ~good
 
-    def part(self, rows: BoolArray) -> Differences:
+    def part(self, rows: BoolArray) -> DepthDifferences:
         """Return some of the soundings."""
-        return Differences(
+        return DepthDifferences(
             names=self.names[rows], compiled=self.compiled[rows], sounded=self.sounded[rows], sigma=self.sigma[rows]
         )
 
@@ -108,7 +108,7 @@ def median_and_spread(values: FloatArray) -> tuple[float, float]:
     return middle, float(_NORMAL * np.median(np.abs(values - middle)))
 
 
-def samples(differences: Differences) -> list[Sample]:
+def samples(differences: DepthDifferences) -> list[Sample]:
     """Return all differences, those without blunders, and those without blunders by bands of sounded depth."""
     good = differences.part(~differences.blunders)
     out = [_sample("all", differences), _sample("without blunders", good)]
@@ -119,14 +119,14 @@ def samples(differences: Differences) -> list[Sample]:
     return out
 
 
-def _sample(what: str, part: Differences) -> Sample:
+def _sample(what: str, part: DepthDifferences) -> Sample:
     middle, spread = median_and_spread(part.difference)
     return Sample(
         what=what, statistics=difference_statistics(part.difference, part.names), median=middle, spread=spread
     )
 
 
-def regression(differences: Differences) -> Regression | None:
+def regression(differences: DepthDifferences) -> Regression | None:
     """Return the regression on the sounded depth without blunders; None for fewer than three, or of one depth."""
     good = differences.part(~differences.blunders)
     if len(good.sounded) < 3 or not np.ptp(good.sounded) > 0.0:
@@ -151,7 +151,7 @@ def regression(differences: Differences) -> Regression | None:
     )
 
 
-def order_shares(differences: Differences) -> list[OrderShare]:
+def order_shares(differences: DepthDifferences) -> list[OrderShare]:
     """Return the share of all differences within the vertical uncertainty of each order of S-44."""
     size = np.abs(differences.difference)
     return [
@@ -160,7 +160,7 @@ def order_shares(differences: Differences) -> list[OrderShare]:
     ]
 
 
-def likeness_warning(differences: Differences) -> str:
+def likeness_warning(differences: DepthDifferences) -> str:
     """Return what soundings look like that differ from compiled depths by a scale, a sign or a constant; or ''.
 
     A constant is beyond 3.29 sigmas of a single difference: errors of a bottom may be common to all its places.

@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.figures import BLUE, GREY, INK, RED, add_bar, new_panels, styled
-from musatpy.soundings.differences import Differences, regression
+from musatpy.soundings.differences import DepthDifferences, regression
 
 _SIDE = 4.2  # inches, of each of three panels
 _LEAST_BINS, _MOST_BINS = 8, 60
@@ -18,7 +18,7 @@ _MOST = 98.0  # percentile of the sizes of differences that have shades of their
 
 
 @styled
-def difference_figure(differences: Differences, xy: FloatArray, title: str) -> Any:
+def difference_figure(differences: DepthDifferences, xy: FloatArray, title: str) -> Any:
     """Return the figure of differences at places xy (k, 2) m, to be laid out; blunders are crosses.
 
     Raises `MusatError` where matplotlib is missing.
@@ -31,7 +31,7 @@ def difference_figure(differences: Differences, xy: FloatArray, title: str) -> A
     return figure
 
 
-def _draw_depths(axes: Any, differences: Differences, blunders: BoolArray) -> None:
+def _draw_depths(axes: Any, differences: DepthDifferences, blunders: BoolArray) -> None:
     """Draw compiled over sounded depths, with the line on which both are equal, and the regression."""
     sounded, compiled = differences.sounded, differences.compiled
     axes.plot(sounded[~blunders], compiled[~blunders], ".", color=GREY, label="soundings")
@@ -45,7 +45,7 @@ def _draw_depths(axes: Any, differences: Differences, blunders: BoolArray) -> No
     axes.set(aspect="equal", xlabel="sounded depth, m", ylabel="compiled depth, m")
 
 
-def _draw_histogram(axes: Any, differences: Differences, blunders: BoolArray) -> None:
+def _draw_histogram(axes: Any, differences: DepthDifferences, blunders: BoolArray) -> None:
     """Draw the frequency of differences without blunders, with their median."""
     good = differences.difference[~blunders]
     bins = int(np.clip(np.sqrt(len(good)), _LEAST_BINS, _MOST_BINS))

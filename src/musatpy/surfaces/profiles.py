@@ -12,7 +12,7 @@ _HALF = 3  # readings to either side of one whose median it is held against
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Profile:
+class LineProfile:
     """k readings in the order of their stations (k,) m along a line, `offset` (k,) m to its left; input `rows`.
 
     spike (k,) are readings farther from the median of seven than a limit, kept (k,) those that a thinning needs.
@@ -53,7 +53,7 @@ class Profile:
 
 def profile(
     xy: FloatArray, value: FloatArray, start: FloatArray, end: FloatArray, *, spike: float, tolerance: float
-) -> Profile:
+) -> LineProfile:
     """Return the readings xy (k, 2) m with values (k,) along the line from `start` (2,) to `end` (2,).
 
     `spike` and `tolerance` (m) are the limits of spikes and of thinning (Douglas and Peucker 1973, in station and
@@ -67,7 +67,7 @@ def profile(
     kept = np.zeros(len(order), dtype=bool)
     good = np.flatnonzero(~spikes)
     kept[good[_needed(station[good], values[good], tolerance)]] = True
-    return Profile(rows=order, station=station, offset=offset[order], value=values, spike=spikes, kept=kept)
+    return LineProfile(rows=order, station=station, offset=offset[order], value=values, spike=spikes, kept=kept)
 
 
 def _running_median(values: FloatArray) -> FloatArray:
