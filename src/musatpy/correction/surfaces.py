@@ -20,7 +20,7 @@ from musatpy.errors import DepthError, Problem
 from musatpy.interchange import geotiff
 from musatpy.interchange.geotiff import Raster
 from musatpy.interchange.layers import Posts
-from musatpy.refraction.apparent import Fault, TruePoints
+from musatpy.refraction.apparent import TruePoints
 
 _BANDS = ("height", "depth", "sigma")  # m each, sigma of the height
 _TURNS = 3  # times that the apparent place of a post is looked for; what is left is the cube of a slope
