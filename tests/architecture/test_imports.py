@@ -317,7 +317,7 @@ def test_a_run_loads_nothing_heavy():
         ("musatpy.model.block", "from ..statistics import quality", "statistics"),
         ("musatpy.model.block", "if TYPE_CHECKING:\n    from musatpy.cli import main", "cli"),
         ("musatpy.model.block", "from importlib import import_module\nimport_module('musatpy.cli.run')", "cli"),
-        ("musatpy.simulation.water_keys", "from musatpy.formats import musat", "formats"),
+        ("musatpy.simulation.scene_keys", "from musatpy.formats import musat", "formats"),
         ("musatpy.newroom.thing", "from musatpy.model import Block", "model"),
     ],
 )
@@ -332,7 +332,7 @@ def test_a_breach_is_found(module, source, found):
         ("musatpy.model.block", "import musatpy\nfrom musatpy import __version__, units"),
         ("musatpy.refraction.flat", "from ..geometry.geodesy import Frame\nimport numpy as np"),
         ("musatpy.cli.run", "def command():\n    from musatpy.runs import run_deck"),
-        ("musatpy.simulation.water_keys", "from musatpy.formats.refractive_index import index_of"),
+        ("musatpy.simulation.scene_keys", "from musatpy.formats.refractive_index import index_of"),
     ],
 )
 def test_what_is_allowed_is_no_breach(module, source):

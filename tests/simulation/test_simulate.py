@@ -309,7 +309,6 @@ def test_spec_without_points_gives_an_empty_block():
         ({"air_base": [{"photos": ["1", "77"]}]}, "unknown photos: 77"),
         ({"job": {"centre": [10.0, 10.0], "ellipsoid": "krakatoa"}}, "krakatoa"),
         ({"flight": {"first_photo": 10**40}}, "flight.first_photo: 1000.* is beyond 4611686018427387904"),
-        ({"job": {"system": "GEOG", "semi_major_axis": 6.4e6, "inverse_flattening": 0.3}}, "or greater than 1"),
         (
             {"job": {"system": "GEOG"}, "point": [{"id": "P", "geographic": [1000.0, 1000.0, 0.0]}]},
             "points lie beyond all numbers",

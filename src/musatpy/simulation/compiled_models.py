@@ -12,12 +12,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import (
-    IN_PROFILE,
     Compilation,
     ContourSpec,
     GridSpecs,
@@ -27,16 +26,16 @@ from musatpy.model.compilation import (
     StereomodelSpecs,
 )
 from musatpy.model.tables import empty, stacked
-from musatpy.simulation.compilation_keys import CompilationKeys
 from musatpy.simulation.flight import FlightPlan, TrueFlight
+from musatpy.simulation.scene_keys import CompilationKeys, SurfaceKeys
 from musatpy.simulation.simulation_spec import SimulationSpec
-from musatpy.simulation.terrain import Ground
+from musatpy.simulation.terrain import TrueGround
 from musatpy.simulation.true_images import project
-from musatpy.simulation.world import Places, World
+from musatpy.simulation.world import TruePlaces, World
 from musatpy.units import DEGREE, MICROMETRE
 
 _CANDIDATES = 20  # drawn for each point that is wanted: most of a model is in both formats
-_UP = np.array([0.0, 0.0, 0.1])  # m, by which the direction of the x-parallax is found
+_CONTOURS = 2.0  # m, their interval
 _STREAM = "compilation "
 
 
@@ -68,7 +67,7 @@ class CompiledTruth:
 
 
 def compile_models(
-    spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, ground: Ground, world: World, draws: Draws
+    spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, ground: TrueGround, world: World, draws: Draws
 ) -> CompiledTruth | None:
     """Return what is compiled in the models of a spec, None where it asks for nothing.
 
@@ -79,190 +78,119 @@ def compile_models(
         return None
     if spec.water is None:
         raise SpecError([Problem(field="compilation", message="the block has no water")])
-    scene = _Scene(spec=spec, keys=keys, plan=plan, flight=flight, ground=ground, world=world, draws=draws)
+    scene = _Scene(
+        spec=spec, keys=keys, water=spec.water, plan=plan, flight=flight, ground=ground, world=world, draws=draws
+    )
     return scene.compiled()
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Read:
-    """Readings of a model: names and classes (k,), true places, whether they are submerged, images (k, 2, 2) mm."""
-
-    ids: TextArray
-    kind: TextArray
-    places: Places
-    submerged: BoolArray
-    xy: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Scene:
     spec: SimulationSpec
     keys: CompilationKeys
+    water: SurfaceKeys
     plan: FlightPlan
     flight: TrueFlight
-    ground: Ground
+    ground: TrueGround
     world: World
     draws: Draws
 
     def compiled(self) -> CompiledTruth:
-        """Return the deck with its truth, and soundings."""
-        pairs = self.pairs
+        """Return the deck with its truth, and soundings. The photos of a model are neighbours of a strip."""
+        strips, photos = self.plan.nadirs.shape[:2]
+        pairs = [pair for strip in range(strips) for pair in pairwise(range(strip * photos, (strip + 1) * photos))]
         if not pairs:
             raise SpecError([Problem(field="compilation", message="no strip has two photos")])
-        models = [self._model(number, *pair) for number, pair in enumerate(pairs)]
-        names = np.array([f"M{number}" for number in range(1, len(pairs) + 1)])
-        left, right = (np.array([self.flight.ids[pair[side]] for pair in pairs]) for side in (0, 1))
-        places = [read.places for read in models]
-        all_places = places[0]
-        for more in places[1:]:
-            all_places = all_places.with_more(more)
+        pair = np.array(pairs)
+        read = [self._model(number, pair[number]) for number in range(len(pair))]
+        stages, places = stacked([readings for readings, _ in read]), read[0][1]
+        for _, more in read[1:]:
+            places = places.with_more(more)
+        names, ids = np.array([f"M{number}" for number in range(1, len(pair) + 1)]), np.array(self.flight.ids)
         deck = Compilation(
             titles=self.spec.title,
             models=StereomodelSpecs(
                 ids=names,
-                left=left,
-                right=right,
+                left=ids[pair[:, 0]],
+                right=ids[pair[:, 1]],
                 pointing=np.full(len(names), max(self.keys.pointing, 0.001) * MICROMETRE),
             ),
-            stages=stacked([self._stages(number, read) for number, read in enumerate(models)]),
-            profiles=self._profiles(len(pairs)),
-            datum=SoundingDatum(name="LEVEL", height=self._level),
-            contours=ContourSpec(interval=self.keys.contours),
-            grids=self._grid(),
+            stages=stages,
+            profiles=self._profiles(len(pair)),
+            datum=SoundingDatum(name="LEVEL", height=self.water.level),
+            contours=ContourSpec(interval=_CONTOURS),
+            grids=empty(GridSpecs),
         )
-        wet = np.concatenate([read.submerged for read in models])
-        tide = np.concatenate(
-            [
-                np.full(len(read.ids), self.flight.tide[list(pair)].mean())
-                for read, pair in zip(models, pairs, strict=True)
-            ]
-        )
-        depth = np.where(wet, tide - all_places.natural[:, 2], np.nan)
+        tide = self.flight.tide[pair].mean(axis=1)[stages.model]
         return CompiledTruth(
             deck=deck,
-            position=all_places.job,
-            depth=depth,
-            soundings=self._soundings(all_places),
+            position=places.job,
+            depth=np.where(stages.submerged, tide - places.natural[:, 2], np.nan),
+            soundings=self._soundings(places),
             angular=self.spec.job.system == CoordinateSystem.GEOGRAPHIC,
         )
-
-    @property
-    def pairs(self) -> list[tuple[int, int]]:
-        """The photos of each model: neighbours of a strip."""
-        strips, photos = self.plan.nadirs.shape[:2]
-        return [pair for strip in range(strips) for pair in pairwise(range(strip * photos, (strip + 1) * photos))]
-
-    @property
-    def _level(self) -> float:
-        assert self.spec.water is not None  # asked before
-        return float(self.spec.water.level)
 
     def bottom(self, plan: FloatArray) -> FloatArray:
         """Return the heights (k,) of the bottom at plan coordinates (k, 2)."""
         low, high = self.keys.depth
         phase = 2.0 * np.pi * plan / self.keys.wavelength
-        return np.asarray(self._level - 0.5 * (low + high) - 0.25 * (high - low) * np.sin(phase).sum(axis=1))
+        return np.asarray(self.water.level - 0.5 * (low + high) - 0.25 * (high - low) * np.sin(phase).sum(axis=1))
 
-    def _model(self, number: int, left: int, right: int) -> _Read:
-        """Return the readings of a model, without errors."""
-        keys, first = self.keys, 1000 * (number + 1)
-        wet = self._seen(number, left, right, keys.points, submerged=True)
-        dry = self._seen(number, left, right, keys.dry, submerged=False)
-        ids = [f"{first + row}" for row in range(keys.points + keys.dry)]
-        kinds, parts = ["G"] * len(ids), [wet, dry]
+    def _model(self, number: int, pair: IntArray) -> tuple[StageReadings, TruePlaces]:
+        """Return the readings of a model with the errors of the operator, and their true places."""
+        keys, generated = self.keys, self.keys.points + self.keys.dry
+        plan = [self._shown(number, pair, keys.points, wet=True), self._shown(number, pair, keys.dry, wet=False)]
+        ids, kinds = [f"{1000 * (number + 1) + row}" for row in range(generated)], ["G"] * generated
         for line in range(keys.profiles):
-            parts.append(self._places(self._line(left, right, line), submerged=True))
+            plan.append(self._line(pair, line))
             ids += [f"A{line + 1}", f"B{line + 1}", *[f"P{line + 1}"] * keys.readings]
             kinds += ["G", "G", *["P"] * keys.readings]
-        places, submerged = parts[0]
-        for more, flags in parts[1:]:
-            places, submerged = places.with_more(more), np.concatenate([submerged, flags])
-        xy = self._images(places, submerged, left, right)
-        return _Read(ids=np.array(ids), kind=np.array(kinds), places=places, submerged=submerged, xy=xy)
+        submerged = np.ones(len(ids), dtype=bool)
+        submerged[keys.points : generated] = False
+        places = self._places(np.concatenate(plan), submerged)
+        error = keys.pointing * MICROMETRE * self.draws.normal(f"{_STREAM}{number} pointing", len(ids), 4)
+        readings = StageReadings(
+            model=np.full(len(ids), number),
+            ids=np.array(ids),
+            kind=np.array(kinds),
+            submerged=submerged,
+            xy=np.round(self._images(places, submerged, pair) + error.reshape(-1, 2, 2), 6),
+            time=np.full(len(ids), np.nan),
+        )
+        return readings, places
 
-    def _places(self, plan: FloatArray, *, submerged: bool) -> tuple[Places, BoolArray]:
-        """Return places of the bottom, or of the land, at plan coordinates (k, 2), and that they are so."""
-        height = self.bottom(plan) if submerged else np.full(len(plan), self.spec.terrain.level)
-        return self.world.at_plan(plan, height), np.full(len(plan), submerged)
+    def _places(self, plan: FloatArray, submerged: BoolArray) -> TruePlaces:
+        """Return places of the bottom, or of the land, at plan coordinates (k, 2)."""
+        return self.world.at_plan(plan, np.where(submerged, self.bottom(plan), self.spec.terrain.level))
 
-    def _seen(self, number: int, left: int, right: int, count: int, *, submerged: bool) -> tuple[Places, BoolArray]:
-        """Return so many places that both photos of a model show. Raises `SpecError` where there are fewer."""
-        nadirs = self.world.plan(self.flight.stations[np.array([left, right])])
-        stream = f"{_STREAM}{number} {'wet' if submerged else 'dry'}"
+    def _shown(self, number: int, pair: IntArray, count: int, *, wet: bool) -> FloatArray:
+        """Return plan coordinates (count, 2) that both photos of a model show. Raises `SpecError` for too few."""
+        stream, camera = f"{_STREAM}{number} {'wet' if wet else 'dry'}", self.spec.camera
         offset = (self.draws.uniform(stream, _CANDIDATES * max(count, 1), 2) - 0.5) * 2.0 * self.plan.reach
-        plan = nadirs.mean(axis=0) + offset
-        places, flags = self._places(plan, submerged=submerged)
-        xy = self._images(places, flags, left, right)
-        half = np.array(self.spec.camera.format) / 2.0 - self.spec.camera.margin
-        inside = np.flatnonzero((np.abs(xy - self.spec.camera.principal_point) <= half).all(axis=(1, 2)))[:count]
+        plan = self.world.plan(self.flight.stations[pair]).mean(axis=0) + offset
+        submerged = np.full(len(plan), wet)
+        xy = self._images(self._places(plan, submerged), submerged, pair)
+        half = np.array(camera.format) / 2.0 - camera.margin
+        inside = np.flatnonzero((np.abs(xy - camera.principal_point) <= half).all(axis=(1, 2)))[:count]
         if len(inside) < count:
-            photos = f"photos {self.flight.ids[left]} and {self.flight.ids[right]}"
-            message = f"{photos} show {len(inside)} of {len(plan)} places, and {count} points are wanted"
+            photos = " and ".join(self.flight.ids[photo] for photo in pair)
+            message = f"photos {photos} show {len(inside)} of {len(plan)} places, and {count} points are wanted"
             raise SpecError([Problem(field="compilation.points", message=message)])
-        return places[inside], flags[inside]
+        return plan[inside]
 
-    def _line(self, left: int, right: int, line: int) -> FloatArray:
+    def _line(self, pair: IntArray, line: int) -> FloatArray:
         """Return plan coordinates (2 + readings, 2) of the ends of a line along the base, and of its readings."""
-        first, second = self.world.plan(self.flight.stations[np.array([left, right])])
+        first, second = self.world.plan(self.flight.stations[pair])
         along = second - first
         across = np.array([along[1], -along[0]]) * (line - 0.5 * (self.keys.profiles - 1)) * 0.25
         steps = np.concatenate([[0.05, 0.95], np.linspace(0.08, 0.92, self.keys.readings)])
         return np.asarray(first + across + steps[:, None] * along)
 
-    def _images(self, places: Places, submerged: BoolArray, left: int, right: int) -> FloatArray:
+    def _images(self, places: TruePlaces, submerged: BoolArray, pair: IntArray) -> FloatArray:
         """Return the exact images (k, 2, 2) mm of places on two photos."""
-        assert self.spec.water is not None
-        ground = replace(self.ground, places=places, bathymetric=submerged)
-        point: IntArray = np.arange(len(submerged))
-        sides = [
-            project(
-                self.spec.camera, self.flight, ground, self.world, self.spec.water.index,
-                np.full(len(point), photo), point,
-            ).xy
-            for photo in (left, right)
-        ]  # fmt: skip
-        return np.stack(sides, axis=1)
-
-    def _stages(self, number: int, read: _Read) -> StageReadings:
-        """Return the readings with the errors of the operator."""
-        error = self.keys.pointing * MICROMETRE * self.draws.normal(f"{_STREAM}{number} pointing", len(read.ids), 4)
-        xy = read.xy + error.reshape(-1, 2, 2)
-        if self.keys.bias:
-            xy[:, 1] += self.keys.bias * MICROMETRE * self._parallax(number, read)
-        return StageReadings(
-            model=np.full(len(read.ids), number),
-            ids=read.ids,
-            kind=read.kind,
-            submerged=read.submerged,
-            xy=np.round(xy, 6),
-            time=self._times(read.kind),
-        )
-
-    def _times(self, kind: TextArray) -> FloatArray:
-        """Return the times (k,) of readings, those of profiles one after the other; NaN of others."""
-        in_profile = kind == IN_PROFILE
-        count = np.cumsum(in_profile) - 1.0
-        return np.where(in_profile & (self.keys.pace > 0.0), self.keys.pace * count, np.nan)
-
-    def _grid(self) -> GridSpecs:
-        """Return the grid of posts over all of the bottom, none where the spec asks for none."""
-        if not self.keys.grid:
-            return empty(GridSpecs)
-        corner = np.full((1, 2), np.nan)
-        return GridSpecs(
-            ids=np.array(["POSTS"]),
-            collocated=np.array([False]),
-            spacing=np.array([self.keys.grid]),
-            first=corner,
-            second=corner,
-        )
-
-    def _parallax(self, number: int, read: _Read) -> FloatArray:
-        """Return the direction (k, 2) in which the right image moves against the left one as a point rises."""
-        higher = self.world.at_natural(read.places.natural + _UP)
-        moved = self._images(higher, read.submerged, *self.pairs[number]) - read.xy
-        parallax = moved[:, 1] - moved[:, 0]
-        return np.asarray(parallax / np.linalg.norm(parallax, axis=1)[:, None])
+        ground, point = replace(self.ground, places=places, bathymetric=submerged), np.arange(len(submerged))
+        scene = self.spec.camera, self.flight, ground, self.world, self.water.index
+        return np.stack([project(*scene, np.full(len(point), photo), point).xy for photo in pair], axis=1)
 
     def _profiles(self, models: int) -> ProfileSpecs:
         count = self.keys.profiles
@@ -278,14 +206,13 @@ class _Scene:
             spacing=np.full(len(lines), 50.0),
         )
 
-    def _soundings(self, places: Places) -> str:
+    def _soundings(self, places: TruePlaces) -> str:
         """Return soundings within the extent of the compiled points, as the text of a file."""
         keys, plan = self.keys, self.world.plan(places)
         low, high = plan.min(axis=0), plan.max(axis=0)
         at = low + (high - low) * self.draws.uniform(f"{_STREAM}soundings", keys.soundings, 2)
-        depth = self._level + keys.datum_offset - self.bottom(at)
+        depth = self.water.level - self.bottom(at)
         depth += keys.sounding_error * self.draws.normal(f"{_STREAM}sounding errors", keys.soundings)
-        at = at + keys.place_error * self.draws.normal(f"{_STREAM}sounding places", keys.soundings, 2)
         angular = self.spec.job.system != CoordinateSystem.LOCAL
         plane = self.world.plane(at) / (DEGREE if angular else 1.0)
         lines = ["name,lat,lon,depth,sigma" if angular else "name,x,y,depth,sigma"]

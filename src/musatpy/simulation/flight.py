@@ -10,9 +10,8 @@ from musatpy.arrays import FloatArray
 from musatpy.draws import Draws
 from musatpy.geometry.collinearity import wrapped
 from musatpy.simulation.simulation_spec import SimulationSpec
-from musatpy.simulation.true_water import TrueWater, true_water
-from musatpy.simulation.true_waves import GivenWaves, state_waves
-from musatpy.simulation.world import ATTITUDE_DECIMALS, METRE_DECIMALS, Places, World, on_grid
+from musatpy.simulation.true_water import GivenWaves, TrueWater, state_waves, true_water
+from musatpy.simulation.world import ATTITUDE_DECIMALS, METRE_DECIMALS, TruePlaces, World, on_grid
 from musatpy.units import DEGREE
 
 TIME_DECIMALS = 3  # of a second, on the tide cards
@@ -37,7 +36,7 @@ class TrueFlight:
     """n true exposures, on the grid of the cards."""
 
     ids: tuple[str, ...]
-    stations: Places
+    stations: TruePlaces
     attitude: FloatArray  # (n, 3) rad, in the local vertical frame of the station
     tide: FloatArray  # (n,) m, in the middle of the stations; NaN without water
     time: FloatArray  # (n,) s; NaN without waves

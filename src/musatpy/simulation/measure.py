@@ -1,7 +1,8 @@
-"""What the deck says of the truth: plate coordinates, control, stations, each with its errors."""
+"""What the deck says of the truth, each with its errors: plates, control, stations, bases, distances, heights."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,13 +11,13 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
-from musatpy.model import ControlKind, CoordinateSystem
+from musatpy.model import AirBases, ControlKind, CoordinateSystem
 from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.mistakes import drawn_sizes, gross_control
-from musatpy.simulation.simulation_spec import ControlKeys, SimulationSpec
-from musatpy.simulation.terrain import GIVEN, Ground, inside, spread
-from musatpy.simulation.true_images import Images
-from musatpy.simulation.world import ATTITUDE_DECIMALS, World, on_grid
+from musatpy.simulation.simulation_spec import ControlKeys, DistanceKeys, SimulationSpec
+from musatpy.simulation.terrain import GIVEN, TrueGround, inside, spread
+from musatpy.simulation.true_images import TrueImages
+from musatpy.simulation.world import ATTITUDE_DECIMALS, METRE_DECIMALS, World, on_grid
 from musatpy.units import DEGREE, MICROMETRE
 
 
@@ -62,11 +63,10 @@ class GivenStations:
     attitude: FloatArray  # (n, 3) rad, in the local vertical frame of the given position
     position_sigma: FloatArray  # (n, 3) m
     attitude_sigma: FloatArray  # (n, 3) rad
-    gross: FloatArray  # (n, 6) gross errors east, north, up m, of the angles rad
 
 
 def choose_control(
-    spec: SimulationSpec, ground: Ground, images: Images, world: World, draws: Draws
+    spec: SimulationSpec, ground: TrueGround, images: TrueImages, world: World, draws: Draws
 ) -> GivenControl:
     """Return the control. Raises `SpecError` where a table asks for points that are not there."""
     names = list(ground.ids)
@@ -85,7 +85,7 @@ def choose_control(
     return _given_control(spec, ground, chosen, tuple(names), world, draws)
 
 
-def _control_points(table: ControlKeys, ground: Ground, free: BoolArray, where: str) -> IntArray:
+def _control_points(table: ControlKeys, ground: TrueGround, free: BoolArray, where: str) -> IntArray:
     """Return the rows of the ground that a [[control]] table takes."""
     if table.points:
         rows = {name: row for row, name in enumerate(ground.ids)}
@@ -106,7 +106,7 @@ def _control_points(table: ControlKeys, ground: Ground, free: BoolArray, where: 
 
 def _given_control(
     spec: SimulationSpec,
-    ground: Ground,
+    ground: TrueGround,
     chosen: list[IntArray],
     names: tuple[str, ...],
     world: World,
@@ -124,7 +124,7 @@ def _given_control(
         on_card = np.ones_like(known)  # X, Y, Z are given together; the kind says what is known
     else:
         on_card = known | (kind == ControlKind.CHECK)[:, None]
-    gross = gross_control(spec, [names[row] for row in point], known, on_card, draws)
+    gross = gross_control(spec, known, draws)
     error = np.round(draws.normal("control errors", len(point), 3) * sizes, 6) * on_card + gross
     error += 0.0  # no -0.0 in the truth
     true = ground.places[point]
@@ -146,40 +146,31 @@ def _given_control(
 def state_stations(spec: SimulationSpec, flight: TrueFlight, world: World, draws: Draws) -> GivenStations:
     """Return stations and attitudes as the deck gives them: with errors, on the grid of the cards.
 
-    The attitude is turned to the vertical frame of the given position, which is not that of the true one. Raises
-    `SpecError` where a [[wrong_station]] is of no photo.
+    The attitude is turned to the vertical frame of the given position, which is not that of the true one.
     """
     keys, n = spec.stations, len(flight.ids)
-    gross = _wrong_stations(spec, flight)
     draw = draws.normal if keys.error_kind == "normal" else draws.signs
-    shift = draw("station errors", n, 3) * keys.position_error + gross[:, :3]
-    turn = draw("attitude errors", n, 3) * keys.attitude_error * DEGREE + gross[:, 3:]
+    shift = draw("station errors", n, 3) * keys.position_error
+    turn = draw("attitude errors", n, 3) * keys.attitude_error * DEGREE
     true = flight.stations
     given = world.at_xyz(true.xyz + np.einsum("kji,kj->ki", true.vertical, shift))
     M = attitude_matrix(flight.attitude) @ true.vertical @ np.swapaxes(given.vertical, -1, -2)
     nan = (np.nan,) * 3
-    attitude = on_grid(attitude_from_matrix(M) + turn, ATTITUDE_DECIMALS)
     return GivenStations(
-        position=given.job if keys.given else np.full((n, 3), np.nan),
-        attitude=attitude if keys.given else np.full((n, 3), np.nan),
-        gross=gross,
+        position=given.job,
+        attitude=on_grid(attitude_from_matrix(M) + turn, ATTITUDE_DECIMALS),
         position_sigma=np.tile(keys.position_sigma or nan, (n, 1)),
         attitude_sigma=np.tile(keys.attitude_sigma or nan, (n, 1)) * (DEGREE / 3600.0),
     )
 
 
-def _wrong_stations(spec: SimulationSpec, flight: TrueFlight) -> FloatArray:
-    """Return the gross errors (n, 6) of stations, m, and attitudes, rad."""
-    gross = np.zeros((len(flight.ids), 6))
-    for i, wrong in enumerate(spec.wrong_station, start=1):
-        if wrong.photo not in flight.ids:
-            raise SpecError([Problem(field=f"wrong_station[{i}].photo", message=f"unknown photo: {wrong.photo}")])
-        gross[flight.ids.index(wrong.photo)] += [*wrong.shift, *np.multiply(wrong.turn, DEGREE)]
-    return gross
-
-
 def measure_plates(
-    spec: SimulationSpec, flight: TrueFlight, ground: Ground, control: GivenControl, images: Images, draws: Draws
+    spec: SimulationSpec,
+    flight: TrueFlight,
+    ground: TrueGround,
+    control: GivenControl,
+    images: TrueImages,
+    draws: Draws,
 ) -> MeasuredPlates:
     """Return the measured plate coordinates: noise, then blunders, then the least count."""
     keys, m = spec.measurement, len(images.photo)
@@ -189,8 +180,7 @@ def measure_plates(
     added = _blunders(spec, flight, control.names, images, draws)
     ticks = np.rint((images.xy + noise + added) / (keys.least_count * MICROMETRE))
     hit = np.flatnonzero(np.any(added != 0.0, axis=1))
-    on_card = (factor > 1.0) & np.full(2, keys.factor_on_cards)
-    sigma = np.where(on_card, factor * keys.sigma * MICROMETRE, np.nan)
+    sigma = np.repeat(np.where(factor > 1.0, factor * keys.sigma * MICROMETRE, np.nan), 2, axis=1)
     return MeasuredPlates(
         xy=np.round(ticks * (keys.least_count * MICROMETRE), 6),
         sigma=np.round(sigma, 5).astype(float),
@@ -207,7 +197,7 @@ def measure_plates(
     )
 
 
-def _rows(flight: TrueFlight, names: tuple[str, ...], images: Images) -> dict[tuple[str, str], int]:
+def _rows(flight: TrueFlight, names: tuple[str, ...], images: TrueImages) -> dict[tuple[str, str], int]:
     """Return the row of each measurement by photo id and point id."""
     return {
         (flight.ids[photo], names[point]): row
@@ -216,7 +206,7 @@ def _rows(flight: TrueFlight, names: tuple[str, ...], images: Images) -> dict[tu
 
 
 def _blunders(
-    spec: SimulationSpec, flight: TrueFlight, names: tuple[str, ...], images: Images, draws: Draws
+    spec: SimulationSpec, flight: TrueFlight, names: tuple[str, ...], images: TrueImages, draws: Draws
 ) -> FloatArray:
     """Return the gross errors (m, 2) mm. Raises `SpecError` where one names a measurement that is not there."""
     keys, m = spec.blunders, len(images.photo)
@@ -245,7 +235,12 @@ def _row(rows: dict[tuple[str, str], int], photo: str, point: str, field: str) -
 
 
 def _kept_out(
-    spec: SimulationSpec, flight: TrueFlight, ground: Ground, control: GivenControl, images: Images, draws: Draws
+    spec: SimulationSpec,
+    flight: TrueFlight,
+    ground: TrueGround,
+    control: GivenControl,
+    images: TrueImages,
+    draws: Draws,
 ) -> BoolArray:
     """Return which measurements (m,) carry the flag that keeps them out of the solution."""
     points = np.zeros(len(ground.ids), dtype=bool)
@@ -258,3 +253,98 @@ def _kept_out(
         for photo, point in spec.kept_out.measurements:
             kept[_row(rows, photo, point, "kept_out.measurements")] = True
     return np.asarray(kept)
+
+
+# --- between two places ---
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ties:
+    """Measurements (d,) between two points: as the deck gives them, and as they are."""
+
+    point: IntArray  # (d, 2) rows of the ground
+    given: FloatArray  # (d,) m
+    true: FloatArray  # (d,) m
+    sigma: FloatArray  # (d,) m
+
+
+def air_bases(spec: SimulationSpec, flight: TrueFlight, draws: Draws) -> tuple[AirBases, FloatArray]:
+    """Return the given air bases and the true lengths (b,). Raises `SpecError` where a photo is unknown."""
+    rows = {name: row for row, name in enumerate(flight.ids)}
+    unknown = [name for base in spec.air_base for name in base.photos if name not in rows]
+    if unknown:
+        raise SpecError([Problem(field="air_base", message=f"unknown photos: {', '.join(unknown)}")])
+    photo = np.array([[rows[name] for name in base.photos] for base in spec.air_base], dtype=int).reshape(-1, 2)
+    ends = flight.stations.xyz[photo]
+    true = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    error = draws.normal("air bases", len(photo)) * np.array([base.error for base in spec.air_base])
+    bases = AirBases(
+        photo=photo,
+        length=np.round(true + error, METRE_DECIMALS),
+        sigma=np.array([base.sigma for base in spec.air_base]),
+    )
+    return bases, true
+
+
+def distances(
+    spec: SimulationSpec, ground: TrueGround, names: tuple[str, ...], usable: IntArray, draws: Draws
+) -> Ties:
+    """Return the distances between points. Raises `SpecError` as `_pairs` does."""
+    point, table = _pairs("distance", spec.distance, names, usable, draws)
+    ends = ground.places.xyz[point]
+    true = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return _measured("distance", spec.distance, point, table, true, draws)
+
+
+def height_differences(
+    spec: SimulationSpec, ground: TrueGround, names: tuple[str, ...], usable: IntArray, draws: Draws
+) -> Ties:
+    """Return the height differences, second point minus first. Raises `SpecError` as `_pairs` does."""
+    point, table = _pairs("height_difference", spec.height_difference, names, usable, draws)
+    height = ground.places.natural[point, 2]
+    return _measured("height_difference", spec.height_difference, point, table, height[:, 1] - height[:, 0], draws)
+
+
+def _pairs(
+    field: str, tables: Sequence[DistanceKeys], names: tuple[str, ...], usable: IntArray, draws: Draws
+) -> tuple[IntArray, IntArray]:
+    """Return pairs (d, 2) of `usable` points, and the table (d,) that each is from.
+
+    Raises `SpecError` where a point is unknown or takes no part, or too few points are there.
+    """
+    rows = {names[row]: int(row) for row in usable}
+    pairs: list[tuple[int, int]] = []
+    for i, table in enumerate(tables, start=1):
+        missing = [name for name in table.points or () if name not in rows]
+        if missing:
+            message = f"not measured on two photos, or kept out: {', '.join(missing)}"
+            raise SpecError([Problem(field=f"{field}[{i}].points", message=message)])
+        if table.points:
+            pairs.append((rows[table.points[0]], rows[table.points[1]]))
+        else:
+            assert table.number is not None  # one of the two, the table says
+            pairs += _random_pairs(f"{field}[{i}].number", f"{field} pairs", table.number, usable, draws)
+    table_of = np.repeat(np.arange(len(tables)), [table.number or 1 for table in tables])
+    return np.array(pairs, dtype=int).reshape(-1, 2), table_of
+
+
+def _random_pairs(field: str, stream: str, number: int, usable: IntArray, draws: Draws) -> list[tuple[int, int]]:
+    """Return different pairs of points. Raises `SpecError` where there are not so many."""
+    k = len(usable)
+    if number > k * (k - 1) // 2:
+        raise SpecError([Problem(field=field, message=f"there are only {k} points for {number} pairs")])
+    pairs: dict[tuple[int, int], tuple[int, int]] = {}
+    while len(pairs) < number:
+        first, second = (draws.uniform(stream, 2) * [k, k - 1]).astype(int).tolist()
+        second += second >= first
+        pairs.setdefault((min(first, second), max(first, second)), (int(usable[first]), int(usable[second])))
+    return list(pairs.values())
+
+
+def _measured(
+    field: str, tables: Sequence[DistanceKeys], point: IntArray, table: IntArray, true: FloatArray, draws: Draws
+) -> Ties:
+    """Return measurements of the `true` values (d,), each with the errors of its table."""
+    size, sigma = np.array([[keys.error, keys.sigma] for keys in tables]).reshape(-1, 2)[table].T
+    given = np.round(true + draws.normal(f"{field} errors", len(point)) * size, METRE_DECIMALS)
+    return Ties(point=point, given=given, true=true, sigma=sigma)

@@ -9,10 +9,8 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
-from musatpy.simulation.blunder_keys import ControlBlunders
-from musatpy.simulation.simulation_spec import SimulationSpec
-from musatpy.simulation.terrain import Ground
-from musatpy.simulation.true_images import Images
+from musatpy.simulation.simulation_spec import ControlBlunders, SimulationSpec
+from musatpy.simulation.true_images import TrueImages
 from musatpy.specs import Pair
 
 _ERROR_DECIMALS = 6  # of control errors, m
@@ -35,7 +33,7 @@ def drawn_sizes(draws: Draws, stream: str, number: int, size: Pair, log: bool) -
     return size[0] + (size[1] - size[0]) * share
 
 
-def mixed_names(spec: SimulationSpec, images: Images, sound: BoolArray, draws: Draws) -> Names:
+def mixed_names(spec: SimulationSpec, images: TrueImages, sound: BoolArray, draws: Draws) -> Names:
     """Return the names of the measurements, some of them mixed up.
 
     Only measurements that are `sound` (m,) otherwise are hit, and no point has a part in two mistakes. Raises
@@ -49,7 +47,7 @@ def mixed_names(spec: SimulationSpec, images: Images, sound: BoolArray, draws: D
     return Names(point=named, swapped=swapped, misnamed=misnamed)
 
 
-def _swapped(number: int, images: Images, sound: BoolArray, free: BoolArray, draws: Draws) -> IntArray:
+def _swapped(number: int, images: TrueImages, sound: BoolArray, free: BoolArray, draws: Draws) -> IntArray:
     """Return pairs of measurements (number, 2) of one photo; their points are not `free` any more."""
     pairs: list[tuple[int, int]] = []
     for row in _any_order(draws, "swapped names", len(sound)) if number else ():
@@ -67,7 +65,7 @@ def _swapped(number: int, images: Images, sound: BoolArray, free: BoolArray, dra
 
 
 def _misnamed(
-    number: int, images: Images, named: IntArray, sound: BoolArray, free: BoolArray, draws: Draws
+    number: int, images: TrueImages, named: IntArray, sound: BoolArray, free: BoolArray, draws: Draws
 ) -> IntArray:
     """Return measurements (number,) and put the names of points that their photos lack into `named` (m,)."""
     rows: list[int] = []
@@ -97,27 +95,12 @@ def _require(asked: int, had: int, field: str, what: str) -> None:
         raise SpecError([Problem(field=f"blunders.{field}", message=message)])
 
 
-def flags_on_cards(spec: SimulationSpec, ground: Ground, images: Images, draws: Draws) -> BoolArray:
-    """Return which points (p,) the deck flags as submerged. Raises `SpecError` where too few can be wrong."""
-    flags, measured = ground.bathymetric.copy(), np.unique(images.point)
-    for field, wet in (("flagged_dry", True), ("flagged_submerged", False)):
-        number = getattr(spec.blunders, field)
-        if number:
-            candidates = measured[ground.bathymetric[measured] == wet]
-            _require(number, len(candidates), field, "points")
-            flags[candidates[draws.pick(field, len(candidates), number)]] = not wet
-    return flags
+def gross_control(spec: SimulationSpec, known: BoolArray, draws: Draws) -> FloatArray:
+    """Return the gross errors (k, 3) m east, north, up of control points, in components that are `known` (k, 3).
 
-
-def gross_control(
-    spec: SimulationSpec, names: list[str], known: BoolArray, given: BoolArray, draws: Draws
-) -> FloatArray:
-    """Return the gross errors (k, 3) m east, north, up of control points with these names.
-
-    Random ones hit components that are `known` (k, 3), named ones those that the card has `given`. Raises
-    `SpecError` where there are too few, or a card does not have what is to be wrong.
+    Raises `SpecError` where there are too few.
     """
-    gross, free = np.zeros((len(names), 3)), np.ones(len(names), dtype=bool)
+    gross, free = np.zeros(known.shape), np.ones(len(known), dtype=bool)
     for i, table in enumerate(spec.blunders.control, start=1):
         component = 2 if table.component == "vertical" else 0
         candidates = np.flatnonzero(free & known[:, component])
@@ -125,13 +108,6 @@ def gross_control(
         hit = candidates[draws.pick("control blunders", len(candidates), table.number)]
         gross[hit] = _control_errors(table, draws)
         free[hit] = False
-    for i, wrong in enumerate(spec.wrong_control, start=1):
-        error = np.array([wrong.east, wrong.north, wrong.up])
-        row = names.index(wrong.point) if wrong.point in names else -1
-        if row < 0 or np.any((error != 0.0) & ~given[row]):
-            what = "not control" if row < 0 else "its card does not give that component"
-            raise SpecError([Problem(field=f"wrong_control[{i}]", message=f"point {wrong.point}: {what}")])
-        gross[row] += error
     return gross
 
 

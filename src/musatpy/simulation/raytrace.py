@@ -32,7 +32,7 @@ class RayTraceError(MusatError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rays:
+class TracedRays:
     """k refracted rays from cameras down to submerged points, in the axes of the job (geocentric or local)."""
 
     incidence: FloatArray  # (k, 3) m, W on the water surface
@@ -41,7 +41,7 @@ class Rays:
     normal: FloatArray  # (k, 3) unit, upward normal of the surface at W
 
 
-class Surface(Protocol):
+class TracedSurface(Protocol):
     """A water surface seen from the feet of k ground points: parameters q (k, 2) m, east and north of the foot."""
 
     def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -52,7 +52,7 @@ class PlaneSurface:
     """The plane of a local job: the foot is the origin, the vertical +Z everywhere."""
 
     def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """See `Surface.at`."""
+        """See `TracedSurface.at`."""
         k = len(q)
         position = np.column_stack([q, np.zeros(k)])
         return position, np.broadcast_to(np.eye(3), (k, 3, 3)), np.zeros((k, 2)), np.ones((k, 2))
@@ -75,7 +75,7 @@ class EllipsoidalSurface:
         return np.stack([prime_vertical + self.height, meridian + self.height], axis=-1)
 
     def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """See `Surface.at`. The parameters are longitude and latitude from the foot, times the radii there."""
+        """See `TracedSurface.at`. Parameters are longitude and latitude from the foot, times the radii there."""
         radii0 = self.radii(self.latitude)
         parallel0 = radii0[:, 0] * np.cos(self.latitude)
         d_longitude, d_latitude = q[:, 0] / parallel0, q[:, 1] / radii0[:, 1]
@@ -105,11 +105,11 @@ class EllipsoidalSurface:
 class TiltedSurface:
     """A level surface raised by s . (W - foot) at W: where its own normal is U, the raised one has U - s."""
 
-    level: Surface
+    level: TracedSurface
     slope: FloatArray  # (k, 3) s, in the frames at the feet
 
     def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """See `Surface.at`. Curvatures and stretches are those of the level surface, to the slope's first order."""
+        """See `TracedSurface.at`. Curvatures and stretches are of the level surface, to the slope's first order."""
         position, axes, curvature, stretch = self.level.at(q)
         up = axes[:, 2]
         rise = np.sum(self.slope * position, axis=1) / (1.0 - np.sum(self.slope * up, axis=1))
@@ -120,13 +120,13 @@ class TiltedSurface:
 class WavySurface:
     """A level surface with waves on it, up the vertical at each of its points."""
 
-    level: Surface
+    level: TracedSurface
     rise: Rise
     foot: FloatArray  # (k, 3) m, of the frames, in the axes of the job
     to_local: FloatArray  # (k, 3, 3) from the axes of the job to the frames at the feet
 
     def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """See `Surface.at`. Curvatures are those of the level surface: steps miss by a small part."""
+        """See `TracedSurface.at`. Curvatures are those of the level surface: steps miss by a small part."""
         position, axes, curvature, stretch = self.level.at(q)
         up = axes[:, 2]
         height, gradient = self.rise(self.foot + np.einsum("kji,kj->ki", self.to_local, position))
@@ -153,7 +153,7 @@ def _start(camera: FloatArray, depth: FloatArray, index: float) -> FloatArray:
 
 
 def _gradient(
-    q: FloatArray, camera: FloatArray, depth: FloatArray, surface: Surface, index: float
+    q: FloatArray, camera: FloatArray, depth: FloatArray, surface: TracedSurface, index: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the gradient (k, 2) of the light path along E and N at W, its Jacobian (k, 2, 2) and |dW/dq|.
 
@@ -174,7 +174,7 @@ def _gradient(
     return a - index * b, jacobian, stretch
 
 
-def solve_incidence(camera: FloatArray, depth: FloatArray, surface: Surface, index: float) -> FloatArray:
+def solve_incidence(camera: FloatArray, depth: FloatArray, surface: TracedSurface, index: float) -> FloatArray:
     """Return the parameters q (k, 2) of the incidence points by Newton; all steps below 1e-13 of the depth.
 
     `camera` (k, 3) is reckoned from the foot of the ground point in its local vertical frame, the point is
@@ -201,7 +201,7 @@ def trace(
     ellipsoid: tuple[float, float] | None = None,
     slope: FloatArray | None = None,
     rise: Rise | None = None,
-) -> Rays:
+) -> TracedRays:
     """Trace rays through the surface of height `level` (k,) m over ground points, each below it.
 
     `camera` (k, 3) m, geocentric or local; `ground` (k, 3) latitude, longitude (rad) and height (m), or X, Y, Z of
@@ -226,7 +226,7 @@ def trace(
     def turned(vectors: FloatArray) -> FloatArray:
         return np.einsum("kji,kj->ki", to_local, vectors)
 
-    return Rays(
+    return TracedRays(
         incidence=foot + turned(W),
         air=turned(in_air / np.linalg.norm(in_air, axis=1)[:, None]),
         water=turned(in_water / np.linalg.norm(in_water, axis=1)[:, None]),
@@ -236,7 +236,7 @@ def trace(
 
 def _level_surface(
     ground: FloatArray, level: FloatArray, ellipsoid: tuple[float, float] | None
-) -> tuple[Surface, FloatArray, FloatArray]:
+) -> tuple[TracedSurface, FloatArray, FloatArray]:
     """Return the level surface, the axes (k, 3, 3) at the feet of the ground points on it, and the feet (k, 3)."""
     if ellipsoid is None:
         to_local = np.broadcast_to(np.eye(3), (len(ground), 3, 3))

@@ -1,29 +1,56 @@
-"""From a spec to a block and its truth."""
+"""From a spec to a block, its tables in the order of a deck, and its truth."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
-from musatpy.model import Block
-from musatpy.simulation.assemble import Given, Order, assemble, order_of_appearance
+from musatpy.model.tables import empty
 from musatpy.simulation.compiled_models import CompiledTruth, compile_models
 from musatpy.simulation.flight import TrueFlight, fly, plan_flight
-from musatpy.simulation.measure import Blunder, choose_control, measure_plates, state_stations
-from musatpy.simulation.measured_ties import air_bases, distances, height_differences
-from musatpy.simulation.mistakes import flags_on_cards, mixed_names
+from musatpy.simulation.measure import (
+    Blunder,
+    GivenControl,
+    GivenStations,
+    MeasuredPlates,
+    Ties,
+    air_bases,
+    choose_control,
+    distances,
+    height_differences,
+    measure_plates,
+    state_stations,
+)
+from musatpy.simulation.mistakes import Names, mixed_names
 from musatpy.simulation.simulation_spec import SimulationSpec, load_spec
-from musatpy.simulation.terrain import Ground, lay_ground
-from musatpy.simulation.true_images import Images, take_images
-from musatpy.simulation.true_water import state_water
-from musatpy.simulation.world import Places, World, world_of
-from musatpy.units import ARC_SECOND
+from musatpy.simulation.terrain import TrueGround, lay_ground
+from musatpy.simulation.true_images import TrueImages, take_images
+from musatpy.simulation.true_water import GivenWater, state_water
+from musatpy.simulation.world import TruePlaces, World, world_of
+from musatpy.specs import echoed
+from musatpy.units import ARC_SECOND, MICROMETRE
+
+_NAMED: dict[str, Callable[[str], StrEnum]] = {  # what the texts of the options are
+    "refraction": model.Refraction,
+    "weights": model.Weights,
+    "program": model.Program,
+    "initial": model.Initial,
+    "water_level": model.WaterLevel,
+    "water_tilt": model.Treatment,
+    "water_index": model.Treatment,
+    "datum": model.Datum,
+    "editing": model.Editing,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,17 +58,15 @@ class Truth:
     """What a block does not say. Rows are those of the block's photos, points, plates, control."""
 
     spec: SimulationSpec
-    stations: Places  # n
-    gross_stations: FloatArray  # (n, 6) gross errors of the cards: east, north, up m, of the angles rad
+    stations: TruePlaces  # n
     attitude: FloatArray  # (n, 3) rad, in the local vertical frame of the true station
     tide: FloatArray  # (n,) m, in the middle of the stations; NaN without water
     tide_error: FloatArray  # (n,) m, of the tide cards, given minus true; 0 without water
-    gross_tide: FloatArray  # (n,) m, the gross errors in it
     index: float | None  # refractive index; None without water
     tilt: FloatArray  # (2,) rad, slopes of the water towards east and north
     middle: FloatArray  # (3,) m, geocentric or local, about which it is tilted
-    points: Places  # p
-    bathymetric: BoolArray  # (p,) whatever the flags in the deck say
+    points: TruePlaces  # p
+    bathymetric: BoolArray  # (p,)
     images: FloatArray  # (m, 2) mm, without error
     seen: IntArray  # (m,) point of the block whose image it is, whatever its name in the deck
     refracted: BoolArray  # (m,) the image was seen through the water surface
@@ -51,22 +76,50 @@ class Truth:
     gross_control: FloatArray  # (k, 3) m, the gross errors in it
     blunders: tuple[Blunder, ...]
     levels: FloatArray  # (g,) m, of the equal elevation groups
-    off_level: FloatArray  # (p,) m, gross errors of their points
     base_lengths: FloatArray  # (b,) m
-    gross_bases: FloatArray  # (b,) m, the gross errors of those in the deck
     distances: FloatArray  # (d,) m
-    gross_distances: FloatArray  # (d,) m, the gross errors of those in the deck
     height_differences: FloatArray  # (h,) m
-    gross_height_differences: FloatArray  # (h,) m
 
 
 @dataclass(frozen=True, kw_only=True)
 class Simulation:
     """A simulated block, the truth behind it, and what is compiled in its models, None where nothing is."""
 
-    block: Block
+    block: model.Block
     truth: Truth
     compiled: CompiledTruth | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointOrder:
+    """Order of the points in the deck, which is that of their first plate cards."""
+
+    rows: IntArray  # (p,) row of the ground of each point of the block
+    links: IntArray  # row of the block of each point of the ground, -1 where it is not measured
+
+
+def order_of_appearance(named: IntArray, points: int) -> PointOrder:
+    """Return the order in which plate cards, whose points are `named` (m,), first name each of so many points."""
+    measured, first = np.unique(named, return_index=True)
+    rows = measured[np.argsort(first)]
+    links = np.full(points, -1)
+    links[rows] = np.arange(len(rows))
+    return PointOrder(rows=rows, links=links)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Given:
+    """All that the deck says, with its errors."""
+
+    water: GivenWater
+    stations: GivenStations
+    images: TrueImages
+    plates: MeasuredPlates
+    names: Names
+    control: GivenControl
+    bases: model.AirBases
+    distances: Ties
+    height_differences: Ties
 
 
 def simulate(spec: SimulationSpec | str | Path, seed: int | None = None) -> Simulation:
@@ -101,7 +154,7 @@ def simulate(spec: SimulationSpec | str | Path, seed: int | None = None) -> Simu
 
 
 def _stated(
-    spec: SimulationSpec, flight: TrueFlight, ground: Ground, images: Images, world: World, draws: Draws
+    spec: SimulationSpec, flight: TrueFlight, ground: TrueGround, images: TrueImages, world: World, draws: Draws
 ) -> tuple[Given, FloatArray]:
     """Return what the deck says of the truth, and the true lengths (b,) m of the air bases."""
     control = choose_control(spec, ground, images, world, draws)
@@ -112,12 +165,11 @@ def _stated(
     usable = np.flatnonzero(rays >= 2)
     bases, base_lengths = air_bases(spec, flight, draws)
     given = Given(
-        water=state_water(spec, flight.ids, flight.tide, draws),
+        water=state_water(spec, flight.tide, draws),
         stations=state_stations(spec, flight, world, draws),
         images=images,
         plates=plates,
         names=mixed_names(spec, images, sound, draws),
-        flags=flags_on_cards(spec, ground, images, draws),
         control=control,
         bases=bases,
         distances=distances(spec, ground, control.names, usable, draws),
@@ -127,17 +179,20 @@ def _stated(
 
 
 def _truth(
-    spec: SimulationSpec, flight: TrueFlight, ground: Ground, given: Given, order: Order, base_lengths: FloatArray
+    spec: SimulationSpec,
+    flight: TrueFlight,
+    ground: TrueGround,
+    given: Given,
+    order: PointOrder,
+    base_lengths: FloatArray,
 ) -> Truth:
     water, names = spec.water, given.names
     return Truth(
         spec=spec,
         stations=flight.stations,
-        gross_stations=given.stations.gross,
         attitude=flight.attitude,
         tide=flight.tide,
         tide_error=given.water.error,
-        gross_tide=given.water.gross,
         index=water.index if water else None,
         tilt=np.array(water.tilt if water else (0.0, 0.0)) * ARC_SECOND,
         middle=flight.water.middle,
@@ -152,11 +207,105 @@ def _truth(
         gross_control=given.control.gross,
         blunders=given.plates.blunders,
         levels=ground.levels,
-        off_level=ground.off_level[order.rows],
         base_lengths=base_lengths,
-        gross_bases=np.array([base.blunder for base in spec.air_base]),
         distances=given.distances.true,
-        gross_distances=given.distances.gross,
         height_differences=given.height_differences.true,
-        gross_height_differences=given.height_differences.gross,
+    )
+
+
+def assemble(
+    spec: SimulationSpec, world: World, flight: TrueFlight, ground: TrueGround, given: Given, order: PointOrder
+) -> model.Block:
+    """Return the block. Raises `SpecError` where a shore point is not measured twice."""
+    camera, plates, control = spec.camera, given.plates, given.control
+    distances, heights = given.distances, given.height_differences
+    return model.Block(
+        titles=spec.title,
+        options=_options(spec),
+        ellipsoid=world.ellipsoid,
+        water=given.water.card,
+        cameras=model.Cameras(
+            ids=np.array([camera.id]),
+            focal_length=np.array([camera.focal_length]),
+            principal_point=np.array([camera.principal_point]),
+            format_size=np.array([camera.format]),
+        ),
+        distortion=empty(model.Distortion),
+        fiducials=empty(model.Fiducials),
+        photos=_photos(spec, flight, given),
+        fiducial_measurements=empty(model.FiducialMeasurements),
+        points=model.Points(ids=np.array(control.names)[order.rows], bathymetric=ground.bathymetric[order.rows]),
+        plates=model.PlateMeasurements(
+            photo=given.images.photo,
+            point=order.links[given.names.point],
+            xy=plates.xy,
+            sigma=plates.sigma,
+            triangulated=plates.triangulated,
+        ),
+        control=model.Control(
+            point=order.links[control.point],
+            kind=control.kind,
+            fixed=control.fixed,
+            position=control.position,
+            sigma=control.sigma,
+        ),
+        equal_elevations=_equal_elevations(spec, ground, order),
+        air_bases=given.bases,
+        distances=model.Distances(
+            point=order.links[distances.point], length=distances.given, sigma=distances.sigma
+        ),
+        height_differences=model.HeightDifferences(
+            point=order.links[heights.point], difference=heights.given, sigma=heights.sigma
+        ),
+        waves=flight.waves.cards,
+        wave_origin=flight.waves.origin,
+    )
+
+
+def _options(spec: SimulationSpec) -> model.Options:
+    """Return the option card's values; the program's own defaults where the spec has none."""
+    given: dict[str, Any] = echoed(spec.options)  # without what is absent
+    given |= {name: kind(given[name]) for name, kind in _NAMED.items() if name in given}
+    if "rotation_limit" in given:
+        given["rotation_limit"] *= ARC_SECOND
+    is_rigorous = given.get("program") is model.Program.IIIA or spec.wave
+    given.setdefault("refraction", model.Refraction.RIGOROUS if is_rigorous else model.Refraction.WATPT)
+    return model.Options(
+        system=model.CoordinateSystem(spec.job.system),
+        plate_sigma=spec.measurement.sigma * MICROMETRE,
+        **given,
+    )
+
+
+def _photos(spec: SimulationSpec, flight: TrueFlight, given: Given) -> model.Photos:
+    n, stations, water = len(flight.ids), given.stations, given.water
+    tide_sigma = spec.water.tide_sigma if spec.water else None
+    return model.Photos(
+        ids=np.array(flight.ids),
+        camera=np.zeros(n, dtype=int),
+        position=stations.position,
+        position_sigma=stations.position_sigma,
+        attitude=stations.attitude,
+        attitude_sigma=stations.attitude_sigma,
+        tide=water.tide,
+        tide_sigma=np.full(n, np.nan if tide_sigma is None else tide_sigma),
+        tide_group=water.group,
+        tide_day=water.day,
+        time=np.where(np.isnan(water.tide), np.nan, flight.time),
+    )
+
+
+def _equal_elevations(spec: SimulationSpec, ground: TrueGround, order: PointOrder) -> model.EqualElevations:
+    """Return the groups of shore points. Raises `SpecError` where a member is not measured twice."""
+    members = np.flatnonzero(ground.shore >= 0)
+    members = members[np.argsort(ground.shore[members], kind="stable")]
+    points = order.links[members]
+    if np.any(points < 0):
+        lost = ", ".join(ground.ids[row] for row in members[points < 0])
+        raise SpecError([Problem(field="equal_elevation", message=f"not measured on two photos: {lost}")])
+    return model.EqualElevations(
+        ids=np.array([shore.id for shore in spec.equal_elevation], dtype=str),
+        sigma=np.array([shore.sigma for shore in spec.equal_elevation]),
+        group=ground.shore[members],
+        point=points,
     )

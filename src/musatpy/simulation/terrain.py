@@ -10,8 +10,9 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.simulation.flight import FlightPlan, TrueFlight
-from musatpy.simulation.simulation_spec import GivenPoint, SimulationSpec, Terrain
-from musatpy.simulation.world import Places, World
+from musatpy.simulation.scene_keys import GivenPoint, TerrainKeys
+from musatpy.simulation.simulation_spec import SimulationSpec
+from musatpy.simulation.world import TruePlaces, World
 from musatpy.specs import Area
 from musatpy.units import DEGREE
 
@@ -19,17 +20,16 @@ GIVEN, TIE, EXTRA = 0, 1, 2  # origin of a point
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ground:
+class TrueGround:
     """p true points: first the given ones, then ties, then extras; control may rename them later."""
 
     ids: tuple[str, ...]
-    places: Places
+    places: TruePlaces
     plan: FloatArray  # (p, 2) m
     bathymetric: BoolArray  # (p,)
     origin: IntArray  # (p,) GIVEN, TIE or EXTRA
     shore: IntArray  # (p,) equal elevation group, -1 for none
     levels: FloatArray  # (g,) m, true levels of the groups
-    off_level: FloatArray  # (p,) m, gross errors of the points of the groups
 
 
 def inside(plan: FloatArray, area: Area | None) -> BoolArray:
@@ -60,21 +60,23 @@ def spread(plan: FloatArray, candidates: IntArray, number: int) -> IntArray:
     return candidates[np.array(chosen, dtype=int)]
 
 
-def lay_ground(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, world: World, draws: Draws) -> Ground:
+def lay_ground(
+    spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, world: World, draws: Draws
+) -> TrueGround:
     """Return the true points. Raises `SpecError` where land lies below the water, or groups lack points."""
     given = _given_places(spec, world)
     ties, extras = _tie_sites(spec, plan, draws), _extra_sites(spec, plan, draws)
     sites = np.concatenate([ties, extras])
     heights = _land(spec.terrain, sites, draws)
     sea = _submerge(spec, sites, heights, draws)
-    shore, levels, off_level = _shore_lines(spec, sites, flight, np.arange(len(ties)), sea, heights, draws)
-    places = given.with_more(world.at_plan(sites, heights + off_level))
+    shore, levels = _shore_lines(spec, sites, flight, np.arange(len(ties)), sea, heights, draws)
+    places = given.with_more(world.at_plan(sites, heights))
     g = len(spec.point)
     bathymetric = np.concatenate([np.array([point.bathymetric for point in spec.point], dtype=bool), sea])
     shore = np.concatenate([np.full(g, -1), shore])
     _refuse_drowned_land(flight, places[np.flatnonzero(~bathymetric & (shore < 0))])
     first = spec.points.first_id
-    return Ground(
+    return TrueGround(
         ids=(*(point.id for point in spec.point), *(str(first + i) for i in range(len(sites)))),
         places=places,
         plan=world.plan(places),
@@ -82,14 +84,13 @@ def lay_ground(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, world
         origin=np.repeat([GIVEN, TIE, EXTRA], [g, len(ties), len(extras)]),
         shore=shore,
         levels=levels,
-        off_level=np.concatenate([np.zeros(g), off_level]),
     )
 
 
-def _given_places(spec: SimulationSpec, world: World) -> Places:
+def _given_places(spec: SimulationSpec, world: World) -> TruePlaces:
     """Return the places of the [[point]] tables."""
 
-    def place(point: GivenPoint) -> Places:
+    def place(point: GivenPoint) -> TruePlaces:
         if point.geographic is not None:
             return world.at_natural(np.array([point.geographic]) * [DEGREE, DEGREE, 1.0])
         return world.at_xyz(np.array([point.local or point.geocentric]))
@@ -131,7 +132,7 @@ def _extra_sites(spec: SimulationSpec, plan: FlightPlan, draws: Draws) -> FloatA
     return np.concatenate(sites)
 
 
-def _land(terrain: Terrain, sites: FloatArray, draws: Draws) -> FloatArray:
+def _land(terrain: TerrainKeys, sites: FloatArray, draws: Draws) -> FloatArray:
     """Return the height (k,) m of the land at plan positions: level -+ relief."""
     phase = draws.uniform("terrain", 2)
     east, north = np.sin(2.0 * np.pi * (sites / terrain.wavelength + phase)).T
@@ -160,12 +161,9 @@ def _shore_lines(
     sea: BoolArray,
     heights: FloatArray,
     draws: Draws,
-) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Bring tie points on land to the levels of their groups.
-
-    Return the group (k,) of each point, the levels (g,) m, and the gross errors (k,) m that are still to be added.
-    """
-    group, levels, off_level = np.full(len(sites), -1), np.zeros(len(spec.equal_elevation)), np.zeros(len(sites))
+) -> tuple[IntArray, FloatArray]:
+    """Bring tie points on land to the levels of their groups; return group (k,) of each and levels (g,) m."""
+    group, levels = np.full(len(sites), -1), np.zeros(len(spec.equal_elevation))
     for i, shore in enumerate(spec.equal_elevation):
         candidates = ties[~sea[ties] & (group[ties] < 0) & inside(sites[ties], shore.area)]
         if len(candidates) < shore.number:
@@ -177,11 +175,10 @@ def _shore_lines(
         chosen = spread(sites, candidates, shore.number)
         heights[chosen] = levels[i] + shore.error * draws.normal("shore", shore.number)
         group[chosen] = i
-        off_level[chosen[draws.pick("wrong shore", shore.number, shore.wrong)]] = shore.blunder
-    return group, levels, off_level
+    return group, levels
 
 
-def _refuse_drowned_land(flight: TrueFlight, land: Places) -> None:
+def _refuse_drowned_land(flight: TrueFlight, land: TruePlaces) -> None:
     """Raise `SpecError` where land lies below the highest tide: its images would be refracted unbeknown."""
     if np.isnan(flight.tide).all():
         return

@@ -13,15 +13,16 @@ from musatpy.errors import Problem, SpecError
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.simulation.flight import FlightPlan, TrueFlight
 from musatpy.simulation.raytrace import trace
-from musatpy.simulation.simulation_spec import CameraKeys, SimulationSpec
-from musatpy.simulation.terrain import Ground
+from musatpy.simulation.scene_keys import CameraKeys
+from musatpy.simulation.simulation_spec import SimulationSpec
+from musatpy.simulation.terrain import TrueGround
 from musatpy.simulation.world import World
 
 REACH = 1.3  # times the plan's reach: room for tilts and relief in the search for candidates
 
 
 @dataclass(frozen=True, kw_only=True)
-class Images:
+class TrueImages:
     """m images without error, photo by photo, points in the order of the ground."""
 
     photo: IntArray  # (m,) row of the flight
@@ -33,11 +34,13 @@ class Images:
         """Return the number of images of each of so many points."""
         return np.bincount(self.point, minlength=points)
 
-    def __getitem__(self, rows: BoolArray | IntArray) -> Images:
-        return Images(**{name: values[rows] for name, values in vars(self).items()})
+    def __getitem__(self, rows: BoolArray | IntArray) -> TrueImages:
+        return TrueImages(**{name: values[rows] for name, values in vars(self).items()})
 
 
-def take_images(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, ground: Ground, world: World) -> Images:
+def take_images(
+    spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, ground: TrueGround, world: World
+) -> TrueImages:
     """Return the images of all points that lie well inside the plates, of points on two photos at least."""
     photo, point = _candidates(plan, flight, ground, world)
     index = spec.water.index if spec.water else 1.0
@@ -51,12 +54,12 @@ def take_images(spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, grou
 def project(
     camera: CameraKeys,
     flight: TrueFlight,
-    ground: Ground,
+    ground: TrueGround,
     world: World,
     index: float,
     photo: IntArray,
     point: IntArray,
-) -> Images:
+) -> TrueImages:
     """Return the exact images of points on photos (row by row), NaN where the point is behind the camera.
 
     A bathymetric point below the water of the photo's own tide, and below its waves, is seen through the water; one
@@ -81,10 +84,12 @@ def project(
     S = np.where(S < 0.0, S, np.nan)
     f = camera.focal_length
     xy = np.column_stack([-f * U / S, -f * V / S]) + camera.principal_point
-    return Images(photo=photo, point=point, xy=xy, refracted=refracted)
+    return TrueImages(photo=photo, point=point, xy=xy, refracted=refracted)
 
 
-def _candidates(plan: FlightPlan, flight: TrueFlight, ground: Ground, world: World) -> tuple[IntArray, IntArray]:
+def _candidates(
+    plan: FlightPlan, flight: TrueFlight, ground: TrueGround, world: World
+) -> tuple[IntArray, IntArray]:
     """Return pairs of photo and point that are near enough in plan, sorted by photo, then point.
 
     Raises `SpecError`.
@@ -99,7 +104,7 @@ def _candidates(plan: FlightPlan, flight: TrueFlight, ground: Ground, world: Wor
     return photo, np.concatenate([np.asarray(points, dtype=np.int64) for points in near])
 
 
-def _wanted(spec: SimulationSpec, flight: TrueFlight, images: Images) -> BoolArray:
+def _wanted(spec: SimulationSpec, flight: TrueFlight, images: TrueImages) -> BoolArray:
     """Return which images (m,) are to be measured: given points may name their photos."""
     wanted = np.ones(len(images.photo), dtype=bool)
     ids = np.array(flight.ids)

@@ -11,9 +11,9 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.model import ControlKind, CoordinateSystem
+from musatpy.simulation.scene_keys import INDEX_DECIMALS
 from musatpy.simulation.simulate import Simulation
-from musatpy.simulation.water_keys import INDEX_DECIMALS
-from musatpy.simulation.world import Places
+from musatpy.simulation.world import TruePlaces
 from musatpy.specs import echoed
 from musatpy.units import ARC_SECOND, DEGREE
 
@@ -78,7 +78,7 @@ def _laid_out(value: Any) -> str:
     return json.dumps(value)
 
 
-def _positions(simulation: Simulation, places: Places) -> list[list[float]]:
+def _positions(simulation: Simulation, places: TruePlaces) -> list[list[float]]:
     """Return positions in the job's system, geographic ones in degrees."""
     if simulation.block.options.system != CoordinateSystem.GEOGRAPHIC:
         return [_rounded(row, 4) for row in places.job]
@@ -147,7 +147,10 @@ def _wrong(simulation: Simulation) -> dict[str, Any]:
     ids = block.points.ids
     return {
         "water": _water(simulation),
-        "tides": _tides(simulation),
+        "tides": {
+            str(block.photos.ids[row]): round(float(truth.tide_error[row]), 4)
+            for row in np.flatnonzero(truth.tide_error)
+        },
         "swapped": [
             {"photo": _photo(simulation, pair[0]), "points": [_seen(simulation, row) for row in pair]}
             for pair in truth.swapped
@@ -160,41 +163,12 @@ def _wrong(simulation: Simulation) -> dict[str, Any]:
             }
             for row in truth.misnamed
         ],
-        "wrong_flags": {
-            str(ids[row]): "submerged" if truth.bathymetric[row] else "dry"
-            for row in np.flatnonzero(block.points.bathymetric != truth.bathymetric)
-        },
         "wrong_control": {
             str(ids[block.control.point[row]]): _rounded(truth.gross_control[row], 6)
             for row in np.flatnonzero(truth.gross_control.any(axis=1))
         },
-        "wrong_stations": _stations_off(simulation),
-        "wrong_elevations": {
-            str(ids[row]): round(float(truth.off_level[row]), 4) for row in np.flatnonzero(truth.off_level)
-        },
-        "wrong_bases": [
-            {
-                "photos": block.photos.ids[block.air_bases.photo[row]].tolist(),
-                "gross": float(truth.gross_bases[row]),
-            }
-            for row in np.flatnonzero(truth.gross_bases)
-        ],
-        "distances": _between(ids[block.distances.point], truth.distances, truth.gross_distances),
-        "height_differences": _between(
-            ids[block.height_differences.point], truth.height_differences, truth.gross_height_differences
-        ),
-    }
-
-
-def _stations_off(simulation: Simulation) -> dict[str, Any]:
-    """Return the gross errors of station and attitude cards by photo id."""
-    gross = simulation.truth.gross_stations
-    return {
-        str(simulation.block.photos.ids[row]): {
-            "position": _rounded(gross[row, :3], 4),
-            "attitude": _degrees(gross[row, 3:]),
-        }
-        for row in np.flatnonzero(gross.any(axis=1))
+        "distances": _between(ids[block.distances.point], truth.distances),
+        "height_differences": _between(ids[block.height_differences.point], truth.height_differences),
     }
 
 
@@ -215,21 +189,8 @@ def _water(simulation: Simulation) -> dict[str, Any]:
     }
 
 
-def _tides(simulation: Simulation) -> dict[str, Any]:
-    """Return the errors of the tide cards by photo id, given minus true, and the gross part of each."""
-    photos, truth = simulation.block.photos, simulation.truth
-    return {
-        str(photos.ids[row]): {
-            "error": round(float(truth.tide_error[row]), 4),
-            "gross": round(float(truth.gross_tide[row]), 4),
-        }
-        for row in np.flatnonzero((truth.tide_error != 0.0) | (truth.gross_tide != 0.0))
-    }
-
-
-def _between(names: TextArray, true: FloatArray, gross: FloatArray) -> list[dict[str, Any]]:
-    """Return true measurements between points, and the gross errors of those in the deck."""
+def _between(names: TextArray, true: FloatArray) -> list[dict[str, Any]]:
+    """Return true measurements between points."""
     return [
-        {"points": pair.tolist(), "true": round(float(value), 4), "gross": round(float(error), 4)}
-        for pair, value, error in zip(names, true, gross, strict=True)
+        {"points": pair.tolist(), "true": round(float(value), 4)} for pair, value in zip(names, true, strict=True)
     ]

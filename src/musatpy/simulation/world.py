@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import CoordinateSystem, EllipsoidSpec
-from musatpy.simulation.simulation_spec import Job
+from musatpy.simulation.scene_keys import JobKeys
 from musatpy.units import DEGREE, dms_from_radians, radians_from_dms
 
 SECONDS_DECIMALS = 5  # of latitudes and longitudes on the cards
@@ -25,7 +25,7 @@ METRE_DECIMALS = 4  # of heights, X, Y, Z
 
 
 @dataclass(frozen=True, kw_only=True)
-class Places:
+class TruePlaces:
     """k places, on the grid of the cards."""
 
     job: FloatArray  # (k, 3) in the job's system, as model.Photos and model.Control hold it
@@ -33,12 +33,14 @@ class Places:
     natural: FloatArray  # (k, 3) latitude, longitude (rad), height (m); in local jobs X, Y, Z
     vertical: FloatArray  # (k, 3, 3) from xyz to east, north, up
 
-    def __getitem__(self, rows: IntArray) -> Places:
-        return Places(**{name: values[rows] for name, values in vars(self).items()})
+    def __getitem__(self, rows: IntArray) -> TruePlaces:
+        return TruePlaces(**{name: values[rows] for name, values in vars(self).items()})
 
-    def with_more(self, others: Places) -> Places:
+    def with_more(self, others: TruePlaces) -> TruePlaces:
         """Return these places and others, one after the other."""
-        return Places(**{name: np.concatenate([values, vars(others)[name]]) for name, values in vars(self).items()})
+        return TruePlaces(
+            **{name: np.concatenate([values, vars(others)[name]]) for name, values in vars(self).items()}
+        )
 
 
 class World(ABC):
@@ -47,7 +49,7 @@ class World(ABC):
     ellipsoid: EllipsoidSpec | None = None  # the card; None in local jobs
     axes_of_ellipsoid: tuple[float, float] | None = None  # semi-major axis, m, and eccentricity squared
 
-    def at_plan(self, plan: FloatArray, height: FloatArray) -> Places:
+    def at_plan(self, plan: FloatArray, height: FloatArray) -> TruePlaces:
         """Return the places at plan coordinates (k, 2) m, east and north of the centre, and heights (k,) m."""
         return self.at_natural(np.column_stack([self.plane(plan), height]))
 
@@ -56,19 +58,19 @@ class World(ABC):
         """Return latitudes and longitudes (rad), or local X and Y, (k, 2), of plan coordinates (k, 2) m."""
 
     @abstractmethod
-    def at_job(self, job: FloatArray) -> Places:
+    def at_job(self, job: FloatArray) -> TruePlaces:
         """Return the places of coordinates (k, 3) in the job's system, put on the grid of the cards."""
 
-    def at_xyz(self, xyz: FloatArray) -> Places:
+    def at_xyz(self, xyz: FloatArray) -> TruePlaces:
         """Return the places of Cartesian coordinates (k, 3), put on the grid of the cards."""
         return self.at_job(xyz)
 
-    def at_natural(self, natural: FloatArray) -> Places:
+    def at_natural(self, natural: FloatArray) -> TruePlaces:
         """Return the places of latitudes, longitudes (rad) and heights, or of local X, Y, Z (k, 3), on the grid."""
         return self.at_job(natural)
 
     @abstractmethod
-    def plan(self, places: Places) -> FloatArray:
+    def plan(self, places: TruePlaces) -> FloatArray:
         """Return plan coordinates (k, 2) m."""
 
     @abstractmethod
@@ -81,7 +83,7 @@ def on_grid(angle: ArrayLike, decimals: int) -> FloatArray:
     return radians_from_dms(*dms_from_radians(angle, decimals))
 
 
-def world_of(job: Job) -> World:
+def world_of(job: JobKeys) -> World:
     """Return the world of a job. Raises `ValueError` where PROJ does not know the ellipsoid."""
     return LocalWorld(job) if job.system == CoordinateSystem.LOCAL else EarthWorld(job)
 
@@ -89,17 +91,17 @@ def world_of(job: Job) -> World:
 class LocalWorld(World):
     """A local rectangular job: the vertical is +Z everywhere."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: JobKeys) -> None:
         self.centre = np.array(job.centre)
 
     def plane(self, plan: FloatArray) -> FloatArray:
         return plan + self.centre
 
-    def at_job(self, job: FloatArray) -> Places:
+    def at_job(self, job: FloatArray) -> TruePlaces:
         xyz = np.round(job, METRE_DECIMALS)
-        return Places(job=xyz, xyz=xyz, natural=xyz, vertical=np.broadcast_to(np.eye(3), (len(xyz), 3, 3)))
+        return TruePlaces(job=xyz, xyz=xyz, natural=xyz, vertical=np.broadcast_to(np.eye(3), (len(xyz), 3, 3)))
 
-    def plan(self, places: Places) -> FloatArray:
+    def plan(self, places: TruePlaces) -> FloatArray:
         return places.xyz[:, :2] - self.centre
 
     def axes(self, xyz: FloatArray) -> FloatArray:
@@ -109,12 +111,8 @@ class LocalWorld(World):
 class EarthWorld(World):
     """A job on an ellipsoid, geographic or geocentric; its plan is the tangent plane at the centre."""
 
-    def __init__(self, job: Job) -> None:
-        if job.semi_major_axis is None:
-            self.ellipsoid = EllipsoidSpec(name=job.ellipsoid)
-        else:
-            a, rf = job.semi_major_axis, job.inverse_flattening
-            self.ellipsoid = EllipsoidSpec(semi_major_axis=a, inverse_flattening=rf)
+    def __init__(self, job: JobKeys) -> None:
+        self.ellipsoid = EllipsoidSpec(name=job.ellipsoid)
         self.earth = Ellipsoid.of(self.ellipsoid)
         size = pyproj.Geod(initstring=self.earth.definition)
         self.axes_of_ellipsoid = float(size.a), float(size.es)
@@ -125,7 +123,7 @@ class EarthWorld(World):
     def plane(self, plan: FloatArray) -> FloatArray:
         return self.earth.geographic(self.origin + plan @ self.to_plan[:2])[:, :2]
 
-    def at_job(self, job: FloatArray) -> Places:
+    def at_job(self, job: FloatArray) -> TruePlaces:
         if self.geographic:
             angles = on_grid(job[:, :2], SECONDS_DECIMALS)
             natural = np.column_stack([angles, np.round(job[:, 2], METRE_DECIMALS)])
@@ -133,15 +131,15 @@ class EarthWorld(World):
         else:
             given = xyz = np.round(job, METRE_DECIMALS)
             natural = self.earth.geographic(xyz)
-        return Places(job=given, xyz=xyz, natural=natural, vertical=self.earth.frame(natural))
+        return TruePlaces(job=given, xyz=xyz, natural=natural, vertical=self.earth.frame(natural))
 
-    def at_xyz(self, xyz: FloatArray) -> Places:
+    def at_xyz(self, xyz: FloatArray) -> TruePlaces:
         return self.at_job(self.earth.geographic(xyz) if self.geographic else xyz)
 
-    def at_natural(self, natural: FloatArray) -> Places:
+    def at_natural(self, natural: FloatArray) -> TruePlaces:
         return self.at_job(natural if self.geographic else self.earth.geocentric(natural))
 
-    def plan(self, places: Places) -> FloatArray:
+    def plan(self, places: TruePlaces) -> FloatArray:
         return (places.xyz - self.origin) @ self.to_plan[:2].T
 
     def axes(self, xyz: FloatArray) -> FloatArray:
