@@ -16,9 +16,9 @@ from musatpy.errors import AdjustmentError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid, middle_of
 from musatpy.geometry.similarity import Similarity, fit
+from musatpy.orientation.twomedia.methods import SINGLE_RAY
 from musatpy.orientation.twomedia.oriented import Oriented, orient
-from musatpy.orientation.twomedia.sights import Plane
-from musatpy.orientation.twomedia.single import SINGLE_RAY
+from musatpy.orientation.twomedia.sights import WaterPlane
 from orientation.twomedia.geometries import (
     ANGLES,
     KINDS,
@@ -52,7 +52,7 @@ def model_and_block(method: str, index: bool = False) -> tuple[Oriented, model.B
     sights = sights_of(true)
     noise = np.random.default_rng(1).normal(size=sights.image.shape)
     sights = replace(sights, image=sights.image + noise * sights.image_sigma)
-    result = orient(sights, METHODS[method], Plane(index_unknown=index), LAB.B)
+    result = orient(sights, METHODS[method], WaterPlane(index_unknown=index), LAB.B)
     block = block_of(true, sights, result.at)
     treatment = model.Treatment.ADJUST if index else model.Treatment.KNOWN
     return result, replace(block, options=replace(block.options, datum=model.Datum.FREE, water_index=treatment))
@@ -217,7 +217,7 @@ def tank(tide: float = 5.0, wrong: float = 0.0) -> tuple[Oriented, model.Block]:
     unknown = np.full((1, 3), np.nan)
     position = block.control.position.copy()
     position[3] += wrong
-    return orient(sights, SINGLE_RAY, Plane()), replace(
+    return orient(sights, SINGLE_RAY, WaterPlane()), replace(
         block,
         options=replace(block.options, initial=model.Initial.COMPUTE),
         photos=replace(block.photos, position=unknown, attitude=unknown, tide=block.photos.tide + tide),

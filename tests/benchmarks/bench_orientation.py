@@ -23,7 +23,7 @@ from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.orientation.twomedia.helmert import adjust
 from musatpy.orientation.twomedia.oriented import orient
 from musatpy.orientation.twomedia.rays import Orientation
-from musatpy.orientation.twomedia.sights import Plane, Sights, problem_of
+from musatpy.orientation.twomedia.sights import Sights, WaterPlane, problem_of
 from musatpy.orientation.twomedia.strip import orient_strip
 from musatpy.refraction.flat import air_tangent
 from orientation.twomedia.geometries import (
@@ -106,9 +106,9 @@ def compared(name: str, method: str) -> tuple[float, float, float]:
     All three end in one minimum.
     """
     true, sights = problem(name, method)
-    adjustment = problem_of(sights, METHODS[method], Plane())
+    adjustment = problem_of(sights, METHODS[method], WaterPlane())
     start = disturbed(true, adjustment.unknown, 1)
-    nothing, oriented = timed(lambda: orient(sights, METHODS[method], Plane(), true.kind.B), REPEATS)
+    nothing, oriented = timed(lambda: orient(sights, METHODS[method], WaterPlane(), true.kind.B), REPEATS)
     ours, adjusted = timed(lambda: adjust(adjustment, start), REPEATS)
     peer, squares = timed(lambda: by_least_squares(true, sights, start, adjustment.unknown), 1)
     # differences for derivatives leave the peer at a slope of about 1e-8
@@ -127,7 +127,7 @@ def strip_time(photos: int, control: int) -> float:
     true = strip_scene("lab", photos, 100)
     rows = np.linspace(0, len(true.points) - 1, control, dtype=int)
     sights, _ = strip_sights(true, 1.0, control=corners(true) + rows.tolist())
-    return timed(lambda: orient_strip(sights, Plane()), 1)[0] / photos
+    return timed(lambda: orient_strip(sights, WaterPlane()), 1)[0] / photos
 
 
 def main() -> None:
@@ -142,7 +142,7 @@ def main() -> None:
         for method in METHODS:
             nothing, ours, peer = compared(name, method)
             true, sights = problem(name, method)
-            adjustment = problem_of(sights, METHODS[method], Plane())
+            adjustment = problem_of(sights, METHODS[method], WaterPlane())
             starts = disturbed(true, adjustment.unknown, STARTS)
             side_by_side, _ = timed(lambda: adjust(adjustment, starts), 1)  # noqa: B023 it is called at once
             print(

@@ -16,10 +16,10 @@ from musatpy.arrays import IntArray
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model import Block, PlaneTreatment, Refraction
 from musatpy.model.tables import finite_rows
+from musatpy.orientation.twomedia.methods import SINGLE_RAY
 from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, orient
 from musatpy.orientation.twomedia.rays import PHOTO
-from musatpy.orientation.twomedia.sights import Plane, Sights
-from musatpy.orientation.twomedia.single import SINGLE_RAY
+from musatpy.orientation.twomedia.sights import Sights, WaterPlane
 
 _STATION = slice(3, PHOTO)  # of the unknowns of a photo
 
@@ -71,12 +71,12 @@ def _sights(block: Block, place: PhotoPlaces, photo: int) -> Sights:
     )
 
 
-def _plane(water: WaterKnowledge, photo: int, tide: float) -> Plane:
+def _plane(water: WaterKnowledge, photo: int, tide: float) -> WaterPlane:
     """Return the plane of the water at a photo as the job knows it, `tide` at the working origin."""
     level_unknown = bool(water.group[photo] >= 0)
     level_weight = float(water.level_weight[water.group[photo]]) if level_unknown else 0.0
     loose = PlaneTreatment.LEVEL if level_unknown else PlaneTreatment.KNOWN
-    return Plane(
+    return WaterPlane(
         treatment=PlaneTreatment.ADJUST if water.tilt_unknown else loose,
         slope=(float(water.tilt[0]), float(water.tilt[1])),
         slope_sigma=_sigma(water.tilt_weight),
@@ -92,7 +92,7 @@ def _sigma(weight: float) -> float | None:
     return weight**-0.5 if weight else None
 
 
-def _oriented(sights: Sights, plane: Plane) -> Oriented:
+def _oriented(sights: Sights, plane: WaterPlane) -> Oriented:
     """Return the orientation. Raises `OrientationError` where points contradict it or do not hold the station."""
     with np.errstate(invalid="ignore"):  # of trials that make no sense
         oriented = orient(sights, SINGLE_RAY, plane)

@@ -11,9 +11,8 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import numerics
 from musatpy.model import Block, OrientationMethod, Weights
 from musatpy.model.findings import Concern, Grade, Reason
-from musatpy.orientation.twomedia.axes import paper_partials, paper_vector
-from musatpy.orientation.twomedia.oriented import Oriented, Verdict, orient
-from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation
+from musatpy.orientation.twomedia.oriented import Oriented, PlaneVerdict, orient
+from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation, paper_partials, paper_vector
 from musatpy.orientation.twomedia.strip import orient_strip
 from musatpy.orienting.placement import Placement, doubt, left_out, misfit
 from musatpy.orienting.scene import scene_of
@@ -125,7 +124,7 @@ class Answer(Placement):
         return self.sigma[-WATER:]
 
     @cached_property
-    def plane(self) -> tuple[Verdict, float]:
+    def plane(self) -> tuple[PlaneVerdict, float]:
         """Whether the plane is determined, and the sigma of its level over the mean depth."""
         return self.oriented.verdict(self.scene.spec.limit)
 
@@ -195,7 +194,7 @@ class Answer(Placement):
         """Return what speaks against the answer, besides points on the wrong side of the water."""
         oriented, (plane, share) = self.oriented, self.plane
         reasons = [] if oriented.fits else [misfit(oriented.sigma0)]
-        if plane is Verdict.NOT:
+        if plane is PlaneVerdict.NOT:
             size = f"{share:.3g} of the mean depth" if np.isfinite(share) else "without limit"
             text = (
                 f"the plane of water is not determined: the sigma of its level is {size} (limit "

@@ -11,8 +11,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.model import Block, Grade
-from musatpy.model.findings import GRADES, Concern, Reason
-from musatpy.model.findings import Verdict as RunVerdict
+from musatpy.model.findings import GRADES, Concern, Reason, Verdict
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orienting.scene import Scene
 
@@ -111,10 +110,10 @@ class Placement(ABC):
         return tuple(f"points {', '.join(ids[rows].tolist())} are {what}" for rows, what in parts if rows.any())
 
     @cached_property
-    def verdict(self) -> RunVerdict:
+    def verdict(self) -> Verdict:
         """What the answer is worth."""
         reasons = [*self.reasons(), *(doubt(Concern.STATION, text) for text in self.contradictions)]
-        return RunVerdict(reasons=tuple(sorted(reasons, key=lambda reason: -GRADES.index(reason.grade))))
+        return Verdict(reasons=tuple(sorted(reasons, key=lambda reason: -GRADES.index(reason.grade))))
 
 
 def doubt(concern: Concern, text: str) -> Reason:

@@ -17,20 +17,15 @@ from musatpy.model import (
     PlaneTreatment,
     Treatment,
 )
-from musatpy.orientation.twomedia.combined import COMBINED
+from musatpy.orientation.twomedia.methods import METHODS as SHORT
+from musatpy.orientation.twomedia.methods import TRIPLET
 from musatpy.orientation.twomedia.oriented import OrientationError
-from musatpy.orientation.twomedia.pair import PAIR_INDEPENDENT, PAIR_SUCCESSIVE
-from musatpy.orientation.twomedia.sights import Method, Plane, Sights
-from musatpy.orientation.twomedia.single import SINGLE_FERMAT, SINGLE_RAY
+from musatpy.orientation.twomedia.sights import Method, Sights, WaterPlane
 from musatpy.orientation.twomedia.strip_order import strip_order
-from musatpy.orientation.twomedia.triplet import TRIPLET
 
-METHODS: dict[OrientationMethod, Method] = {
-    OrientationMethod(method.name): method
-    for method in (SINGLE_RAY, SINGLE_FERMAT, PAIR_INDEPENDENT, PAIR_SUCCESSIVE, COMBINED, TRIPLET)
-} | {OrientationMethod.STRIP: TRIPLET}
+METHODS = SHORT | {OrientationMethod.STRIP: TRIPLET}
 _DRY = (OrientationMethod.PAIR_INDEPENDENT, OrientationMethod.PAIR_SUCCESSIVE)  # of straight rays alone too
-_NO_WATER = Plane(treatment=PlaneTreatment.KNOWN, index=1.0)
+_NO_WATER = WaterPlane(treatment=PlaneTreatment.KNOWN, index=1.0)
 NO_CARD = "no ORI card says what is to be oriented, and by which method"
 NO_CONTROL = "no two components of it are known: a single photo gives it no place"
 ONE_PHOTO = "only one of the photos shows it"
@@ -75,7 +70,7 @@ class Scene:
     spec: OrientationSpec
     method: Method
     sights: Sights
-    plane: Plane
+    plane: WaterPlane
     axes: Axes
     in_model: bool
     base: float  # 1 where nothing gives it
@@ -233,7 +228,7 @@ def _used(
     return point, np.flatnonzero(usable & np.isin(plates.point, point)), tuple(left_out), notes
 
 
-def _plane(block: Block, spec: OrientationSpec, photos: IntArray, in_model: bool) -> Plane:
+def _plane(block: Block, spec: OrientationSpec, photos: IntArray, in_model: bool) -> WaterPlane:
     """Return what the deck knows of the water.
 
     The tides of the photos are heights of the job; a model, which has other axes, can take their differences only.
@@ -249,7 +244,7 @@ def _plane(block: Block, spec: OrientationSpec, photos: IntArray, in_model: bool
         raise OrientationError("the tides differ, and nothing gives the scale of the model: give both stations")
     level = float(tide.mean()) if given and not in_model else None
     tilt = (water.tilt_east or 0.0, water.tilt_north or 0.0)
-    return Plane(
+    return WaterPlane(
         treatment=spec.plane,
         slope=(0.0, 0.0) if in_model else tilt,
         slope_sigma=None if in_model else water.tilt_sigma,

@@ -16,9 +16,8 @@ from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix,
 from musatpy.model import Block, PlaneTreatment, Solution
 from musatpy.model.findings import Concern, Reason
 from musatpy.model.tables import taken
-from musatpy.orientation.twomedia.axes import paper_partials, paper_vector
-from musatpy.orientation.twomedia.oriented import Verdict
-from musatpy.orientation.twomedia.rays import Orientation
+from musatpy.orientation.twomedia.oriented import PlaneVerdict
+from musatpy.orientation.twomedia.rays import Orientation, paper_partials, paper_vector
 from musatpy.orientation.twomedia.strip import Strip
 from musatpy.orienting.placement import Placement, doubt, left_out, misfit
 from musatpy.orienting.punched import punched
@@ -119,7 +118,7 @@ class StripAnswer(Placement):
         return self.strip.fits if self.solution is None else self.sigma0 <= sigma0_doubt(self.redundancy)
 
     @cached_property
-    def plane(self) -> tuple[Verdict, float]:
+    def plane(self) -> tuple[PlaneVerdict, float]:
         """Whether the plane is determined, and the sigma of its level over the mean depth.
 
         By IIIA, at the middle of the submerged points; where it has no solution by the weakest triplet.
@@ -131,8 +130,8 @@ class StripAnswer(Placement):
         depth = float(self.depth[wet].mean())
         share = self._level_sigma(self.inside[wet, :2].mean(axis=0)) / depth if depth > 0.0 else np.inf
         if not share <= limit:
-            return Verdict.NOT, share
-        return Verdict.BY_PRIOR if self.by_prior else Verdict.DETERMINED, share
+            return PlaneVerdict.NOT, share
+        return PlaneVerdict.BY_PRIOR if self.by_prior else PlaneVerdict.DETERMINED, share
 
     @property
     def summary(self) -> str:
@@ -339,7 +338,7 @@ class StripAnswer(Placement):
         if not self.fits:
             control = self.solution is not None and len(self.control_ids) > 0
             reasons.append(misfit(self.sigma0, "images and the control" if control else "images"))
-        if self.plane[0] is Verdict.NOT:
+        if self.plane[0] is PlaneVerdict.NOT:
             reasons.append(doubt(Concern.STATION, self._creep()))
         if self.solution is None:
             text = (
@@ -391,7 +390,7 @@ def _by_prior(answer: StripAnswer) -> bool:
     """Return whether IIIA determines the plane of water only with the sigmas that the deck states of it."""
     plane = answer.scene.plane
     stated = plane.level_sigma is not None or plane.slope_sigma is not None
-    if answer.solution is None or not stated or answer.plane[0] is not Verdict.DETERMINED:
+    if answer.solution is None or not stated or answer.plane[0] is not PlaneVerdict.DETERMINED:
         return False
     block = answer.solution.block
     water, photos = block.water, block.photos
@@ -402,7 +401,7 @@ def _by_prior(answer: StripAnswer) -> bool:
         water=replace(water, tilt_sigma=None),
     )
     alone = _adjusted(answer, unaided)
-    return alone.solution is None or alone.plane[0] is not Verdict.DETERMINED
+    return alone.solution is None or alone.plane[0] is not PlaneVerdict.DETERMINED
 
 
 def _adjusted(answer: StripAnswer, block: Block) -> StripAnswer:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from musatpy.orientation.twomedia import pictures
-from musatpy.orientation.twomedia.study import Study, study
+from musatpy.orientation.twomedia.study import OrientationStudy, study
 from musatpy.orienting.answer import Answer
 from musatpy.orienting.strip_answer import StripAnswer
 
-_STARTS = 25  # of each level: a hundred in all
 
-
-def studied(answer: Answer | StripAnswer, title: str) -> tuple[Study, dict[str, bytes]]:
+def studied(answer: Answer | StripAnswer, title: str) -> tuple[OrientationStudy, dict[str, bytes]]:
     """Return the study, and pictures (PNG) by their names: correlations, basins, precision where the water is free.
 
     Of a strip it is that of the triplet that determines the water least; where the strip has sigmas, there is a
@@ -19,7 +17,7 @@ def studied(answer: Answer | StripAnswer, title: str) -> tuple[Study, dict[str, 
     oriented = (
         answer.strip.triplets[answer.strip.weakest].oriented if isinstance(answer, StripAnswer) else answer.oriented
     )
-    result = study(oriented, starts=_STARTS)
+    result = study(oriented)
     drawn = {
         "correlations": pictures.correlation_picture(oriented),
         "basins": pictures.basins_picture(result.basins, title),

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem, PlaneTreatment, Weights
-from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS
+from musatpy.orientation.twomedia.rays import PLANE_SYMBOLS, SYMBOLS
 from musatpy.reports.answer import MARKS, verdict_section
 from musatpy.reports.editing import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, number_text, position
 from musatpy.reports.fields import Document, Field, FieldGroup, Node, Rows, flag, identity, of_job

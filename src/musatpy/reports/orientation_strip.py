@@ -25,7 +25,7 @@ from musatpy.reports.table import Report, filled, sheet
 from musatpy.units import DEGREE
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
-    from musatpy.orientation.twomedia.study import Precision, Study
+    from musatpy.orientation.twomedia.study import LevelPrecision, OrientationStudy
     from musatpy.orienting.strip_answer import StripAnswer
 
 _ABOUT = (
@@ -158,7 +158,7 @@ def sections_of(answer: StripAnswer) -> list[Section]:
     ]
 
 
-def study_text(study: Study, title: str, limit: float) -> str:
+def study_text(study: OrientationStudy, title: str, limit: float) -> str:
     """Return the study; the plane counts as determined up to a `limit` of the mean depth."""
     lines = [
         f"STUDY OF AN ORIENTATION THROUGH WATER: {title}",
@@ -184,7 +184,7 @@ def study_text(study: Study, title: str, limit: float) -> str:
     return text_of(lines)
 
 
-def _precision(precision: Precision, limit: float) -> list[str]:
+def _precision(precision: LevelPrecision, limit: float) -> list[str]:
     """Return the sigma of the level over the mean depth, by depth and share of dry points."""
     ratio = precision.sigma / precision.depths[:, None]
     heads = [f"{100.0 * share:.0f} % dry" for share in precision.shares]

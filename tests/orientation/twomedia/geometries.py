@@ -10,12 +10,9 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.collinearity import attitude_from_matrix
-from musatpy.orientation.twomedia.combined import COMBINED
-from musatpy.orientation.twomedia.pair import PAIR_INDEPENDENT, PAIR_SUCCESSIVE
+from musatpy.orientation.twomedia.methods import METHODS as METHODS
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Method, Sights
-from musatpy.orientation.twomedia.single import SINGLE_FERMAT, SINGLE_RAY
-from musatpy.orientation.twomedia.triplet import TRIPLET
 
 HOUSE = np.array([1.0, -1.0, -1.0])  # the axes of the house from those of the paper
 N, A, B = 1.34, 0.03, -0.02
@@ -187,12 +184,6 @@ def geometry(name: str, method: str, draw: int = 0) -> Scene:
     if method == "TRIPLET":
         return scene(kind, points_of(kind, 13 + 100 * draw, 30, kind.B / 2, 3 + 100 * draw), stations, angles)
     return scene(kind, points_of(kind, 12 + 100 * draw), stations, angles)
-
-
-METHODS: dict[str, Method] = {
-    method.name: method
-    for method in (SINGLE_RAY, SINGLE_FERMAT, PAIR_INDEPENDENT, PAIR_SUCCESSIVE, COMBINED, TRIPLET)
-}
 
 
 def control_of(method: Method) -> int:

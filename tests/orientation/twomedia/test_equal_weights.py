@@ -7,9 +7,9 @@ import pytest
 
 from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.twomedia.helmert import adjust
-from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, Verdict, orient
-from musatpy.orientation.twomedia.propagation import expected_squares
-from musatpy.orientation.twomedia.sights import Plane, without
+from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, PlaneVerdict, orient
+from musatpy.orientation.twomedia.precision import expected_squares
+from musatpy.orientation.twomedia.sights import WaterPlane, without
 from orientation.twomedia.geometries import METHODS, control_of, geometry, sights_of, truth_of
 from orientation.twomedia.test_methods import noisy
 
@@ -18,7 +18,7 @@ def oriented(method: str, *, equal: bool, seed: int = 1) -> Oriented:
     """Return the orientation of noisy sights, from nothing."""
     true = geometry("lab", method)
     sights = noisy(sights_of(true, control_of(METHODS[method])), seed)
-    return orient(sights, METHODS[method], Plane(), true.kind.B, equal=equal)
+    return orient(sights, METHODS[method], WaterPlane(), true.kind.B, equal=equal)
 
 
 @pytest.mark.slow
@@ -27,7 +27,7 @@ def test_equal_weights_propagate_the_errors_of_the_images(method):
     """The covariance against that of solutions with each image moved by a tenth of its sigma, one by one."""
     true = geometry("lab", method)
     sights = without(sights_of(true, control_of(METHODS[method])), np.arange(20) >= 10)
-    result = orient(sights, METHODS[method], Plane(), true.kind.B, equal=True)
+    result = orient(sights, METHODS[method], WaterPlane(), true.kind.B, equal=True)
     changes = []
     for image, axis in np.ndindex(sights.image.shape):
         error = np.zeros_like(sights.image)
@@ -44,7 +44,7 @@ def test_equal_weights_have_no_measure_for_what_is_known_of_the_water():
     true = geometry("lab", "SINGLE-RAY")
     sights = sights_of(true, 20)
     slope = (float(truth_of(true)[0].slope[0]), float(truth_of(true)[0].slope[1]))
-    tide = Plane(treatment=PlaneTreatment.LEVEL, slope=slope, level=true.d, level_sigma=1e-3)
+    tide = WaterPlane(treatment=PlaneTreatment.LEVEL, slope=slope, level=true.d, level_sigma=1e-3)
     with pytest.raises(OrientationError, match=r"EQUAL weights of conditions .* \(TID, WTR\): FULL has"):
         orient(sights, METHODS["SINGLE-RAY"], tide, equal=True)
     held = replace(tide, treatment=PlaneTreatment.KNOWN, slope_sigma=1e-4)
@@ -57,7 +57,7 @@ def test_no_weights_are_better_than_those_of_the_images(method):
     """Gauss and Markov: no sigma is smaller, but for solutions that are sigmas apart; and all is said of them."""
     equal, full = (oriented(method, equal=weights) for weights in (True, False))
     assert (equal.sigma >= 0.95 * full.sigma).all() and (equal.sigma < 50.0 * full.sigma + 1e-12).all()
-    assert equal.verdict(np.inf)[0] is full.verdict(np.inf)[0] is Verdict.DETERMINED
+    assert equal.verdict(np.inf)[0] is full.verdict(np.inf)[0] is PlaneVerdict.DETERMINED
     if not equal.sights.is_control.any():
         assert np.nansum(equal.image_redundancy) == pytest.approx(equal.redundancy, rel=1e-6)
 

@@ -9,11 +9,19 @@ from scipy.optimize import brentq
 
 from adjustment.case_decks import load_case
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, scale_restraint
-from musatpy.orientation.twomedia.axes import from_paper, paper_partials, paper_vector
-from musatpy.orientation.twomedia.helmert import Group, Problem, adjust
+from musatpy.orientation.twomedia.conditions import ConditionGroup
+from musatpy.orientation.twomedia.helmert import HelmertProblem, adjust
 from musatpy.orientation.twomedia.oriented import orient
-from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, image_rays
-from musatpy.orientation.twomedia.sights import Plane, PlaneTreatment, Sights, problem_of
+from musatpy.orientation.twomedia.rays import (
+    IMAGE,
+    PHOTO,
+    WATER,
+    Orientation,
+    image_rays,
+    paper_partials,
+    paper_vector,
+)
+from musatpy.orientation.twomedia.sights import PlaneTreatment, Sights, WaterPlane, problem_of
 from orientation.twomedia.geometries import (
     ANGLES,
     HOUSE,
@@ -101,9 +109,9 @@ def test_a_triplet_of_collinear_stations_is_regular():
     angles = ANGLES * [[1.0, 0.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]]
     stations = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0)])
     true = scene(kind, points_of(kind, 13, 30, kind.B / 2, 3), stations, angles)
-    result = orient(sights_of(true), METHODS["TRIPLET"], Plane(), kind.B)
+    result = orient(sights_of(true), METHODS["TRIPLET"], WaterPlane(), kind.B)
     assert scaled_errors(result.at, true).max() < 1e-9
-    other = orient(sights_of(geometry("lab", "TRIPLET")), METHODS["TRIPLET"], Plane(), kind.B)
+    other = orient(sights_of(geometry("lab", "TRIPLET")), METHODS["TRIPLET"], WaterPlane(), kind.B)
     assert result.condition < 2.0 * other.condition
 
 
@@ -165,7 +173,7 @@ def test_with_an_index_of_one_it_is_the_resection_in_air(name, digit):
         control=control,
         control_sigma=np.zeros((count, 3)),
     )
-    water = Plane(treatment=PlaneTreatment.KNOWN, level=float(control[:, 2].max()) + 100.0, index=1.0)
+    water = WaterPlane(treatment=PlaneTreatment.KNOWN, level=float(control[:, 2].max()) + 100.0, index=1.0)
     result = orient(sights, METHODS["SINGLE-RAY"], water)
     np.testing.assert_allclose(result.at.station[0], case["expected_XYZ"], atol=digit)
 
@@ -183,7 +191,7 @@ def test_water_without_depth_is_none(method):
     at, sights = truth_of(true), sights_of(true, 20 if method == "SINGLE-RAY" else 0)
     sights = replace(sights, wet=np.ones(len(points), dtype=bool))
     slope = (float(at.slope[0, 0]), float(at.slope[0, 1]))
-    water = Plane(treatment=PlaneTreatment.KNOWN, slope=slope, level=float(at.level[0]))
+    water = WaterPlane(treatment=PlaneTreatment.KNOWN, slope=slope, level=float(at.level[0]))
     problem = problem_of(sights, METHODS[method], water)
     start = Orientation.of(
         at.vector + 1e-3 * np.random.default_rng(1).normal(size=at.vector.shape) * problem.unknown
@@ -197,7 +205,9 @@ _STEP = 1e-6
 _ROUNDING = 5e-9  # relative, of central differences with that step
 
 
-def misclosures(problem: Problem, group: Group, x: np.ndarray, image: np.ndarray, control: np.ndarray):
+def misclosures(
+    problem: HelmertProblem, group: ConditionGroup, x: np.ndarray, image: np.ndarray, control: np.ndarray
+):
     """Return the conditions of a group at some values."""
     at = Orientation.of(x)
     rays = image_rays(at, problem.photo, image, problem.wet, problem.rise)
@@ -214,7 +224,7 @@ def differences(function, x: np.ndarray, change: np.ndarray) -> np.ndarray:
 def test_partials_of_the_conditions(method):
     rng = np.random.default_rng(2)
     scene = geometry("tank", method.name)
-    problem = problem_of(sights_of(scene, control_of(method)), method, Plane())
+    problem = problem_of(sights_of(scene, control_of(method)), method, WaterPlane())
     wet = problem.wet.copy()
     if method.name != "SINGLE-FERMAT":  # of wet rays only
         wet[::5] = False
@@ -247,15 +257,18 @@ def test_partials_of_the_conditions(method):
             np.testing.assert_allclose(at.by_control[..., axis], numeric, atol=_ROUNDING * size)
 
 
-def test_axes_of_the_paper_both_ways():
-    rng = np.random.default_rng(3)
-    photos, slope_level = rng.uniform(-1.2, 1.2, (5, 12)), rng.uniform(-0.2, 0.2, (5, 3))
-    x = np.concatenate([photos, slope_level, np.full((5, 1), N)], axis=1)
-    at = Orientation.of(x)
-    np.testing.assert_allclose(from_paper(paper_vector(at)).vector, x, atol=1e-14)
+def test_elements_in_the_axes_of_the_paper():
+    """Those that a scene is made with; with partial derivatives by those of the house."""
+    true = geometry("lab", "TRIPLET")
+    true = replace(true, angles=np.random.default_rng(3).uniform(-1.2, 1.2, (3, 3)))
+    at = truth_of(true)
+    photos = np.concatenate([true.angles, true.stations], axis=1).ravel()
+    np.testing.assert_allclose(paper_vector(at)[0], [*photos, A, B, true.d, N], atol=1e-14)
     J = paper_partials(at)
-    for column, change in enumerate(_STEP * np.eye(16)):
-        numeric = paper_vector(Orientation.of(x + change)) - paper_vector(Orientation.of(x - change))
+    for column, change in enumerate(_STEP * np.eye(22)):
+        numeric = paper_vector(Orientation.of(at.vector + change)) - paper_vector(
+            Orientation.of(at.vector - change)
+        )
         np.testing.assert_allclose(J[..., column], numeric / (2.0 * _STEP), atol=1e-8)
 
 

@@ -11,12 +11,18 @@ import musatpy
 from musatpy.arrays import FloatArray
 from musatpy.geometry.similarity import fit
 from musatpy.orientation.twomedia import helmert
-from musatpy.orientation.twomedia.axes import paper_partials
 from musatpy.orientation.twomedia.conditions import Misclosure, fermat
-from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, refined
-from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, Verdict, orient
-from musatpy.orientation.twomedia.rays import STATION, Orientation, Rays
-from musatpy.orientation.twomedia.sights import Plane, PlaneTreatment, Sights, problem_of, redundancy_of, without
+from musatpy.orientation.twomedia.helmert import Adjusted, HelmertProblem, adjust, refined
+from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, PlaneVerdict, orient
+from musatpy.orientation.twomedia.rays import STATION, ImageRays, Orientation, paper_partials
+from musatpy.orientation.twomedia.sights import (
+    PlaneTreatment,
+    Sights,
+    WaterPlane,
+    problem_of,
+    redundancy_of,
+    without,
+)
 from musatpy.units import ARC_SECOND
 from orientation.twomedia.geometries import (
     ANGLES,
@@ -49,7 +55,7 @@ def oriented(name: str, method: str, treatment: PlaneTreatment = PlaneTreatment.
     at = truth_of(true)
     level = None if treatment is PlaneTreatment.ADJUST else float(at.level[0])
     slope = (0.0, 0.0) if level is None else (float(at.slope[0, 0]), float(at.slope[0, 1]))
-    plane = Plane(treatment=treatment, slope=slope, level=level)
+    plane = WaterPlane(treatment=treatment, slope=slope, level=level)
     return orient(sights_of(true, control_of(METHODS[method])), METHODS[method], plane, true.kind.B)
 
 
@@ -88,7 +94,7 @@ def test_other_points_give_the_truth_from_nothing(name, method):
     """
     for draw in range(1, 11):
         true = geometry(name, method, draw)
-        result = orient(sights_of(true, control_of(METHODS[method])), METHODS[method], Plane(), true.kind.B)
+        result = orient(sights_of(true, control_of(METHODS[method])), METHODS[method], WaterPlane(), true.kind.B)
         assert scaled_errors(result.at, true).max() < 1e-9, draw
 
 
@@ -102,9 +108,9 @@ def level_1(name: str, method: str, seed: int, count: int = 100) -> Orientation:
     )
 
 
-def noise_free(name: str, method: str) -> Problem:
+def noise_free(name: str, method: str) -> HelmertProblem:
     """Return the adjustment of a noise-free geometry."""
-    return problem_of(sights_of(geometry(name, method), control_of(METHODS[method])), METHODS[method], Plane())
+    return problem_of(sights_of(geometry(name, method), control_of(METHODS[method])), METHODS[method], WaterPlane())
 
 
 @pytest.mark.slow
@@ -129,7 +135,7 @@ def test_the_truth_from_starts_of_level_1(name, method):
     assert (adjusted.squares[~true] > 10.0 * redundancy_of(problem)).all()  # sigma0 over 3
     sights = sights_of(scene_of, control_of(METHODS[method]))
     for row in np.flatnonzero(~true):
-        again = orient(sights, METHODS[method], Plane(), scene_of.kind.B, near=starts[row : row + 1])
+        again = orient(sights, METHODS[method], WaterPlane(), scene_of.kind.B, near=starts[row : row + 1])
         assert scaled_errors(again.at, scene_of).max() < 1e-9
 
 
@@ -171,7 +177,7 @@ def test_sigmas_of_the_geometries(name, method, treatment, printed):
 def test_dry_control_decides(name, phi, d):
     kind = KINDS[name]
     true = scene(kind, dry(kind, points_of(kind, 11), 6), stations_of(kind, 1), ANGLES[:1])
-    sigmas = paper_sigmas(orient(sights_of(true, 20), METHODS["SINGLE-RAY"], Plane()))
+    sigmas = paper_sigmas(orient(sights_of(true, 20), METHODS["SINGLE-RAY"], WaterPlane()))
     assert sigmas[0] / ARC_SECOND == pytest.approx(phi, rel=0.05)
     assert sigmas[-2] == pytest.approx(d, rel=0.05)
 
@@ -179,7 +185,7 @@ def test_dry_control_decides(name, phi, d):
 def test_intersections_help_the_control():
     """15.5 m without them: the 15 other points are left out."""
     sights = sights_of(geometry("aerial", "COMBINED"), 5)
-    alone = orient(without(sights, ~sights.is_control), METHODS["COMBINED"], Plane())
+    alone = orient(without(sights, ~sights.is_control), METHODS["COMBINED"], WaterPlane())
     assert paper_sigmas(alone)[-2] == pytest.approx(15.5, rel=0.05)
 
 
@@ -207,7 +213,7 @@ def test_correlations_from_the_air():
 @pytest.mark.parametrize("name", KINDS)
 def test_fermat_is_the_refracted_ray(name):
     sights = noisy(sights_of(geometry(name, "SINGLE-RAY"), 20), 1)
-    ray, path = (orient(sights, METHODS[method], Plane()) for method in ("SINGLE-RAY", "SINGLE-FERMAT"))
+    ray, path = (orient(sights, METHODS[method], WaterPlane()) for method in ("SINGLE-RAY", "SINGLE-FERMAT"))
     unknown = ray.sigma > 0.0
     difference = (ray.at.vector - path.at.vector)[unknown] / ray.sigma[unknown]
     assert np.abs(difference).max() < 1e-7  # the images settle to 1e-7 of their sigmas, at a fourth a step
@@ -216,7 +222,9 @@ def test_fermat_is_the_refracted_ray(name):
 
 def test_both_pairs_are_one_model():
     sights = noisy(sights_of(geometry("lab", "PAIR-SUCCESSIVE")), 5)
-    first, second = (orient(sights, METHODS[method], Plane()) for method in ("PAIR-INDEPENDENT", "PAIR-SUCCESSIVE"))
+    first, second = (
+        orient(sights, METHODS[method], WaterPlane()) for method in ("PAIR-INDEPENDENT", "PAIR-SUCCESSIVE")
+    )
     similarity = fit(first.points, second.points, np.ones(20))
     sigma = np.sqrt(np.diagonal(second.point_covariance(), axis1=1, axis2=2))
     assert np.abs((similarity.apply(first.points) - second.points) / sigma).max() < 1e-6
@@ -240,7 +248,7 @@ def test_program_iiia_is_the_referee(name, method, control, control_sigma):
     true = geometry(name, method)
     sights = noisy(sights_of(true, control, control_sigma=control_sigma), 1)
     sights = replace(sights, control=sights.control + control_sigma * np.random.default_rng(2).normal(size=(20, 3)))
-    result = orient(sights, METHODS[method], Plane())
+    result = orient(sights, METHODS[method], WaterPlane())
     solution = musatpy.adjust(block_of(true, sights, result.at))
     assert solution.water is not None
     photos = np.concatenate([solution.stations.attitude, solution.stations.position], axis=1).ravel()
@@ -262,21 +270,21 @@ def test_program_iiia_is_the_referee(name, method, control, control_sigma):
 
 
 def test_verdicts():
-    assert oriented("lab", "SINGLE-RAY").verdict()[0] is Verdict.DETERMINED
-    assert oriented("lab", "SINGLE-RAY", PlaneTreatment.LEVEL).verdict()[0] is Verdict.DETERMINED
-    assert oriented("lab", "SINGLE-RAY", PlaneTreatment.KNOWN).verdict()[0] is Verdict.HELD
+    assert oriented("lab", "SINGLE-RAY").verdict()[0] is PlaneVerdict.DETERMINED
+    assert oriented("lab", "SINGLE-RAY", PlaneTreatment.LEVEL).verdict()[0] is PlaneVerdict.DETERMINED
+    assert oriented("lab", "SINGLE-RAY", PlaneTreatment.KNOWN).verdict()[0] is PlaneVerdict.HELD
     for method in ("PAIR-INDEPENDENT", "PAIR-SUCCESSIVE", "TRIPLET"):
-        assert oriented("aerial", method).verdict()[0] is Verdict.NOT
+        assert oriented("aerial", method).verdict()[0] is PlaneVerdict.NOT
     level = float(truth_of(geometry("aerial", "SINGLE-RAY")).level[0])
-    prior = Plane(level=level, level_sigma=0.1, slope_sigma=0.0001, slope=(0.03, 0.02))
+    prior = WaterPlane(level=level, level_sigma=0.1, slope_sigma=0.0001, slope=(0.03, 0.02))
     result = orient(sights_of(geometry("aerial", "SINGLE-RAY"), 20), METHODS["SINGLE-RAY"], prior)
-    assert result.verdict()[0] is Verdict.BY_PRIOR
+    assert result.verdict()[0] is PlaneVerdict.BY_PRIOR
 
 
 def test_an_index_of_one_takes_the_water_away():
     """Relative orientation of straight rays: the three parameters of the plane leave a defect of three."""
     sights = sights_of(geometry("lab", "PAIR-INDEPENDENT"))
-    problem = problem_of(replace(sights, wet=np.zeros(20, dtype=bool)), METHODS["PAIR-INDEPENDENT"], Plane())
+    problem = problem_of(replace(sights, wet=np.zeros(20, dtype=bool)), METHODS["PAIR-INDEPENDENT"], WaterPlane())
     result: Adjusted = adjust(problem, truth_of(geometry("lab", "PAIR-INDEPENDENT")))
     assert np.linalg.matrix_rank(result.normals[0]) == 5
 
@@ -284,7 +292,7 @@ def test_an_index_of_one_takes_the_water_away():
 def test_nine_equations_of_a_point_on_three_photos_have_rank_three():
     """Of which two coplanarities and one scale are taken, so that A Q A' has full rank."""
     true = geometry("lab", "TRIPLET")
-    problem = problem_of(sights_of(true), METHODS["TRIPLET"], Plane())
+    problem = problem_of(sights_of(true), METHODS["TRIPLET"], WaterPlane())
     part = adjust(problem, truth_of(true)).linear[0]
     spread = np.einsum("kqv,kv,kpv->kqp", part.by_values[0], part.variance, part.by_values[0])
     assert (np.linalg.matrix_rank(spread) == 3).all()
@@ -296,10 +304,10 @@ def test_too_few_equations_say_what_is_lacking():
     with pytest.raises(
         OrientationError, match="SINGLE-RAY: 8 conditions for 9 unknowns; 1 more are needed: control"
     ):
-        orient(sights, METHODS["SINGLE-RAY"], Plane())
+        orient(sights, METHODS["SINGLE-RAY"], WaterPlane())
     control = sights.control.copy()
     control[4] = np.where([True, False, True], true.points[4] * HOUSE, np.nan)
-    result = orient(replace(sights, control=control), METHODS["SINGLE-RAY"], Plane())  # four XYZ and one XZ
+    result = orient(replace(sights, control=control), METHODS["SINGLE-RAY"], WaterPlane())  # four XYZ and one XZ
     assert result.redundancy == 0
 
 
@@ -311,7 +319,7 @@ def test_true_errors_are_as_large_as_their_sigmas(method):
     From the truth, which is near enough for the last steps alone.
     """
     true = geometry("lab", method)
-    problem = problem_of(sights_of(true, control_of(METHODS[method])), METHODS[method], Plane())
+    problem = problem_of(sights_of(true, control_of(METHODS[method])), METHODS[method], WaterPlane())
     truth, ratios, passed = truth_of(true), [], 0
     rng, unknown = np.random.default_rng(6), problem.unknown
     for _ in range(5):
@@ -329,7 +337,7 @@ def test_true_errors_are_as_large_as_their_sigmas(method):
     assert 460 <= passed <= 490  # 475 +- 3 sigma
 
 
-def fermat_as_a_ratio(rays: Rays, control: FloatArray, at: Orientation) -> Misclosure:
+def fermat_as_a_ratio(rays: ImageRays, control: FloatArray, at: Orientation) -> Misclosure:
     """Return (18): (18)' over both ways."""
     product, only = fermat(rays, control, at), rays[:, 0]
     ways = only.origin - only.station, control - only.origin
@@ -375,7 +383,7 @@ def test_tides_under_the_photos_are_levels_of_their_own():
     for photo, tide in enumerate(tides):
         raised = scene(replace(true.kind, H=true.kind.H - tide), true.points, true.stations, true.angles)
         images[sights.photo == photo] = sights_of(raised).image[sights.photo == photo]
-    result = orient(replace(sights, image=images), METHODS["COMBINED"], Plane(rise=tides))
+    result = orient(replace(sights, image=images), METHODS["COMBINED"], WaterPlane(rise=tides))
     assert np.abs(result.at.vector - at.vector[0]).max() < 1e-9
 
 
@@ -384,7 +392,7 @@ def test_a_prior_of_the_level_is_one_more_observation():
     sights = sights_of(geometry("lab", "SINGLE-RAY"), 20)
     free = oriented("lab", "SINGLE-RAY")
     sigma, level = float(free.sigma[-2]), float(free.at.level)
-    result = orient(sights, METHODS["SINGLE-RAY"], Plane(level=level + 0.1 * sigma, level_sigma=sigma))
+    result = orient(sights, METHODS["SINGLE-RAY"], WaterPlane(level=level + 0.1 * sigma, level_sigma=sigma))
     assert float(result.at.level) - level == pytest.approx(0.05 * sigma, rel=1e-3)
     assert result.adjusted.squares[0] == pytest.approx(0.1**2 / 2.0, rel=1e-3)
     assert result.redundancy == free.redundancy + 1
@@ -403,7 +411,7 @@ def test_points_that_not_all_photos_show_count_where_they_are_seen(method, unsee
     sights = sights_of(true, 5 if method == "COMBINED" else 0)
     seen = ~np.any([(sights.point == point) & (sights.photo == photo) for point, photo in unseen], axis=0)
     images = {name: getattr(sights, name)[seen] for name in ("photo", "point", "image", "image_sigma")}
-    result = orient(replace(sights, **images), METHODS[method], Plane(), true.kind.B)
+    result = orient(replace(sights, **images), METHODS[method], WaterPlane(), true.kind.B)
     assert result.redundancy == redundancy
     assert scaled_errors(result.at, true).max() < 1e-9
 
@@ -414,7 +422,7 @@ def test_residuals_and_test_values_of_a_small_error():
     clean = sights_of(true, 8)
     error = np.zeros_like(clean.image)
     error[image, axis] = 0.01 * clean.image_sigma[image, axis]
-    result = orient(replace(clean, image=clean.image + error), METHODS["COMBINED"], Plane())
+    result = orient(replace(clean, image=clean.image + error), METHODS["COMBINED"], WaterPlane())
     r = result.image_redundancy[image, axis]
     assert 0.1 < r < 0.9
     assert result.image_residuals[image, axis] == pytest.approx(-r * error[image, axis], rel=1e-3)
@@ -427,6 +435,8 @@ def test_misfits_of_good_images_are_1_in_the_mean_square(method):
     true = geometry("lab", method)
     squares = []
     for seed in range(20):
-        problem = problem_of(noisy(sights_of(true, control_of(METHODS[method])), seed), METHODS[method], Plane())
+        problem = problem_of(
+            noisy(sights_of(true, control_of(METHODS[method])), seed), METHODS[method], WaterPlane()
+        )
         squares.append(np.mean(np.square(helmert.misfits(problem, truth_of(true)))))
     assert np.mean(squares) == pytest.approx(1.0, abs=4.0 * np.std(squares) / np.sqrt(20))

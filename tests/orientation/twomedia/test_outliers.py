@@ -9,7 +9,7 @@ from scipy.special import chdtrc, chdtri
 from musatpy.orientation.twomedia.helmert import adjust, linearised, misfits
 from musatpy.orientation.twomedia.oriented import OrientationError, orient
 from musatpy.orientation.twomedia.outliers import CRITICAL, _tested, conditioned, deviations
-from musatpy.orientation.twomedia.sights import Plane, Sights, problem_of, without
+from musatpy.orientation.twomedia.sights import Sights, WaterPlane, problem_of, without
 from orientation.twomedia.geometries import METHODS, control_of, geometry, sights_of, truth_of
 
 _TOUCHED = 8.0  # sigmas by which an error moves the conditions of its point, beyond any doubt
@@ -33,7 +33,7 @@ def contaminated(sights: Sights, seed: int, focal_length: float) -> Sights:
 def checked(method: str, control: int) -> np.ndarray:
     """Return the points (p,) that the others check: an error shows at a third of its size at least."""
     result = orient(
-        sights_of(geometry("lab", method), control), METHODS[method], Plane(), geometry("lab", method).kind.B
+        sights_of(geometry("lab", method), control), METHODS[method], WaterPlane(), geometry("lab", method).kind.B
     )
     least = np.full(len(result.sights.points), np.inf)
     np.minimum.at(least, result.sights.point, 2.0 * result.image_redundancy.max(axis=1))
@@ -48,10 +48,10 @@ def recovered(method: str, control: int, seed: int) -> tuple[set[int], bool]:
     """
     true = geometry("lab", method)
     sights = contaminated(sights_of(true, control), seed, true.kind.c)
-    problem = problem_of(sights, METHODS[method], Plane())
+    problem = problem_of(sights, METHODS[method], WaterPlane())
     touched = set(conditioned(problem)[misfits(problem, truth_of(true))[0] > _TOUCHED].tolist())
     try:
-        result = orient(sights, METHODS[method], Plane(), true.kind.B)
+        result = orient(sights, METHODS[method], WaterPlane(), true.kind.B)
     except OrientationError:
         return touched, False
     unknown = result.problem.unknown
@@ -83,13 +83,13 @@ def test_a_point_comes_back_from_within_two_and_a_half_sigmas():
     true, method = geometry("lab", "PAIR-SUCCESSIVE"), METHODS["PAIR-SUCCESSIVE"]
     clean, rng = sights_of(true), np.random.default_rng(9)
     sights = replace(clean, image=clean.image + rng.normal(size=clean.image.shape) * clean.image_sigma)
-    whole = problem_of(sights, method, Plane())
+    whole = problem_of(sights, method, WaterPlane())
     point, all_in = conditioned(whole), adjust(whole, truth_of(true))
     size = misfits(whole, all_in.at)[0]
     wrong, doubted = point[np.argmax(size)], point[(size > 1.2) & (size < 2.2)]
     assert len(doubted) == 2
     suspected = np.isin(np.arange(len(sights.points)), [wrong, *doubted])
-    out, adjusted = _tested(sights, method, Plane(), suspected, all_in.at)
+    out, adjusted = _tested(sights, method, WaterPlane(), suspected, all_in.at)
     assert np.flatnonzero(out).tolist() == [wrong]
     assert 3.5 < misfits(whole, adjusted.at)[0][point == wrong] < 4.0
 
@@ -101,11 +101,11 @@ def test_a_point_is_tested_against_the_others(method):
     true, rng = geometry("lab", method), np.random.default_rng(4)
     clean = sights_of(true, control_of(METHODS[method]))
     sights = replace(clean, image=clean.image + 0.01 * rng.normal(size=clean.image.shape) * clean.image_sigma)
-    whole = problem_of(sights, METHODS[method], Plane())
+    whole = problem_of(sights, METHODS[method], WaterPlane())
     values = deviations(adjust(whole, truth_of(true)))
     for number in (0, 7, 15):
         others = without(sights, np.arange(len(sights.points)) == number)
-        alone = adjust(problem_of(others, METHODS[method], Plane()), truth_of(true))
+        alone = adjust(problem_of(others, METHODS[method], WaterPlane()), truth_of(true))
         T = alone.directions[0]
         C = T @ np.linalg.inv(alone.normals[0]) @ T.T
         (row,) = np.flatnonzero(conditioned(whole) == number)
@@ -128,6 +128,6 @@ def test_squares_of_the_test_values_of_good_points_are_1_in_the_mean():
     method, clean, squares = METHODS["PAIR-SUCCESSIVE"], sights_of(true), []
     for _ in range(40):
         sights = replace(clean, image=clean.image + rng.normal(size=clean.image.shape) * clean.image_sigma)
-        problem = problem_of(sights, method, Plane())
+        problem = problem_of(sights, method, WaterPlane())
         squares.append(np.mean(np.square(CRITICAL * deviations(adjust(problem, truth_of(true))))))
     assert np.mean(squares) == pytest.approx(1.0, abs=4.0 * np.std(squares) / np.sqrt(40))

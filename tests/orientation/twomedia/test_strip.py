@@ -5,25 +5,23 @@ import pytest
 
 from musatpy.geometry.similarity import fit
 from musatpy.model.options import PlaneTreatment
-from musatpy.orientation.twomedia.joins import joined
-from musatpy.orientation.twomedia.oriented import OrientationError, Verdict
-from musatpy.orientation.twomedia.sights import Plane, Sights
-from musatpy.orientation.twomedia.strip import orient_strip
+from musatpy.orientation.twomedia.oriented import OrientationError, PlaneVerdict
+from musatpy.orientation.twomedia.sights import WaterPlane
+from musatpy.orientation.twomedia.strip import joined, orient_strip, triplets
 from musatpy.orientation.twomedia.strip_order import strip_order
-from musatpy.orientation.twomedia.strip_triplets import triplets
 from orientation.twomedia.geometries import Scene
 from orientation.twomedia.strip_scenes import corners, strip_scene, strip_sights, strip_truth
 
-LEVEL = Plane(treatment=PlaneTreatment.LEVEL)
+LEVEL = WaterPlane(treatment=PlaneTreatment.LEVEL)
 
 
-def known(true: Scene) -> Plane:
-    return Plane(treatment=PlaneTreatment.KNOWN, level=true.d)
+def known(true: Scene) -> WaterPlane:
+    return WaterPlane(treatment=PlaneTreatment.KNOWN, level=true.d)
 
 
 def test_a_wrong_point_is_left_out_of_a_join() -> None:
     sights, _ = strip_sights(strip_scene("lab", 4, 30), noise=1.0)
-    first, second = triplets(sights, Plane().index)
+    first, second = triplets(sights, WaterPlane().index)
     common = np.intersect1d(first.points, second.points)
     wrong = int(np.searchsorted(second.points, common[4]))
     second.place[wrong] += [0.0, 0.05, 0.0]
@@ -36,7 +34,7 @@ def test_a_wrong_point_is_left_out_of_a_join() -> None:
 def test_the_misclosures_of_a_join_are_those_of_its_planes_and_stations() -> None:
     """Without errors all close; a water plane of one triplet that is moved shows as it was moved."""
     sights, _ = strip_sights(strip_scene("lab", 4, 30))
-    first, second = triplets(sights, Plane().index)
+    first, second = triplets(sights, WaterPlane().index)
     join = joined(first, second)
     assert max(np.abs(part).max() for part in (join.residual, join.station, join.plane)) < 1e-8
     at = first.oriented.adjusted.at
@@ -51,7 +49,7 @@ def test_the_misclosures_of_a_join_are_those_of_its_planes_and_stations() -> Non
 def test_a_strip_without_errors_is_the_truth(name: str, plane: str) -> None:
     true = strip_scene(name, 6, 30)
     sights, rows = strip_sights(true, control=None if plane == "model" else corners(true))
-    strip = orient_strip(sights, {"level": LEVEL, "known": known(true)}.get(plane, Plane()))
+    strip = orient_strip(sights, {"level": LEVEL, "known": known(true)}.get(plane, WaterPlane()))
     at, points = strip_truth(true)
     station, place = strip.orientation().station, strip.points
     if plane == "model":
@@ -65,9 +63,9 @@ def test_a_strip_without_errors_is_the_truth(name: str, plane: str) -> None:
 @pytest.mark.slow
 def test_a_plane_from_the_air_is_not_determined() -> None:
     sights, _ = strip_sights(strip_scene("aerial", 5), noise=1.0)
-    assert orient_strip(sights, Plane()).verdict(0.1)[0] is Verdict.NOT
+    assert orient_strip(sights, WaterPlane()).verdict(0.1)[0] is PlaneVerdict.NOT
     true = strip_scene("lab", 5)
-    assert orient_strip(strip_sights(true, noise=1.0)[0], Plane()).verdict(0.1)[0] is Verdict.DETERMINED
+    assert orient_strip(strip_sights(true, noise=1.0)[0], WaterPlane()).verdict(0.1)[0] is PlaneVerdict.DETERMINED
 
 
 @pytest.mark.slow
@@ -76,7 +74,7 @@ def test_control_that_does_not_hold_a_strip(count: int) -> None:
     true = strip_scene("lab", 4, 30)
     sights, _ = strip_sights(true, control=corners(true)[:count])
     with pytest.raises(OrientationError, match=r"two control points|leave (tilt|heading|scale)"):
-        orient_strip(sights, Plane())
+        orient_strip(sights, WaterPlane())
     if count == 2:  # a level plane holds the tilts
         at = orient_strip(sights, LEVEL).orientation()
         assert np.abs(at.station - strip_truth(true)[0].station).max() < 1e-8
@@ -105,16 +103,15 @@ def test_a_gap_and_a_block_are_named() -> None:
         strip_order(photo, np.concatenate(shown), np.array([str(row) for row in range(len(stations))]))
 
 
-def five_photos(noise: float = 0.0) -> Sights:
-    return strip_sights(strip_scene("lab", 5, 24), noise=noise)[0]
-
-
 def test_points_are_those_of_the_triplets_that_show_them_most_often() -> None:
-    sights = five_photos()
-    strip = orient_strip(sights, Plane())
+    sights, _ = strip_sights(strip_scene("lab", 5, 24), noise=1.0)
+    strip = orient_strip(sights, WaterPlane())
     rays = np.zeros((len(strip.triplets), len(sights.points)), dtype=int)
-    for number in range(len(strip.triplets)):
+    place = np.full((*rays.shape, 3), np.nan)
+    for number, (triplet, move) in enumerate(zip(strip.triplets, strip.moves, strict=True)):
         here = (sights.photo >= number) & (sights.photo < number + 3)
         rays[number] = np.bincount(sights.point[here], minlength=len(sights.points))
-    assert (rays[strip.of_point, np.arange(len(sights.points))] == rays.max(axis=0)).all()
+        place[number, triplet.points] = move.apply(triplet.place)
+    best = rays.argmax(axis=0)
+    np.testing.assert_array_equal(strip.points, place[best, np.arange(len(best))])
     assert rays.max(axis=0).min() == 2 and rays.max() == 3

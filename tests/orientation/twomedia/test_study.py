@@ -8,9 +8,9 @@ import pytest
 from musatpy.draws import Draws
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.orientation.twomedia.helmert import adjust
-from musatpy.orientation.twomedia.oriented import Oriented, Verdict, orient
+from musatpy.orientation.twomedia.oriented import Oriented, PlaneVerdict, orient
 from musatpy.orientation.twomedia.rays import WATER, Orientation, image_rays, images_of
-from musatpy.orientation.twomedia.sights import Plane, PlaneTreatment, Sights
+from musatpy.orientation.twomedia.sights import PlaneTreatment, Sights, WaterPlane
 from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, basins_of, precision_of, study
 from orientation.twomedia.geometries import (
     ANGLES,
@@ -81,7 +81,7 @@ def test_precision_at_another_depth_is_that_of_photos_taken_there() -> None:
     deeper = true.points.copy()
     deeper[:, 2] += true.points @ [A, B, 1.0] + level_of(true.kind)
     again = orient(
-        sights_of(scene(true.kind, deeper, true.stations, true.angles), 20), METHODS["SINGLE-RAY"], Plane()
+        sights_of(scene(true.kind, deeper, true.stations, true.angles), 20), METHODS["SINGLE-RAY"], WaterPlane()
     )
     at_hand = precision_of(result, np.ones(1), np.zeros(1))
     precision = precision_of(result, np.array([2.0 * at_hand.depth]), np.zeros(1))
@@ -96,7 +96,7 @@ def test_precision_with_dry_control_is_that_of_photos_of_it() -> None:
     raised = true.points.copy()
     raised[six, 2] -= depth[six] + np.linspace(0.02, 0.25, 6) * min(float(result.at.height), 3.0 * depth.max())
     again = orient(
-        sights_of(scene(true.kind, raised, true.stations, true.angles), 20), METHODS["SINGLE-RAY"], Plane()
+        sights_of(scene(true.kind, raised, true.stations, true.angles), 20), METHODS["SINGLE-RAY"], WaterPlane()
     )
     at_hand = precision_of(result, np.ones(1), np.zeros(1))
     precision = precision_of(result, np.array([at_hand.depth]), np.array([0.0, 0.3]))
@@ -117,7 +117,7 @@ def test_an_outlier_is_no_point_of_a_design() -> None:
     sights = sights_of(geometry("lab", "SINGLE-RAY"), 20)
     image = sights.image.copy()
     image[3] += 0.05
-    result = orient(replace(sights, image=image), METHODS["SINGLE-RAY"], Plane())
+    result = orient(replace(sights, image=image), METHODS["SINGLE-RAY"], WaterPlane())
     precision = precision_of(result, np.array([0.4]), np.array([0.0, 0.5]))
     assert precision.shares[1] in (9 / 19, 10 / 19)
     assert np.isfinite(precision.sigma).all()
@@ -131,7 +131,7 @@ def test_starts_near_the_solution_lead_to_it() -> None:
     true = geometry("lab", "SINGLE-RAY")
     sights = sights_of(true, 20)
     for moved in (sights, replace(sights, control=sights.control + shift)):
-        basins = basins_of(orient(moved, METHODS["SINGLE-RAY"], Plane()), np.array([0.0, 1.0]), 100)
+        basins = basins_of(orient(moved, METHODS["SINGLE-RAY"], WaterPlane()), np.array([0.0, 1.0]), 100)
         np.testing.assert_array_equal(basins.shares[0], [1.0, 0.0, 0.0])
         assert basins.shares[1, 0] >= 0.99
         assert not basins.errors[0].any()
@@ -145,7 +145,7 @@ def test_the_solution_is_the_truth_of_its_study_whatever_noise_and_priors_are() 
     true = geometry("lab", "SINGLE-RAY")
     sights = sights_of(true, 20)
     noise = np.random.default_rng(3).normal(size=sights.image.shape) * sights.image_sigma
-    plane = Plane(level=float(truth_of(true).level[0]) + 0.003, level_sigma=0.003)
+    plane = WaterPlane(level=float(truth_of(true).level[0]) + 0.003, level_sigma=0.003)
     result = orient(replace(sights, image=sights.image + noise), METHODS["SINGLE-RAY"], plane)
     np.testing.assert_array_equal(basins_of(result, np.zeros(1), 1).shares, [[1.0, 0.0, 0.0]])
 
@@ -177,8 +177,8 @@ def test_water_that_is_held_has_no_precision() -> None:
     true = geometry("lab", "SINGLE-RAY")
     at = truth_of(true)
     slope = (float(at.slope[0, 0]), float(at.slope[0, 1]))
-    plane = Plane(treatment=PlaneTreatment.KNOWN, slope=slope, level=float(at.level[0]))
-    result = study(orient(sights_of(true, 20), METHODS["SINGLE-RAY"], plane), levels=(1.0,))
+    plane = WaterPlane(treatment=PlaneTreatment.KNOWN, slope=slope, level=float(at.level[0]))
+    result = study(orient(sights_of(true, 20), METHODS["SINGLE-RAY"], plane))
     assert result.precision is None
     assert result.basins.shares[0, 0] >= 0.99
     assert not result.basins.errors[..., -WATER:].any()
@@ -195,7 +195,7 @@ def straight(name: str, method: str) -> Sights:
 
 def test_weakest_directions_of_one_photo_from_the_air():
     """Tilts of the photo against its place, and against the tilt of the water; as the correlations near 1 say."""
-    result = orient(sights_of(geometry("aerial", "SINGLE-RAY"), 20), METHODS["SINGLE-RAY"], Plane())
+    result = orient(sights_of(geometry("aerial", "SINGLE-RAY"), 20), METHODS["SINGLE-RAY"], WaterPlane())
     assert [direction.words for direction in result.weakest] == [
         "phi with omega with X0 with Y0",
         "omega with phi with Y0 with X0",
@@ -208,7 +208,7 @@ def test_weakest_directions_of_one_photo_from_the_air():
 
 
 def test_photos_are_named_where_there_are_several():
-    result = orient(sights_of(geometry("aerial", "PAIR-SUCCESSIVE")), METHODS["PAIR-SUCCESSIVE"], Plane())
+    result = orient(sights_of(geometry("aerial", "PAIR-SUCCESSIVE")), METHODS["PAIR-SUCCESSIVE"], WaterPlane())
     assert result.weakest[0].words == "phi of P1 with level with Z0 of P1 with omega of P1"
 
 
@@ -221,12 +221,12 @@ def test_photos_are_named_where_there_are_several():
 def test_water_that_does_not_refract_leaves_its_plane_free(method, equal):
     """Three directions, of tilts and level alone: the photos keep the orientation of straight rays."""
     sights = straight("lab", method)
-    result = orient(sights, METHODS[method], Plane(index=1.0), KINDS["lab"].B, equal)
+    result = orient(sights, METHODS[method], WaterPlane(index=1.0), KINDS["lab"].B, equal)
     free = np.array([direction.parts for direction in result.free])
     assert len(free) == 3
     assert np.abs(free[:, :-4]).max() < 1e-6  # of 1: rounding of normals of condition 1e3
     assert all({"tilt along X", "tilt along Y", "level"} >= set(d.words.split(" with ")) for d in result.free)
-    assert result.verdict() == (Verdict.NOT, np.inf)
+    assert result.verdict() == (PlaneVerdict.NOT, np.inf)
     unknown = result.problem.unknown[:-4]
     errors = (result.at.vector - truth_of(geometry("lab", method)).vector[0])[:-4][unknown]
     assert np.abs(errors).max() < 1e-9
@@ -234,7 +234,7 @@ def test_water_that_does_not_refract_leaves_its_plane_free(method, equal):
 
 def test_a_prior_holds_what_the_images_leave_free():
     sights = straight("lab", "PAIR-SUCCESSIVE")
-    prior = Plane(index=1.0, level=-2.0, level_sigma=0.01, slope_sigma=0.01)
+    prior = WaterPlane(index=1.0, level=-2.0, level_sigma=0.01, slope_sigma=0.01)
     result = orient(sights, METHODS["PAIR-SUCCESSIVE"], prior, KINDS["lab"].B)
     assert not result.free
-    assert result.verdict()[0] is Verdict.BY_PRIOR
+    assert result.verdict()[0] is PlaneVerdict.BY_PRIOR

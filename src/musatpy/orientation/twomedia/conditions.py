@@ -6,13 +6,14 @@ orientations, and gives q misclosures a point with their partial derivatives.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry.collinearity import coplanarity, scale_restraint
-from musatpy.orientation.twomedia.rays import COLUMNS, INDEX, SLOPE, STATION, Orientation, Rays
+from musatpy.orientation.twomedia.rays import COLUMNS, INDEX, SLOPE, STATION, ImageRays, Orientation
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,7 +25,23 @@ class Misclosure:
     by_control: FloatArray
 
 
-def refracted(rays: Rays, control: FloatArray, at: Orientation) -> Misclosure:
+Condition = Callable[[ImageRays, FloatArray, Orientation], Misclosure]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ConditionGroup:
+    """k points on the same r photos (r,) with the same condition: their images (k, r) and control points (k,).
+
+    `control` is None for points that are not known.
+    """
+
+    condition: Condition
+    photos: tuple[int, ...]
+    images: IntArray
+    control: IntArray | None = None
+
+
+def refracted(rays: ImageRays, control: FloatArray, at: Orientation) -> Misclosure:
     """Return how far each ray passes the control point at its height: dX and dY of (13), 2 r a point."""
     s, k, r = rays.real.shape
     direction, gap = rays.direction, rays.origin - control[:, :, None]
@@ -43,7 +60,7 @@ def refracted(rays: Rays, control: FloatArray, at: Orientation) -> Misclosure:
     )
 
 
-def fermat(rays: Rays, control: FloatArray, at: Orientation) -> Misclosure:
+def fermat(rays: ImageRays, control: FloatArray, at: Orientation) -> Misclosure:
     """Return Fermat's condition at the water point W of one wet ray a point: (18)'.
 
     beta (W - C).t - alpha n (G - W).t for both tangents t of the plane, with the ways alpha from station C to W and
@@ -65,12 +82,12 @@ def fermat(rays: Rays, control: FloatArray, at: Orientation) -> Misclosure:
     return Misclosure(value=value, by_rays=by_rays[..., None, :], by_control=by_water)
 
 
-def intersection(rays: Rays, control: FloatArray, at: Orientation) -> Misclosure:
+def intersection(rays: ImageRays, control: FloatArray, at: Orientation) -> Misclosure:
     """Return the volume by which two rays a point miss each other: (23), (28), (29)."""
     return _of_rays(*coplanarity(rays.origin, rays.direction), rays)
 
 
-def triple(rays: Rays, control: FloatArray, at: Orientation) -> Misclosure:
+def triple(rays: ImageRays, control: FloatArray, at: Orientation) -> Misclosure:
     """Return the conditions of three rays a point: two coplanarities, and the scale of (46) in the dot form.
 
     The nine equations (31) to (33) and (46) of such a point have rank 3.
@@ -85,7 +102,7 @@ def triple(rays: Rays, control: FloatArray, at: Orientation) -> Misclosure:
     return Misclosure(value=value, by_rays=by_rays, by_control=np.zeros((*value.shape, 3)))
 
 
-def _of_rays(value: FloatArray, by_ray: FloatArray, rays: Rays) -> Misclosure:
+def _of_rays(value: FloatArray, by_ray: FloatArray, rays: ImageRays) -> Misclosure:
     """Return a condition of one number (s, k), of its partials (s, k, r, 6) by origin and direction of the rays."""
     by_columns = np.einsum("...i,...ij->...j", by_ray, rays.partials)
     return Misclosure(

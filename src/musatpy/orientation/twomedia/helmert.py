@@ -7,18 +7,15 @@ that minimum is the one of the bundle of the same rays (docs/theory.md).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.orientation.twomedia.conditions import Misclosure
-from musatpy.orientation.twomedia.inner import directions
-from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, Rays, image_rays
-
-Condition = Callable[[Rays, FloatArray, Orientation], Misclosure]
+from musatpy.geometry.collinearity import attitude_matrix, attitude_matrix_partials
+from musatpy.orientation.twomedia.conditions import ConditionGroup
+from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, ImageRays, Orientation, image_rays
 
 _STEPS = 60  # of Levenberg and Marquardt
 _LAST_STEPS = 200  # at the adjusted values; from the air each may leave .8 of what the one before has left
@@ -26,24 +23,12 @@ _SAME = 1e-7  # of its sigma, by which an unknown or an image may change in the 
 _ROUNDING = 1e-13  # of its size, by which it changes without end
 _GAIN = 1e-5  # relative decrease of the squares that ends the first phase
 _NEAR = 1e-2  # that ends an approach
+_SHALLOW = 0.1  # of the height of the cameras: over shallower water tilt and attitude go together
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-12, 1e8  # of the diagonal
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Group:
-    """k points on the same r photos (r,) with the same condition: their images (k, r) and control points (k,).
-
-    `control` is None for points that are not known.
-    """
-
-    condition: Condition
-    photos: tuple[int, ...]
-    images: IntArray
-    control: IntArray | None = None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Problem:
+class HelmertProblem:
     """n images of m photos, c control points, and the conditions between them.
 
     image (n, 2), tangents, with sigmas (n, 2), of `photo` (n,), `wet` (n,) or not, with the water higher by rise
@@ -62,12 +47,12 @@ class Problem:
     rise: FloatArray
     control: FloatArray
     control_sigma: FloatArray
-    groups: tuple[Group, ...]
+    groups: tuple[ConditionGroup, ...]
     unknown: BoolArray
     centre: FloatArray
     prior: FloatArray
     bottom: FloatArray | None = None
-    approach: tuple[Group, ...] = ()
+    approach: tuple[ConditionGroup, ...] = ()
     equal: bool = False
 
 
@@ -131,24 +116,24 @@ class Adjusted:
         return type(self)(**values, linear=tuple(part[kept] for part in self.linear))
 
 
-def adjust(problem: Problem, starts: Orientation) -> Adjusted:
+def adjust(problem: HelmertProblem, starts: Orientation) -> Adjusted:
     """Return the adjusted orientations of starts (s,)."""
     return refined(problem, _descended(problem, _approached(problem, starts, None), None))
 
 
-def sampled(problem: Problem, starts: Orientation, trust: FloatArray) -> Orientation:
+def sampled(problem: HelmertProblem, starts: Orientation, trust: FloatArray) -> Orientation:
     """Return where starts (s,) lead when each counts points (p,) by its own `trust` (s, p), 0 or 1."""
     return _descended(problem, _approached(problem, starts, trust), trust)
 
 
-def _approached(problem: Problem, starts: Orientation, trust: FloatArray | None) -> Orientation:
+def _approached(problem: HelmertProblem, starts: Orientation, trust: FloatArray | None) -> Orientation:
     """Return where the conditions of the approach lead starts (s,)."""
     if not problem.approach:
         return starts
     return _descended(replace(problem, groups=problem.approach, approach=()), starts, trust, _NEAR)
 
 
-def misfits(problem: Problem, at: Orientation) -> FloatArray:
+def misfits(problem: HelmertProblem, at: Orientation) -> FloatArray:
     """Return the misclosures (s, k) of all points at the measured values, in their sigmas; infinite if unreal."""
     linear, real = linearised(problem, at, *_measured(problem, len(at.level)))
     squares = [
@@ -159,7 +144,7 @@ def misfits(problem: Problem, at: Orientation) -> FloatArray:
 
 
 def linearised(
-    problem: Problem, at: Orientation, image: FloatArray, control: FloatArray
+    problem: HelmertProblem, at: Orientation, image: FloatArray, control: FloatArray
 ) -> tuple[list[Linear], BoolArray]:
     """Return the conditions of all groups at images (s, n, 2) and control (s, c, 3), and which (s,) are real."""
     bundle = image_rays(at, problem.photo, image, problem.wet, problem.rise)
@@ -168,7 +153,12 @@ def linearised(
 
 
 def _linear(
-    problem: Problem, group: Group, bundle: Rays, at: Orientation, image: FloatArray, control: FloatArray
+    problem: HelmertProblem,
+    group: ConditionGroup,
+    bundle: ImageRays,
+    at: Orientation,
+    image: FloatArray,
+    control: FloatArray,
 ) -> Linear:
     s, (k, r) = len(image), group.images.shape
     points = np.zeros((s, k, 3)) if group.control is None else control[:, group.control]
@@ -222,7 +212,7 @@ def _inverse(spread: FloatArray) -> FloatArray:
 
 
 def _descended(
-    problem: Problem, starts: Orientation, trust: FloatArray | None, least_gain: float = _GAIN
+    problem: HelmertProblem, starts: Orientation, trust: FloatArray | None, least_gain: float = _GAIN
 ) -> Orientation:
     """Return where steps of Levenberg and Marquardt lead starts (s,) at the measured values; unreal ones stay.
 
@@ -263,13 +253,13 @@ def _descended(
     return Orientation.of(x)
 
 
-def refined(problem: Problem, near: Orientation, measured: FloatArray | None = None) -> Adjusted:
+def refined(problem: HelmertProblem, near: Orientation, measured: FloatArray | None = None) -> Adjusted:
     """Return the minima to which steps at the adjusted values lead from starts (s,) near them.
 
     Where `measured` (s, n, 2) are given, each start has images of its own in the place of those of the problem.
     """
 
-    def of(rows: slice | IntArray) -> Problem:
+    def of(rows: slice | IntArray) -> HelmertProblem:
         return problem if measured is None else replace(problem, image=measured[rows])
 
     x, everyone = near.vector.copy(), of(slice(None))
@@ -310,19 +300,19 @@ def refined(problem: Problem, near: Orientation, measured: FloatArray | None = N
     )
 
 
-def _measured(problem: Problem, starts: int) -> tuple[FloatArray, FloatArray]:
+def _measured(problem: HelmertProblem, starts: int) -> tuple[FloatArray, FloatArray]:
     """Return the measured images (s, n, 2) and control (s, c, 3)."""
     image = np.broadcast_to(problem.image, (starts, *problem.image.shape[-2:]))
     return image, np.broadcast_to(problem.control, (starts, *problem.control.shape))
 
 
-def _evaluated(problem: Problem, at: Orientation, trust: FloatArray) -> tuple[list[Linear], FloatArray]:
+def _evaluated(problem: HelmertProblem, at: Orientation, trust: FloatArray) -> tuple[list[Linear], FloatArray]:
     """Return the conditions at the measured values, and the squares (s,), infinite where they are not real."""
     linear, real = linearised(problem, at, *_measured(problem, len(at.level)))
     return linear, np.where(real, _squares(problem, at, linear, trust), np.inf)
 
 
-def _squares(problem: Problem, at: Orientation, linear: list[Linear], trust: FloatArray) -> FloatArray:
+def _squares(problem: HelmertProblem, at: Orientation, linear: list[Linear], trust: FloatArray) -> FloatArray:
     """Return the weighted squares (s,) of misclosures and priors."""
     total = np.sum(np.square((at.vector - problem.centre) / problem.prior), axis=-1)
     for group, part in zip(problem.groups, linear, strict=True):
@@ -330,20 +320,20 @@ def _squares(problem: Problem, at: Orientation, linear: list[Linear], trust: Flo
     return total
 
 
-def precision(problem: Problem, at: Orientation, image: FloatArray, control: FloatArray) -> FloatArray:
+def precision(problem: HelmertProblem, at: Orientation, image: FloatArray, control: FloatArray) -> FloatArray:
     """Return covariances (s, 6 m + 4, 6 m + 4) for unit weight, at images (s, n, 2) and control (s, c, 3)."""
     linear, _ = linearised(problem, at, image, control)
     N, _, T = _normals(problem, at, linear, _trust(problem, len(image)))
     return np.asarray(T @ np.linalg.pinv(N, hermitian=True) @ np.swapaxes(T, 1, 2))
 
 
-def _trust(problem: Problem, starts: int) -> FloatArray:
+def _trust(problem: HelmertProblem, starts: int) -> FloatArray:
     """Return a trust of 1 in all points (s, p)."""
     return np.ones((starts, int(problem.point.max()) + 1))
 
 
 def _normals(
-    problem: Problem, at: Orientation, linear: list[Linear], trust: FloatArray
+    problem: HelmertProblem, at: Orientation, linear: list[Linear], trust: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return normals (s, u, u) and right sides (s, u) along the directions, and these, (s, 6 m + 4, u)."""
     T = directions(at, problem.unknown, _bottom(problem, at))
@@ -360,7 +350,7 @@ def _normals(
     return N, rhs, T
 
 
-def _bottom(problem: Problem, at: Orientation) -> FloatArray:
+def _bottom(problem: HelmertProblem, at: Orientation) -> FloatArray:
     """Return the middle of the points (s, 3): as given, or where the axes of the photos meet the water."""
     if problem.bottom is not None:
         return np.broadcast_to(problem.bottom, (len(at.level), 3))
@@ -370,7 +360,7 @@ def _bottom(problem: Problem, at: Orientation) -> FloatArray:
 
 
 def _corrected(
-    problem: Problem, linear: list[Linear], step: FloatArray, control: FloatArray
+    problem: HelmertProblem, linear: list[Linear], step: FloatArray, control: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return images and control as a step (s, 6 m + 4) of the unknowns adjusts them: v = -Q A' W (B dx + w).
 
@@ -388,3 +378,36 @@ def _corrected(
             if part.settling is not None:
                 control[:, group.control] += np.einsum("skcq,skq->skc", part.settling, left)
     return image, control
+
+
+def directions(at: Orientation, unknown: BoolArray, bottom: FloatArray) -> FloatArray:
+    """Return directions (s, 6 m + 4, u) of the u unknowns: changes of the vector of orientations (s,).
+
+    `bottom` (s, 3) is the middle of the points. The level is that over it. The apparent bottom rises with the
+    level by 1 - 1/n, and the station with it; the station changes with the attitude so that the axis of the photo
+    stays on the apparent bottom; and over shallow water a tilt turns rays as a prism does, by 1 - 1/n, which phi
+    and omega follow.
+    """
+    size = PHOTO * at.photos + WATER
+    T = np.broadcast_to(np.eye(size), (len(at.level), size, size)).copy()
+    slope, level = slice(size - WATER, size - WATER + 2), size - WATER + 2
+    bend = 1.0 - 1.0 / at.index
+    M, dM = attitude_matrix(at.attitude), attitude_matrix_partials(at.attitude)
+    axis, axis_by = -M[..., 2, :], -dM[..., 2, :]  # (s, m, 3), and by the angles (s, m, angles, 3)
+    run = axis[..., :2] / axis[..., 2:]
+    run_by = (axis_by[..., :2] - run[..., None, :] * axis_by[..., 2:]) / axis[..., None, 2:]
+    water = at.water_at(bottom[:, None, :2])[:, 0]
+    apparent = water - (water - bottom[:, 2]) / at.index
+    shallow = np.abs(water - bottom[:, 2]) < _SHALLOW * np.abs(at.station[..., 2].mean(axis=-1) - water)
+    prism = np.where(shallow, bend, 0.0)
+    T[:, level, slope] = -bottom[:, :2]
+    for photo in range(at.photos):
+        angles = slice(PHOTO * photo, PHOTO * photo + 3)
+        omega, phi, Z = angles.start, angles.start + 1, angles.stop + 2
+        T[:, phi, slope.start], T[:, omega, slope.start + 1] = -prism, prism
+        T[:, Z, level] = bend
+        T[:, Z, slope] = bend[:, None] * (at.station[:, photo, :2] - bottom[:, :2])
+        drop = (apparent - at.station[:, photo, 2])[:, None, None]
+        T[:, angles.stop : Z] -= drop * np.einsum("sax,sau->sxu", run_by[:, photo], T[:, angles])
+    T[:, ~unknown] = 0.0
+    return T[..., unknown]

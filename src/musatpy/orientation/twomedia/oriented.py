@@ -18,27 +18,30 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import MusatError
 from musatpy.geometry.collinearity import nearest_point
 from musatpy.model.options import PlaneTreatment
-from musatpy.orientation.twomedia.diagnosis import OF_WATER, Direction, free, inflation, weakest
-from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits, refined
+from musatpy.orientation.twomedia.helmert import Adjusted, HelmertProblem, adjust, misfits, refined
 from musatpy.orientation.twomedia.outliers import outlying, snooped
-from musatpy.orientation.twomedia.propagation import (
+from musatpy.orientation.twomedia.precision import (
+    OF_WATER,
+    Direction,
     covariance_of,
     expected_squares,
+    free,
     image_partials,
+    inflation,
     redundancy_numbers,
+    weakest,
 )
 from musatpy.orientation.twomedia.rays import WATER, Orientation, image_rays
-from musatpy.orientation.twomedia.rejections import REASONS, rejections
-from musatpy.orientation.twomedia.roots import STARTS, exact_roots
 from musatpy.orientation.twomedia.sights import (
     Method,
-    Plane,
     Sights,
+    WaterPlane,
     conditions_of,
     problem_of,
     redundancy_of,
     without,
 )
+from musatpy.orientation.twomedia.solutions import REASONS, exact_roots, rejections
 
 LIMIT = 0.1  # sigma of the level over the mean depth, up to which the water is determined
 _CHECKED = 1e-6  # redundancy number from which a residual says anything
@@ -48,7 +51,7 @@ _FEW = 0.2  # of the points, up to which those that do not fit draw an adjustmen
 _TRIED = (1, 6)  # starts that are adjusted: at first, and where these do not fit
 
 
-class Verdict(StrEnum):
+class PlaneVerdict(StrEnum):
     """Whether the plane of water is determined."""
 
     DETERMINED = "determined"
@@ -75,7 +78,7 @@ class Oriented:
 
     sights: Sights
     method: Method
-    problem: Problem
+    problem: HelmertProblem
     adjusted: Adjusted
     outliers: BoolArray
     redundancy: int
@@ -150,11 +153,11 @@ class Oriented:
         """What the images, the control and the priors leave free; no sigma speaks of it."""
         return free(self.problem, self.adjusted, self.sights.photos, priors=True)
 
-    def other_roots(self, starts: int = STARTS) -> Orientation:
+    def other_roots(self) -> Orientation:
         """Return the other exact solutions (r,) of a minimum set that random starts lead to."""
         if self.redundancy:
             return self.adjusted.at[:0]
-        return exact_roots(self.problem, self.adjusted, starts)[1:]
+        return exact_roots(self.problem, self.adjusted)[1:]
 
     @cached_property
     def points(self) -> FloatArray:
@@ -193,26 +196,26 @@ class Oriented:
             covariance[number[new]] = inverse + carried @ self.covariance @ np.swapaxes(carried, -1, -2)
         return covariance
 
-    def verdict(self, limit: float = LIMIT) -> tuple[Verdict, float]:
+    def verdict(self, limit: float = LIMIT) -> tuple[PlaneVerdict, float]:
         """Return whether the water is determined: sigma of its level over the points to their mean depth.
 
         Far from the truth the sigma says little: where images without any water fit nearly as well, the share is
         at least that by which they fit worse.
         """
         if not self.problem.unknown[-WATER:-1].any():
-            return Verdict.HELD, 0.0
+            return PlaneVerdict.HELD, 0.0
         if not self.adjusted.converged[0]:
-            return Verdict.NOT, np.inf
+            return PlaneVerdict.NOT, np.inf
         share = np.inf if _of_water(self.free) else self._level_share(self.covariance)
         if not np.isfinite(self.problem.prior).any():
             share = max(share, self._dry_share())
-            return (Verdict.DETERMINED if share <= limit else Verdict.NOT), share
+            return (PlaneVerdict.DETERMINED if share <= limit else PlaneVerdict.NOT), share
         unaided = replace(self.problem, prior=np.full_like(self.problem.prior, np.inf))
         if not _of_water(free(self.problem, self.adjusted, self.sights.photos, priors=False)):
             alone = max(self._level_share(covariance_of(unaided, self.adjusted)), self._dry_share())
             if alone <= limit:
-                return Verdict.DETERMINED, alone
-        return (Verdict.BY_PRIOR if share <= limit else Verdict.NOT), share
+                return PlaneVerdict.DETERMINED, alone
+        return (PlaneVerdict.BY_PRIOR if share <= limit else PlaneVerdict.NOT), share
 
     @property
     def level_share(self) -> float:
@@ -231,7 +234,7 @@ class Oriented:
     def _dry_share(self) -> float:
         """Return the share of a sigma at which no water, a whole depth off, would fit as badly as it does."""
         sights = replace(self.sights, wet=np.zeros_like(self.sights.wet))
-        dry = problem_of(sights, self.method, Plane(treatment=PlaneTreatment.KNOWN))
+        dry = problem_of(sights, self.method, WaterPlane(treatment=PlaneTreatment.KNOWN))
         worse = float(adjust(dry, self.adjusted.at).squares[0] - self.adjusted.squares[0])
         return 1.0 / np.sqrt(worse) if worse > 0.0 else np.inf
 
@@ -239,7 +242,7 @@ class Oriented:
 def orient(
     sights: Sights,
     method: Method,
-    plane: Plane,
+    plane: WaterPlane,
     base: float = 1.0,
     equal: bool = False,
     near: Orientation | None = None,
@@ -263,7 +266,7 @@ def orient(
     return oriented
 
 
-def _require_agreement(sights: Sights, method: Method, plane: Plane, equal: bool, outliers: int) -> None:
+def _require_agreement(sights: Sights, method: Method, plane: WaterPlane, equal: bool, outliers: int) -> None:
     """Raise `OrientationError` where the images fit another plane than the given one, and with fewer outliers.
 
     That it is another is tested by the difference of both, in the covariances of both, 0 of what is held.
@@ -298,7 +301,9 @@ def _require_agreement(sights: Sights, method: Method, plane: Plane, equal: bool
         raise OrientationError(f"{method.name}: the images contradict the water that is given: {'; '.join(parts)}")
 
 
-def _oriented_near(sights: Sights, method: Method, plane: Plane, near: Orientation, equal: bool) -> Oriented | None:
+def _oriented_near(
+    sights: Sights, method: Method, plane: WaterPlane, near: Orientation, equal: bool
+) -> Oriented | None:
     """Return the orientation from one start (1,), with few outliers; None where it leads nowhere."""
     problem = problem_of(sights, method, plane, equal)
     if (solution := _fitting(sights, method, problem, refined(problem, near))) is not None:
@@ -310,7 +315,7 @@ def _oriented_near(sights: Sights, method: Method, plane: Plane, near: Orientati
     return None
 
 
-def _oriented(sights: Sights, method: Method, plane: Plane, base: float, equal: bool) -> Oriented:
+def _oriented(sights: Sights, method: Method, plane: WaterPlane, base: float, equal: bool) -> Oriented:
     """Return the orientation by all sights, or by those that are left without outliers."""
     problem = problem_of(sights, method, plane, equal)
     starts = method.starts(sights, plane, base)
@@ -329,7 +334,7 @@ def _oriented(sights: Sights, method: Method, plane: Plane, base: float, equal: 
         return solution
 
 
-def _adrift(sights: Sights, method: Method, problem: Problem, adjusted: Adjusted) -> Oriented | None:
+def _adrift(sights: Sights, method: Method, problem: HelmertProblem, adjusted: Adjusted) -> Oriented | None:
     """Return the best place that an adjustment has come to which fits though it does not come to rest there.
 
     What the images do not determine goes on and on, and they fit as well: None where they do not.
@@ -343,7 +348,7 @@ def _adrift(sights: Sights, method: Method, problem: Problem, adjusted: Adjusted
     return solution if solution.fits and solution.redundancy else None
 
 
-def _require_enough(sights: Sights, problem: Problem, method: Method) -> None:
+def _require_enough(sights: Sights, problem: HelmertProblem, method: Method) -> None:
     """Raise `OrientationError` where conditions are fewer than unknowns, or shared points than a start takes.
 
     And for equal weights beside prior sigmas, which the conditions of the paper know nothing of.
@@ -368,7 +373,7 @@ def _of_water(directions: list[Direction]) -> bool:
     return any(direction.moves_water for direction in directions)
 
 
-def _fitting(sights: Sights, method: Method, problem: Problem, adjusted: Adjusted) -> Oriented | None:
+def _fitting(sights: Sights, method: Method, problem: HelmertProblem, adjusted: Adjusted) -> Oriented | None:
     """Return the best of the solutions, None where it does not fit."""
     best = _best(problem, adjusted)
     if best is None:
@@ -377,7 +382,7 @@ def _fitting(sights: Sights, method: Method, problem: Problem, adjusted: Adjuste
     return solution if solution.fits else None
 
 
-def _best(problem: Problem, adjusted: Adjusted) -> Adjusted | None:
+def _best(problem: HelmertProblem, adjusted: Adjusted) -> Adjusted | None:
     """Return the converged solution of least squares that is not to be rejected, None where there is none."""
     possible = adjusted.converged & ~rejections(problem, adjusted).any(axis=1)
     squares = np.where(possible, adjusted.squares, np.inf)
@@ -386,7 +391,7 @@ def _best(problem: Problem, adjusted: Adjusted) -> Adjusted | None:
 
 
 def _without_outliers(
-    sights: Sights, method: Method, plane: Plane, equal: bool, tested: tuple[BoolArray, Adjusted] | None
+    sights: Sights, method: Method, plane: WaterPlane, equal: bool, tested: tuple[BoolArray, Adjusted] | None
 ) -> Oriented:
     """Return the orientation without the points (p,) that do not fit that of the others."""
     if tested is not None:
@@ -418,7 +423,7 @@ def _in_line(sights: Sights, method: Method) -> bool:
 
 
 def _described(
-    sights: Sights, method: Method, problem: Problem, adjusted: Adjusted, outliers: BoolArray
+    sights: Sights, method: Method, problem: HelmertProblem, adjusted: Adjusted, outliers: BoolArray
 ) -> Oriented:
     """Return a solution with its precision and reliability."""
     covariance = covariance_of(problem, adjusted)

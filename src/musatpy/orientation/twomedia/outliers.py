@@ -11,12 +11,12 @@ from scipy.special import chdtrc, chdtri
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.similarity import spread
-from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits, sampled
+from musatpy.orientation.twomedia.helmert import Adjusted, HelmertProblem, adjust, misfits, sampled
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import (
     Method,
-    Plane,
     Sights,
+    WaterPlane,
     conditions_of,
     problem_of,
     redundancy_of,
@@ -34,7 +34,7 @@ _SUSPECT = 3.3  # robust scales of a misclosure from which a point is out at fir
 
 
 def outlying(
-    sights: Sights, method: Method, plane: Plane, starts: Orientation
+    sights: Sights, method: Method, plane: WaterPlane, starts: Orientation
 ) -> tuple[BoolArray, Adjusted] | None:
     """Return the points (p,) that are out and the solution of the others; None where no adjustment converges.
 
@@ -51,17 +51,19 @@ def outlying(
     return _tested(sights, method, plane, outliers, solutions[best : best + 1])
 
 
-def snooped(sights: Sights, method: Method, plane: Plane, start: Orientation) -> tuple[BoolArray, Adjusted] | None:
+def snooped(
+    sights: Sights, method: Method, plane: WaterPlane, start: Orientation
+) -> tuple[BoolArray, Adjusted] | None:
     """Return the same from one orientation `start` (1,) that is near: few errors draw it little."""
     return _tested(sights, method, plane, np.zeros(len(sights.points), dtype=bool), start)
 
 
-def conditioned(problem: Problem) -> IntArray:
+def conditioned(problem: HelmertProblem) -> IntArray:
     """Return the points of the conditions, in the order of the groups."""
     return np.concatenate([problem.point[group.images[:, 0]] for group in problem.groups])
 
 
-def _samples(sights: Sights, problem: Problem) -> FloatArray:
+def _samples(sights: Sights, problem: HelmertProblem) -> FloatArray:
     """Return samples (s, p) of points, of control and of others, with some more conditions than unknowns."""
     point = conditioned(problem)
     share = (int(problem.unknown.sum()) + _SPARE) / conditions_of(problem)
@@ -75,7 +77,7 @@ def _samples(sights: Sights, problem: Problem) -> FloatArray:
 
 
 def _tested(
-    sights: Sights, method: Method, plane: Plane, outliers: BoolArray, start: Orientation
+    sights: Sights, method: Method, plane: WaterPlane, outliers: BoolArray, start: Orientation
 ) -> tuple[BoolArray, Adjusted] | None:
     """Return outliers and solution when no point fails its test, and none that is out is within `_BACK`."""
     whole, last = problem_of(sights, method, plane), None

@@ -9,10 +9,9 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.figures import BAND, BLUE, GREY, INK, RED, add_bar, image_of, lay_out, name_ticks, new_panels, styled
-from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS, paper_partials
 from musatpy.orientation.twomedia.oriented import LIMIT, Oriented
-from musatpy.orientation.twomedia.rays import WATER
-from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, Basins, Precision
+from musatpy.orientation.twomedia.rays import PLANE_SYMBOLS, SYMBOLS, WATER, paper_partials
+from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, Basins, LevelPrecision
 
 _OUTCOMES = (("this solution", BLUE, "o"), ("another solution", RED, "x"), ("no solution", GREY, "."))
 _STRONG = 0.95  # correlation from which its number is printed
@@ -78,7 +77,7 @@ def _starts(plot: Any, basins: Basins) -> None:
 
 
 @styled
-def precision_picture(precision: Precision, title: str = "", limit: float = LIMIT) -> bytes:
+def precision_picture(precision: LevelPrecision, title: str = "", limit: float = LIMIT) -> bytes:
     """Return the sigma of the level over the depth, a line for each share of dry points.
 
     Under the dashed line it is less than `limit` of the mean depth: there the water is determined.

@@ -13,7 +13,11 @@ from typing import Self
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.geometry.collinearity import attitude_matrix, attitude_matrix_partials, ray_partials
+from musatpy.geometry.collinearity import (
+    attitude_matrix,
+    attitude_matrix_partials,
+    ray_partials,
+)
 from musatpy.geometry.collinearity import image as image_at
 from musatpy.refraction.flat import incidence, refracted_ray
 
@@ -82,7 +86,7 @@ class Orientation:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rays:
+class ImageRays:
     """Rays of images (..., n): where they start and where they go.
 
     origin and unit direction (..., n, 3): of a wet ray its point on the water and the refracted ray, of a dry one
@@ -103,7 +107,7 @@ class Rays:
         return type(self)(**{name: getattr(self, name)[key] for name in self.__dataclass_fields__})
 
 
-def image_rays(at: Orientation, photo: IntArray, image: FloatArray, wet: BoolArray, rise: FloatArray) -> Rays:
+def image_rays(at: Orientation, photo: IntArray, image: FloatArray, wet: BoolArray, rise: FloatArray) -> ImageRays:
     """Return the rays of images (s, n, 2), tangents, of `photo` (n,) in orientations (s,).
 
     Those that are `wet` (n,) are refracted at the water, which is higher by `rise` (n,) than its level says.
@@ -135,7 +139,7 @@ def image_rays(at: Orientation, photo: IntArray, image: FloatArray, wet: BoolArr
     partials[:, dry] = 0.0
     partials[:, dry, :3, STATION] = np.eye(3)
     partials[:, dry, 3:, ATTITUDE], partials[:, dry, 3:, IMAGE] = by_attitude[:, dry], by_image[:, dry]
-    return Rays(
+    return ImageRays(
         origin=np.where(wet[:, None], bent.origin, station),
         direction=np.where(wet[:, None], bent.direction, air),
         partials=partials,
@@ -183,3 +187,57 @@ def _by_normal(
     return np.concatenate(
         [air[..., None] * run[..., None, :], change * shift + up[..., None] * bend[..., None, :]], -2
     )
+
+
+# --- the axes of the paper ---
+# Okamoto and Mori (1974) have Z down, image vectors (x, y, c), the water at a X + b Y + Z + d = 0 and R = R_phi
+# R_omega R_kappa (2) from the photo to the ground. The house turned by 180 degrees about X, on the ground and in
+# the photo, is the paper: Y, Z and y change their signs.
+
+TURN = np.array([1.0, -1.0, -1.0])  # signs of X, Y, Z; of x, y, c in the photo
+SYMBOLS = ("phi", "omega", "kappa", "X0", "Y0", "Z0")  # of a photo
+PLANE_SYMBOLS = ("a", "b", "d", "N")
+
+
+def paper_vector(at: Orientation) -> FloatArray:
+    """Return (..., 6 m + 4) phi, omega, kappa, X0, Y0, Z0 of each photo, then a, b, d and N."""
+    R = TURN[:, None] * np.swapaxes(attitude_matrix(at.attitude), -1, -2) * TURN
+    angles = np.stack(
+        [
+            np.arctan2(R[..., 0, 2], R[..., 2, 2]),
+            np.arcsin(np.clip(-R[..., 1, 2], -1.0, 1.0)),
+            np.arctan2(R[..., 1, 0], R[..., 1, 1]),
+        ],
+        axis=-1,
+    )
+    photos = np.concatenate([angles, at.station * TURN], axis=-1)
+    flat = photos.reshape(*photos.shape[:-2], PHOTO * at.photos)
+    plane = np.stack([at.slope[..., 0], -at.slope[..., 1], at.level, at.index], axis=-1)
+    return np.concatenate([flat, plane], axis=-1)
+
+
+def paper_partials(at: Orientation) -> FloatArray:
+    """Return the partials (..., 6 m + 4, 6 m + 4) of `paper_vector` by the vector of the orientations."""
+    size = at.vector.shape[-1]
+    J = np.zeros((*at.level.shape, size, size))
+    R = TURN[:, None] * np.swapaxes(attitude_matrix(at.attitude), -1, -2) * TURN
+    dR = (
+        TURN[:, None] * np.swapaxes(attitude_matrix_partials(at.attitude), -1, -2) * TURN
+    )  # angle third from the end
+    cos_omega = np.sqrt(1.0 - np.square(R[..., 1, 2]))[..., None]
+    by_angle = np.stack(
+        [
+            (R[..., 2, 2, None] * dR[..., :, 0, 2] - R[..., 0, 2, None] * dR[..., :, 2, 2]) / cos_omega**2,
+            -dR[..., :, 1, 2] / cos_omega,
+            (R[..., 1, 1, None] * dR[..., :, 1, 0] - R[..., 1, 0, None] * dR[..., :, 1, 1]) / cos_omega**2,
+        ],
+        axis=-2,
+    )
+    for photo in range(at.photos):
+        angles = slice(PHOTO * photo, PHOTO * photo + 3)
+        places = np.arange(angles.stop, angles.stop + 3)
+        J[..., angles, angles] = by_angle[..., photo, :, :]
+        J[..., places, places] = TURN
+    plane = np.arange(size - 4, size)
+    J[..., plane, plane] = (1.0, -1.0, 1.0, 1.0)
+    return J

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.options import PlaneTreatment
-from musatpy.orientation.twomedia.helmert import Group, Problem
+from musatpy.orientation.twomedia.conditions import ConditionGroup
+from musatpy.orientation.twomedia.helmert import HelmertProblem
 from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Plane:
+class WaterPlane:
     """What is known of the water: slopes towards X and Y and the level, with prior sigmas, None for none.
 
     rise (m,) of the water under each photo over that level, as tides differ; `level` None where nothing is known.
@@ -54,17 +56,26 @@ class Sights:
         """(p,) at least two components are known."""
         return np.isfinite(self.control).sum(axis=1) >= 2
 
-    def rows(self, photos: tuple[int, ...]) -> IntArray:
-        """Return the images (p, r) of all points on these photos, -1 where there is none."""
+    @cached_property
+    def rows(self) -> IntArray:
+        """(p, m) images of the points on the photos, -1 where there is none."""
         table = np.full((len(self.points), len(self.photos)), -1)
         table[self.point, self.photo] = np.arange(len(self.photo))
-        return table[:, list(photos)]
+        return table
+
+    @property
+    def seen(self) -> BoolArray:
+        """(p, m) where there is one."""
+        return self.rows >= 0
+
+    def on_all(self, photos: tuple[int, ...]) -> BoolArray:
+        """Return which points (p,) all of these photos show."""
+        return np.asarray(self.seen[:, photos].all(axis=1))
 
     def common(self, photos: tuple[int, ...]) -> tuple[IntArray, FloatArray]:
         """Return the points (k,) that all of these photos show, and their images (r, k, 2)."""
-        rows = self.rows(photos)
-        points = np.flatnonzero((rows >= 0).all(axis=1))
-        return points, self.image[rows[points].T]
+        points = np.flatnonzero(self.on_all(photos))
+        return points, self.image[self.rows[points][:, photos].T]
 
     def rows_by_count(self) -> list[IntArray]:
         """Return the images (k, r) of the points that r = 2, 3, ... photos show."""
@@ -85,10 +96,10 @@ class Method:
 
     name: str
     photos: int
-    groups: Callable[[Sights], tuple[Group, ...]]
+    groups: Callable[[Sights], tuple[ConditionGroup, ...]]
     unknown: tuple[bool, ...]
-    starts: Callable[[Sights, Plane, float], Orientation]
-    approach: Callable[[Sights], tuple[Group, ...]] | None = None
+    starts: Callable[[Sights, WaterPlane, float], Orientation]
+    approach: Callable[[Sights], tuple[ConditionGroup, ...]] | None = None
     shared: int = 0
 
     @property
@@ -97,7 +108,7 @@ class Method:
         return not all(self.unknown)
 
 
-def problem_of(sights: Sights, method: Method, plane: Plane, equal: bool = False) -> Problem:
+def problem_of(sights: Sights, method: Method, plane: WaterPlane, equal: bool = False) -> HelmertProblem:
     """Return the adjustment of a method."""
     treatment = plane.treatment
     water = [treatment is PlaneTreatment.ADJUST] * 2 + [treatment is not PlaneTreatment.KNOWN, plane.index_unknown]
@@ -108,7 +119,7 @@ def problem_of(sights: Sights, method: Method, plane: Plane, equal: bool = False
     prior[size:] = [sigma or np.inf for sigma in sigmas]
     control = sights.control[sights.is_control]
     rise = np.zeros(method.photos) if plane.rise is None else plane.rise
-    return Problem(
+    return HelmertProblem(
         photo=sights.photo,
         point=sights.point,
         image=sights.image,
@@ -129,13 +140,13 @@ def problem_of(sights: Sights, method: Method, plane: Plane, equal: bool = False
     )
 
 
-def redundancy_of(problem: Problem) -> int:
+def redundancy_of(problem: HelmertProblem) -> int:
     """Return the number of conditions and priors less that of the unknowns."""
     unknowns = int(problem.unknown.sum()) - int((np.isfinite(problem.prior) & problem.unknown).sum())
     return conditions_of(problem) - unknowns
 
 
-def conditions_of(problem: Problem) -> int:
+def conditions_of(problem: HelmertProblem) -> int:
     """Return the number of conditions; components of control that are not known take one each."""
     count = 0
     for group in problem.groups:

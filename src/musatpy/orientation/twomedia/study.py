@@ -18,17 +18,13 @@ from musatpy.orientation.twomedia.helmert import adjust, precision
 from musatpy.orientation.twomedia.oriented import Oriented
 from musatpy.orientation.twomedia.rays import WATER, Orientation, images_of
 from musatpy.orientation.twomedia.sights import Sights
+from musatpy.orientation.twomedia.solutions import start_errors
 
-STARTS = 100  # of each level
-LEVELS = (1.0, 2.0, 3.0, 4.0)
-DEPTHS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)  # mean depths, in heights of the cameras over the water
-DRY = (0.0, 0.1, 0.3, 0.5)  # shares of the points
+_STARTS = 25  # of each level: a hundred in all
+_LEVELS = np.array([1.0, 2.0, 3.0, 4.0])  # multiples of the errors of starts
+_DEPTHS = np.array([0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0])  # mean ones, of the height of the cameras
+_DRY = np.array([0.0, 0.1, 0.3, 0.5])  # shares of the points
 NOWHERE, SOLUTION = -1, 0  # outcomes of a start; others are numbers of other roots, from 1
-_ANGLE, _LENGTH, _SLOPE = (
-    np.radians(5.0),
-    0.1,
-    0.05,
-)  # sigmas of level 1: rad, heights of the cameras over the water
 _SAME = 1e-2  # of their sigmas, by which the unknowns of one solution may differ
 _ROUNDING = 1e-9  # of their size
 _LOWEST, _HIGHEST = 0.02, 0.25  # of the smaller of the height and three times the depth: dry points stand so high
@@ -57,7 +53,7 @@ class Basins:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Precision:
+class LevelPrecision:
     """Sigma (k, j) of the level of the water over the middle of the wet points, in heights of the cameras over it.
 
     For mean depths (k,), in the same heights, and shares (j,) of dry points; those of the geometry as it is are
@@ -73,34 +69,21 @@ class Precision:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Study:
+class OrientationStudy:
     """Basins of the solution, and the precision of the water, None where its plane is held or nothing is wet."""
 
     oriented: Oriented
     basins: Basins
-    precision: Precision | None
+    precision: LevelPrecision | None
 
 
-def study(
-    oriented: Oriented,
-    *,
-    levels: tuple[float, ...] = LEVELS,
-    starts: int = STARTS,
-    depths: tuple[float, ...] = DEPTHS,
-    shares: tuple[float, ...] = DRY,
-    seed: int = 1,
-) -> Study:
-    """Return the study of the geometry of an orientation, the same for the same `seed`.
-
-    `levels` are multiples of the errors of starts: 5 degrees, a tenth of the height of the cameras over the water,
-    slopes of .05. depths (mean ones, in such heights) and shares of dry points are those of the designs; of methods
-    with control it is the control that is wet or dry.
-    """
+def study(oriented: Oriented) -> OrientationStudy:
+    """Return the study of the geometry of an orientation; of methods with control it is the control that is dry."""
     free = oriented.problem.unknown[-WATER:-1].any() and oriented.problem.wet.any()
-    return Study(
+    return OrientationStudy(
         oriented=oriented,
-        basins=basins_of(oriented, np.array(levels), starts, seed),
-        precision=precision_of(oriented, np.array(depths), np.array(shares), seed) if free else None,
+        basins=basins_of(oriented, _LEVELS, _STARTS),
+        precision=precision_of(oriented, _DEPTHS, _DRY) if free else None,
     )
 
 
@@ -108,9 +91,8 @@ def basins_of(oriented: Oriented, levels: FloatArray, starts: int, seed: int = 1
     """Return where random starts lead in images and control without errors, each of the levels (l,) at once."""
     truth, adjusted = oriented.at.vector, oriented.adjusted
     exact = replace(oriented.problem, image=adjusted.image[0], control=adjusted.control[0], centre=truth)
-    sizes = np.array(([_ANGLE] * 3 + [_LENGTH] * 3) * oriented.method.photos + [_SLOPE, _SLOPE, _LENGTH, 0.0])
     scatter = Draws(seed).normal("starts", len(levels), starts, len(truth))
-    errors = levels[:, None, None] * scatter * sizes * oriented.problem.unknown
+    errors = levels[:, None, None] * scatter * start_errors(oriented.method.photos) * oriented.problem.unknown
     results = [adjust(exact, Orientation.of(truth + part)) for part in errors @ _units(oriented)]
     vectors = np.concatenate([_principal(result.at).vector for result in results])
     squares = np.concatenate([result.squares for result in results])
@@ -156,7 +138,7 @@ def _alike(difference: FloatArray, oriented: Oriented) -> BoolArray:
     return np.asarray((np.abs(turned) <= _SAME * oriented.sigma + _ROUNDING * scale).all(axis=-1))
 
 
-def precision_of(oriented: Oriented, depths: FloatArray, shares: FloatArray, seed: int = 1) -> Precision:
+def precision_of(oriented: Oriented, depths: FloatArray, shares: FloatArray, seed: int = 1) -> LevelPrecision:
     """Return the precision of the water in designs of the same photos and horizontal positions of the points.
 
     Designs have mean depths (k,), in heights of the cameras over the water, and shares (j,) of dry points, as near
@@ -186,7 +168,7 @@ def precision_of(oriented: Oriented, depths: FloatArray, shares: FloatArray, see
         raised[dry] = False
         sigmas.append(_level_sigma(oriented, replace(sights, wet=raised), places))
     at_hand = _level_sigma(oriented, sights, points[None])[0]
-    return Precision(
+    return LevelPrecision(
         depths=depths,
         shares=counts / len(choice),
         sigma=np.array(sigmas).T / height,
