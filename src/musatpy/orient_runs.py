@@ -12,9 +12,9 @@ from musatpy.formats.cards.spec import Family
 from musatpy.formats.musat import checked_deck, deck_bytes
 from musatpy.orientation.twomedia.oriented import NotConvergedError
 from musatpy.orienting.answer import Answer, answer_of
-from musatpy.orienting.punched import punched
-from musatpy.orienting.scene import NO_CARD
+from musatpy.orienting.placement import punched
 from musatpy.orienting.strip_answer import StripAnswer
+from musatpy.orienting.task import NO_CARD
 from musatpy.reports import orientation, orientation_strip
 from musatpy.reports.pages import csv_files
 from musatpy.reports.record import dumps
@@ -75,7 +75,7 @@ def orient_deck(
     ]
     files = {path: text.encode() for path, text in zip(paths, texts, strict=False)}
     if punch:
-        files[paths[2]] = deck_bytes(punched(answer), family)
+        files[paths[2]] = deck_bytes(punched(answer.task, answer.at), family)
     if csv:
         files |= csv_files(sections, paths[0])
     if study:
@@ -91,15 +91,34 @@ def orient_deck(
 
 
 def _studied(answer: Answer | StripAnswer, listing: Path) -> dict[Path, bytes]:
-    """Return the study of an orientation, as text and pictures beside the listing."""
-    from musatpy.orienting.studied import studied  # few users draw
-    from musatpy.reports.orientation_strip import study_text
+    """Return the study of an orientation, as text and pictures beside the listing.
+
+    Pictures are of the correlations, the basins, the precision where the water is free. The study of a strip is that
+    of the triplet that determines the water least, with a picture of its sigmas where it has any. Raises
+    `MusatError` without the extra `plots`.
+    """
+    from musatpy.orientation.twomedia import pictures  # few users draw
+    from musatpy.orientation.twomedia.study import study
 
     title = answer.block.titles[0] if answer.block.titles else listing.stem
-    study, pictures = studied(answer, title)
-    text = study_text(study, title, answer.scene.spec.limit)
-    drawn = {listing.with_suffix(f".{name}.png"): picture for name, picture in pictures.items()}
-    return {listing.with_suffix(".study.txt"): text.encode()} | drawn
+    limit = answer.task.spec.limit
+    of = (
+        answer.strip.triplets[answer.strip.weakest].oriented if isinstance(answer, StripAnswer) else answer.oriented
+    )
+    result = study(of)
+    drawn = {
+        "correlations": pictures.correlation_picture(of),
+        "basins": pictures.basins_picture(result.basins, title),
+    }
+    if result.precision is not None:
+        drawn["precision"] = pictures.precision_picture(result.precision, title, limit)
+    if isinstance(answer, StripAnswer) and answer.solution is not None:
+        drawn["strip"] = pictures.strip_picture(
+            answer.photos, answer.position_sigma, answer.chain_difference, title
+        )
+    text = orientation_strip.study_text(result, title, limit)
+    pictured = {listing.with_suffix(f".{name}.png"): picture for name, picture in drawn.items()}
+    return {listing.with_suffix(".study.txt"): text.encode()} | pictured
 
 
 def _unusable(deck: Path, *problems: Problem, status: ExitStatus = ExitStatus.UNUSABLE) -> OrientResult:

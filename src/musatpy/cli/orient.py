@@ -92,6 +92,6 @@ def _tell(result: OrientResult, quiet: bool) -> None:
         photos = answer.photos.tolist()
         of = ", ".join(photos) if len(photos) <= 3 else f"{len(photos)} photos"
         tell(
-            f"{name}: {answer.verdict.grade}, {answer.scene.spec.method} of {of}, "
+            f"{name}: {answer.verdict.grade}, {answer.task.spec.method} of {of}, "
             f"sigma0 {answer.sigma0:.4f}, {answer.summary}, listing {name_of(result.files[0])}"
         )

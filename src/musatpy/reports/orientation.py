@@ -33,11 +33,11 @@ _SIGMAS = [f"Sigma {axis}\nm" for axis in "XYZ"]
 JOB: FieldGroup[Answer, Answer] = FieldGroup(
     "job", "what was asked for", (
         Field("titles", "* string", "titles of the deck", "block.titles"),
-        Field("method", "string", "of orientation", "scene.spec.method"),
-        Field("weights", "string", "FULL or EQUAL", "scene.spec.weights"),
-        Field("plane", "string", "what of the plane of water is unknown", "scene.spec.plane"),
+        Field("method", "string", "of orientation", "task.spec.method"),
+        Field("weights", "string", "FULL or EQUAL", "task.spec.weights"),
+        Field("plane", "string", "what of the plane of water is unknown", "task.spec.plane"),
         Field("system", "string", "coordinate system, MODEL without control", lambda a: system_of(a)),
-        Field("base", "number", "length of the first base of a model", "scene.base", unit="m"),
+        Field("base", "number", "length of the first base of a model", "task.base", unit="m"),
     ),
 )  # fmt: skip
 VERDICT: FieldGroup[Answer, Answer] = FieldGroup(
@@ -57,12 +57,12 @@ FIT: FieldGroup[Answer, Answer] = FieldGroup(
 PLANE: FieldGroup[Answer, Answer] = FieldGroup(
     "plane",
     "the plane of water Z = level + slope . (X, Y), about the middle of the axes; null where no point is under it",
-    of=lambda a: None if a.scene.dry else a,
+    of=lambda a: None if a.task.dry else a,
     fields=(
         Field("verdict", "string", "whether the photos determine it", lambda a: a.plane[0]),
         Field("share", "number?", "sigma of the level over the points, of the mean depth; null without limit",
               lambda a: a.plane[1]),
-        Field("limit", "number", "of that share", "scene.spec.limit"),
+        Field("limit", "number", "of that share", "task.spec.limit"),
         Field("slope", "2 number", "towards X and Y", lambda a: a.water[:2], unit="rad"),
         Field("slope_sigma", "2 number?", "", lambda a: a.water_sigma[:2], unit="rad"),
         Field("level", "number", "at the middle of the axes", lambda a: float(a.water[2]), unit="m"),
@@ -99,8 +99,8 @@ ROOTS: Rows[Answer, Answer] = Rows(
 )  # fmt: skip
 POINTS: Rows[Answer, Answer] = Rows(
     "points", "the points that conditions use", (
-        identity("point", "scene.sights.points"),
-        flag("submerged", "flagged so", "Bath", "B", "scene.sights.wet"),
+        identity("point", "task.sights.points"),
+        flag("submerged", "flagged so", "Bath", "B", "task.sights.wet"),
         Field("control", "string", "known components", heading="Known", edit="A5"),
         flag("outlier", "left out, as it does not fit", "Out", "out", "outliers"),
         Field("rays", "integer", "that took part", heading="Rays", edit="I4"),
@@ -111,14 +111,14 @@ POINTS: Rows[Answer, Answer] = Rows(
 )  # fmt: skip
 LEFT_OUT: Rows[Answer, Answer] = Rows(
     "left_out", "points that no condition can use", (
-        identity("point", lambda a: [point for point, _ in a.scene.left_out]),
-        Field("reason", "string", "why", lambda a: [reason for _, reason in a.scene.left_out], "Reason", "A80"),
+        identity("point", lambda a: [point for point, _ in a.task.left_out]),
+        Field("reason", "string", "why", lambda a: [reason for _, reason in a.task.left_out], "Reason", "A80"),
     ),
 )  # fmt: skip
 IMAGES: Rows[Answer, Answer] = Rows(
     "images", "the images that took part", (
         identity("photo", lambda a: a.photos[a.oriented.sights.photo]),
-        identity("point", lambda a: a.scene.sights.points[a.oriented.sights.point]),
+        identity("point", lambda a: a.task.sights.points[a.oriented.sights.point]),
         Field("residual", "2 number", "x and y, adjusted minus measured", "residuals", ("x\num", "y\num"), "F9.2"),
         Field("redundancy", "2 number", "redundancy numbers", "oriented.image_redundancy",
               ("Redund.\nx", "Redund.\ny"), "F7.3"),
@@ -144,7 +144,7 @@ DOCUMENT: Document[Answer] = Document(
 
 def system_of(answer: Placement) -> str:
     """Return the system of the answer."""
-    return "MODEL" if answer.scene.in_model else str(answer.block.options.system)
+    return "MODEL" if answer.task.in_model else str(answer.block.options.system)
 
 
 # --- the listing ---
@@ -187,14 +187,14 @@ def sections_of(answer: Answer) -> list[Section]:
     oriented = answer.oriented
     sigma0 = sigma0_text(oriented.sigma0, oriented.fits) if oriented.redundancy else "none, without redundancy"
     short = {
-        "Unknowns, redundancy": f"{int(answer.unknown.sum())}, {oriented.redundancy}",
+        "Unknowns, redundancy": f"{len(answer.names)}, {oriented.redundancy}",
         "Sigma0": sigma0,
         "Condition number of the scaled normals": number_text("F14.1", oriented.condition),
         "Weakest direction": oriented.weakest[0].words,
         "Next weakest direction": oriented.weakest[1].words,
     }
     return [
-        *first_sections(answer, short, has_plane=not answer.scene.dry),
+        *first_sections(answer, short, has_plane=not answer.task.dry),
         *filled([ROOT_TABLE], answer),
         POINT_TABLE.section(answer, new_page=True),
         *filled([LEFT_OUT_TABLE], answer),
@@ -206,17 +206,17 @@ def sections_of(answer: Answer) -> list[Section]:
 
 def first_sections(answer: Answer | StripAnswer, short: dict[str, str], *, has_plane: bool) -> list[Section]:
     """Return what all orientations begin with: verdict, the task and `short` results, plane of water, stations."""
-    scene, system, names = answer.scene, system_of(answer), answer.photos.tolist()
-    task = {
-        "Method": str(scene.spec.method),
-        "Weights": _WEIGHTS[scene.spec.weights],
+    task, system, names = answer.task, system_of(answer), answer.photos.tolist()
+    asked = {
+        "Method": str(task.spec.method),
+        "Weights": _WEIGHTS[task.spec.weights],
         "Photos in their order": ", ".join(names if len(names) <= _NAMED else [*names[:3], "...", *names[-3:]]),
-        "Axes": f"of a model, first base {scene.base:g}" if system == "MODEL" else f"{system}, those of the deck",
-        "Points, images": f"{len(scene.points)} ({int(scene.sights.wet.sum())} submerged), {len(scene.plates)}",
+        "Axes": f"of a model, first base {task.base:g}" if system == "MODEL" else f"{system}, those of the deck",
+        "Points, images": f"{len(task.points)} ({int(task.sights.wet.sum())} submerged), {len(task.plates)}",
     }
     return [
-        verdict_section(answer.verdict, scene.notes),
-        Section(title="Orientation In Short", lines=labelled(task | short)),
+        verdict_section(answer.verdict, task.notes),
+        Section(title="Orientation In Short", lines=labelled(asked | short)),
         *([Section(title="Plane Of Water", lines=_plane(answer))] if has_plane else []),
         STATION_TABLE.section(answer),
         ATTITUDE_TABLE.section(answer),
@@ -241,10 +241,10 @@ _UNKNOWN = {
 
 def _plane(answer: Answer | StripAnswer) -> list[str]:
     """Return the plane of water with its verdict, and what that means."""
-    (verdict, share), scene = answer.plane, answer.scene
-    lines = {"Plane": _UNKNOWN[scene.spec.plane], "Verdict": verdict.upper()}
-    if np.isfinite(share) and scene.spec.plane is not PlaneTreatment.KNOWN:
-        limit = f"{number_text('F8.4', share)}, limit {scene.spec.limit:g}"
+    (verdict, share), task = answer.plane, answer.task
+    lines = {"Plane": _UNKNOWN[task.spec.plane], "Verdict": verdict.upper()}
+    if np.isfinite(share) and task.spec.plane is not PlaneTreatment.KNOWN:
+        limit = f"{number_text('F8.4', share)}, limit {task.spec.limit:g}"
         lines["Sigma of the level over the mean depth"] = limit
     for name, row, unit, word in (
         ("Tilt towards X", 0, ARC_SECOND, " arc seconds"),
@@ -254,14 +254,14 @@ def _plane(answer: Answer | StripAnswer) -> list[str]:
     ):
         value, sigma = (number_text("F14.5", of[row] / unit) for of in (answer.water, answer.water_sigma))
         lines[name] = f"{value}{word}, {f'sigma {sigma}' if sigma else 'held'}"
-    middle = scene.axes.system(np.zeros(3))
+    middle = task.axes.system(np.zeros(3))
     if answer.block.options.system is CoordinateSystem.GEOGRAPHIC:
         place = f"{middle[0] / DEGREE:.6f} {middle[1] / DEGREE:.6f}"
     else:
         place = " ".join(f"{value:.3f}" for value in middle)
     of_model = "the axes of the model, whose Z is that of its first photos, not the vertical"
     note = (
-        f"Z = level + tilt . (X, Y) in {of_model if scene.in_model else f'level axes at {place}'}. The plane is "
+        f"Z = level + tilt . (X, Y) in {of_model if task.in_model else f'level axes at {place}'}. The plane is "
         "determined where the sigma of its level over the middle of the submerged points is at most that share of "
         "their mean depth without priors; only with its prior where it is so with them; else it is not determined, "
         "and depths are not to be used."

@@ -1,12 +1,14 @@
-"""What a block gives to an orientation through the water: sights, and what is known of the water."""
+"""What the ORI card of a block asks for: photos and their sights, and what is known of the water."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import eigh
+from scipy.sparse.csgraph import connected_components
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.geodesy import Frame, LocalFrame
 from musatpy.jobs.plan_positions import frame_of
 from musatpy.model import (
@@ -17,23 +19,23 @@ from musatpy.model import (
     PlaneTreatment,
     Treatment,
 )
-from musatpy.orientation.twomedia.methods import METHODS as SHORT
-from musatpy.orientation.twomedia.methods import TRIPLET
+from musatpy.orientation.twomedia.methods import METHODS, TRIPLET
 from musatpy.orientation.twomedia.oriented import OrientationError
 from musatpy.orientation.twomedia.sights import Method, Sights, WaterPlane
-from musatpy.orientation.twomedia.strip_order import strip_order
 
-METHODS = SHORT | {OrientationMethod.STRIP: TRIPLET}
 _DRY = (OrientationMethod.PAIR_INDEPENDENT, OrientationMethod.PAIR_SUCCESSIVE)  # of straight rays alone too
 _NO_WATER = WaterPlane(treatment=PlaneTreatment.KNOWN, index=1.0)
+_FEWEST = 5  # points that three photos on end of a strip must have in common, at least
+_ASTRAY = 0.25  # of the photos that have more in common with the next but one than with the next: no strip
 NO_CARD = "no ORI card says what is to be oriented, and by which method"
 NO_CONTROL = "no two components of it are known: a single photo gives it no place"
 ONE_PHOTO = "only one of the photos shows it"
 ONE_COMPONENT = "one component of it is known, which the conditions have no use for: taken as not known"
+BLOCK = "a block, or branches, is not for STRIP: musat run adjusts it with IIIA, from nothing by OP2 COMPUTE"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Axes:
+class LevelAxes:
     """Level axes at a place of the job, east, north and up, in which photos are oriented; those of a model else.
 
     `middle` (3,) in the working axes of `frame`, `turn` (3, 3) east, north, up there; Z counts from height zero. In
@@ -58,12 +60,12 @@ class Axes:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Scene:
+class OrientationTask:
     """The sights of m photos, p points and n images, with their rows in the tables of the block.
 
     Of a strip the method is that of its triplets. `in_model`: in axes of its own; `base` is the length of its first
-    base. `left_out` has the points that no condition can use, and
-    why; `notes` what was not used of others.
+    base, 1 where nothing gives it. `left_out` has the points that no condition can use, and why; `notes` what was
+    not used of others. `dry`: no point is under water, the plane is none and rays are straight.
     """
 
     block: Block
@@ -71,37 +73,30 @@ class Scene:
     method: Method
     sights: Sights
     plane: WaterPlane
-    axes: Axes
+    axes: LevelAxes
     in_model: bool
-    base: float  # 1 where nothing gives it
+    base: float
     photos: IntArray
     points: IntArray
     plates: IntArray
     left_out: tuple[tuple[str, str], ...]
     notes: tuple[str, ...]
-
-    @property
-    def dry(self) -> bool:
-        """Whether no point is under water: the plane is none, and rays are straight."""
-        return not self.sights.wet.any()
+    dry: bool
 
 
-def scene_of(block: Block) -> Scene:
-    """Return the scene of a block with refined plates. Raises `OrientationError` where there is none."""
+def task_of(block: Block) -> OrientationTask:
+    """Return the task of a block with refined plates. Raises `OrientationError` where there is none."""
     spec = block.orientation
     if spec is None:
         raise OrientationError(NO_CARD)
-    method = METHODS[spec.method]
+    method = METHODS.get(spec.method, TRIPLET)
     photos = _photos(block, spec)
     in_model = spec.method.in_model(len(block.control.point) > 0)
-    axes = _model_axes() if in_model else _level_axes(block, photos)
+    axes = _axes(block, photos, in_model)
     control, control_sigma = _control(block, axes, in_model)
     point, plates, left_out, notes = _used(block, photos, control, spec.method)
-    number = np.full(len(block.photos.ids), -1)
-    number[photos] = np.arange(len(photos))
+    number, row = _numbers(photos, len(block.photos.ids)), _numbers(point, len(block.points.ids))
     plates = plates[np.argsort(number[block.plates.photo[plates]], kind="stable")]
-    row = np.full(len(block.points.ids), -1)
-    row[point] = np.arange(len(point))
     camera = block.photos.camera[block.plates.photo[plates]]
     focal = block.cameras.focal_length[camera][:, None]
     sights = Sights(
@@ -124,7 +119,7 @@ def scene_of(block: Block) -> Scene:
             f"no point is flagged submerged: of dry points {' and '.join(_DRY)} are the relative orientation, and "
             "musat run orients photos by control (OP2 COMPUTE)"
         )
-    return Scene(
+    return OrientationTask(
         block=block,
         spec=replace(spec, plane=PlaneTreatment.KNOWN) if dry else spec,
         method=method,
@@ -138,7 +133,15 @@ def scene_of(block: Block) -> Scene:
         plates=plates,
         left_out=left_out,
         notes=notes,
+        dry=dry,
     )
+
+
+def _numbers(rows: IntArray, count: int) -> IntArray:
+    """Return the places (count,) of rows of a table among these, -1 for the others."""
+    number = np.full(count, -1)
+    number[rows] = np.arange(len(rows))
+    return number
 
 
 def _photos(block: Block, spec: OrientationSpec) -> IntArray:
@@ -155,7 +158,39 @@ def _photos(block: Block, spec: OrientationSpec) -> IntArray:
         return photos
     usable = _usable(block) & np.isin(block.plates.photo, photos)
     photo = np.searchsorted(photos, block.plates.photo[usable])
-    return np.asarray(photos[strip_order(photo, block.plates.point[usable], block.photos.ids[photos])])
+    return np.asarray(photos[_strip_order(photo, block.plates.point[usable], block.photos.ids[photos])])
+
+
+def _strip_order(photo: IntArray, point: IntArray, ids: TextArray) -> IntArray:
+    """Return the photos (m,) in the order of the strip, from the end that comes first in `ids` (m,).
+
+    photo and point (n,) of the images. Raises `OrientationError` where there are gaps or branches.
+    """
+    shows = np.zeros((len(ids), int(point.max()) + 1), dtype=np.float32)
+    shows[photo, point] = 1.0
+    common = shows @ shows.T
+    np.fill_diagonal(common, 0.0)
+    count, part = connected_components(common >= _FEWEST, directed=False)
+    if count > 1:
+        sets = [ids[part == number].tolist() for number in range(count)]
+        texts = [", ".join(names if len(names) <= 6 else [*names[:3], "...", *names[-2:]]) for names in sets]
+        raise OrientationError(
+            f"STRIP: a gap: no photos of these have {_FEWEST} points in common: {' | '.join(texts)}"
+        )
+    laplacian = np.diag(common.sum(axis=1)) - common
+    _, vectors = eigh(laplacian.astype(float), subset_by_index=[1, 1])
+    order = np.argsort(vectors[:, 0], kind="stable")
+    order = order if order[0] <= order[-1] else order[::-1]
+    next_one, next_but_one = common[order[:-2], order[1:-1]], common[order[:-2], order[2:]]
+    if np.mean(next_but_one > next_one) > _ASTRAY:
+        raise OrientationError(f"STRIP: {BLOCK}")
+    three = (shows[order[:-2]] * shows[order[1:-1]] * shows[order[2:]]).sum(axis=1)
+    if len(gaps := np.flatnonzero(three < _FEWEST)):
+        texts = [f"{', '.join(ids[order[gap : gap + 3]])}: {int(three[gap])}" for gap in gaps[:8]]
+        raise OrientationError(
+            f"STRIP: three photos on end need {_FEWEST} points that all of them show; gaps at {'; '.join(texts)}"
+        )
+    return np.asarray(order)
 
 
 def _usable(block: Block) -> BoolArray:
@@ -163,15 +198,13 @@ def _usable(block: Block) -> BoolArray:
     return block.plates.triangulated & np.isfinite(block.plates.xy).all(axis=1)
 
 
-def _model_axes() -> Axes:
-    return Axes(frame=LocalFrame(np.zeros(3)), middle=np.zeros(3), turn=np.eye(3))
-
-
-def _level_axes(block: Block, photos: IntArray) -> Axes:
+def _axes(block: Block, photos: IntArray, in_model: bool) -> LevelAxes:
     """Return the axes about the middle of the given stations, where these are given, else of the control.
 
     The water turns about the stations, as tilts of the water cards do.
     """
+    if in_model:
+        return LevelAxes(frame=LocalFrame(np.zeros(3)), middle=np.zeros(3), turn=np.eye(3))
     frame = frame_of(block)
     stations = block.photos.position[photos]
     given = stations if np.isfinite(stations).all() else block.control.position
@@ -180,10 +213,10 @@ def _level_axes(block: Block, photos: IntArray) -> Axes:
         raise OrientationError("no control point has all three coordinates: nothing places the photos")
     level = frame.level(frame.working(given).mean(axis=0))
     middle = frame.from_level(np.array([level[0], level[1], 0.0]))
-    return Axes(frame=frame, middle=middle, turn=np.array(frame.axes(middle)))
+    return LevelAxes(frame=frame, middle=middle, turn=np.array(frame.axes(middle)))
 
 
-def _control(block: Block, axes: Axes, in_model: bool) -> tuple[FloatArray, FloatArray]:
+def _control(block: Block, axes: LevelAxes, in_model: bool) -> tuple[FloatArray, FloatArray]:
     """Return what is known of the points (p, 3), NaN for what is not, and its sigmas, 0 without error.
 
     A component that is not given is put to the middle of the others to find those that are: what it changes in
@@ -199,8 +232,7 @@ def _control(block: Block, axes: Axes, in_model: bool) -> tuple[FloatArray, Floa
         middle = np.nanmean(np.where(control.known, place, np.nan), axis=0) if len(place) else np.zeros(3)
         place = np.where(np.isfinite(place), place, middle)
     known[control.point] = np.where(control.known, axes.inside(place), np.nan)
-    given = np.where(np.isfinite(control.sigma) & ~control.fixed[:, None], control.sigma, 0.0)
-    sigma[control.point] = given
+    sigma[control.point] = np.where(np.isfinite(control.sigma) & ~control.fixed[:, None], control.sigma, 0.0)
     return known, sigma
 
 
@@ -208,24 +240,23 @@ def _used(
     block: Block, photos: IntArray, control: FloatArray, method: OrientationMethod
 ) -> tuple[IntArray, IntArray, tuple[tuple[str, str], ...], tuple[str, ...]]:
     """Return the points and plate measurements that conditions can use, the points they cannot, and notes."""
-    plates = block.plates
+    plates, ids = block.plates, block.points.ids
     usable = np.isin(plates.photo, photos) & _usable(block)
-    rays = np.bincount(plates.point[usable], minlength=len(block.points.ids))
+    rays = np.bincount(plates.point[usable], minlength=len(ids))
     components = np.isfinite(control).sum(axis=1)
-    enough = (components >= 2) | ((rays >= 2) & (method.photos > 1))
-    by_rays = METHODS[method].in_model
-    if by_rays:
-        enough = rays >= 2
+    by_rays = METHODS.get(method, TRIPLET).in_model
+    by_control = (components >= 2) & (rays > 0) & (not by_rays)
+    enough = by_control | ((rays >= 2) & (method.photos > 1))
     shown = np.unique(plates.point[np.isin(plates.photo, photos)])
     why = NO_CONTROL if method.photos == 1 else ONE_PHOTO
-    left_out = [
-        (str(block.points.ids[point]), why if rays[point] else "its plate cards keep it out")
-        for point in shown[~(enough & (rays > 0))[shown]].tolist()
-    ]
-    single = block.points.ids[(components == 1) & enough & (rays > 0)].tolist()
+    left_out = tuple(
+        (str(ids[point]), why if rays[point] else "its plate cards keep it out")
+        for point in shown[~enough[shown]].tolist()
+    )
+    single = ids[(components == 1) & enough].tolist()
     notes = (f"{ONE_COMPONENT}: {', '.join(single)}",) if single and not by_rays else ()
-    point: IntArray = shown[(enough & (rays > 0))[shown]]
-    return point, np.flatnonzero(usable & np.isin(plates.point, point)), tuple(left_out), notes
+    point: IntArray = shown[enough[shown]]
+    return point, np.flatnonzero(usable & np.isin(plates.point, point)), left_out, notes
 
 
 def _plane(block: Block, spec: OrientationSpec, photos: IntArray, in_model: bool) -> WaterPlane:
@@ -243,10 +274,9 @@ def _plane(block: Block, spec: OrientationSpec, photos: IntArray, in_model: bool
     if given and np.ptp(tide) > 0.0 and in_model and _base(block, photos) is None:
         raise OrientationError("the tides differ, and nothing gives the scale of the model: give both stations")
     level = float(tide.mean()) if given and not in_model else None
-    tilt = (water.tilt_east or 0.0, water.tilt_north or 0.0)
     return WaterPlane(
         treatment=spec.plane,
-        slope=(0.0, 0.0) if in_model else tilt,
+        slope=(0.0, 0.0) if in_model else (water.tilt_east or 0.0, water.tilt_north or 0.0),
         slope_sigma=None if in_model else water.tilt_sigma,
         level=level,
         level_sigma=float(sigma.mean()) if level is not None and np.isfinite(sigma).all() else None,
