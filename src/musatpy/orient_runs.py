@@ -93,8 +93,8 @@ def orient_deck(
 def _studied(answer: Answer | StripAnswer, listing: Path) -> dict[Path, bytes]:
     """Return the study of an orientation, as text and pictures beside the listing.
 
-    Pictures are of the correlations, the basins, the precision where the water is free. The study of a strip is that
-    of the triplet that determines the water least, with a picture of its sigmas where it has any. Raises
+    Pictures are of the correlations, the basins, the precision where the water is free. The study of a strip is
+    that of the triplet that determines the water least, with a picture of its sigmas where it has any. Raises
     `MusatError` without the extra `plots`.
     """
     from musatpy.orientation.twomedia import pictures  # few users draw
@@ -102,9 +102,7 @@ def _studied(answer: Answer | StripAnswer, listing: Path) -> dict[Path, bytes]:
 
     title = answer.block.titles[0] if answer.block.titles else listing.stem
     limit = answer.task.spec.limit
-    of = (
-        answer.strip.triplets[answer.strip.weakest].oriented if isinstance(answer, StripAnswer) else answer.oriented
-    )
+    of = answer.oriented if isinstance(answer, Answer) else answer.strip.triplets[answer.strip.weakest].oriented
     result = study(of)
     drawn = {
         "correlations": pictures.correlation_picture(of),

@@ -289,7 +289,7 @@ def test_photos_are_named_where_the_deck_has_more(tmp_path: Path) -> None:
 @pytest.mark.parametrize("number", [1, 8])
 def test_points_that_no_condition_uses_have_a_reason(number: int) -> None:
     block, _, _ = deck_block("lab", "SINGLE-RAY", 20 - number)
-    assert [reason for _, reason in answer_of(block).scene.left_out] == [
+    assert [reason for _, reason in answer_of(block).task.left_out] == [
         "no two components of it are known: a single photo gives it no place"
     ] * number
 

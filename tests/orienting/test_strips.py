@@ -16,7 +16,7 @@ from musatpy import model
 from musatpy.arrays import FloatArray
 from musatpy.formats.musat import deck_bytes
 from musatpy.geometry.collinearity import attitude_matrix
-from musatpy.model.tables import taken
+from musatpy.model.tables import empty, taken
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orienting.answer import answer_of
 from musatpy.orienting.strip_answer import StripAnswer
@@ -80,7 +80,7 @@ def test_a_strip_has_the_sigmas_of_its_errors() -> None:
         assert isinstance(answer, StripAnswer) and answer.solution is not None
         truth = UNITS[name] * true.stations[[int(photo) for photo in answer.photos]] * HOUSE
         stations.append((answer.position - truth) / answer.position_sigma)
-        truth = UNITS[name] * true.points[[int(point) for point in answer.scene.sights.points]] * HOUSE
+        truth = UNITS[name] * true.points[[int(point) for point in answer.task.sights.points]] * HOUSE
         points.append(((answer.point_position - truth) / answer.point_sigma)[answer.control == ""])
         water.append((answer.water - [0.0, 0.0, UNITS[name] * true.d, 1.34]) / answer.water_sigma)
     assert 0.95 < np.sqrt(np.mean(np.square(np.concatenate(stations)))) < 1.05
@@ -275,7 +275,7 @@ def test_photos_of_a_strip_in_any_order(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_picture_and_the_study_of_a_strip(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("musatpy.orienting.studied._STARTS", 3)
+    monkeypatch.setattr("musatpy.orientation.twomedia.study._STARTS", 3)
     assert run(tmp_path, strip_block("lab", 4)[0], "--study").exit_code == 0
     assert (tmp_path / "job.strip.png").read_bytes().startswith(b"\x89PNG")
     assert "Method TRIPLET" in (tmp_path / "job.study.txt").read_text()
@@ -294,11 +294,37 @@ def test_cards_that_no_strip_can_have(photos: int, card: dict[str, object], mess
     assert result.exit_code == 1 and message in " ".join(result.output.split())
 
 
-def test_a_gap_is_refused_in_words(tmp_path: Path) -> None:
-    block, _ = strip_block("lab", 8)
-    without = block.plates.photo != 3
-    result = run(tmp_path, replace(block, plates=taken(block.plates, np.flatnonzero(without))))
-    assert result.exit_code == 1 and "three photos on end need 5 points that all of them show" in result.output
+def two_strips_side_by_side() -> model.Block:
+    """Return a block of 20 photos in two rows, by what they show; the coordinates on the plates are nothing."""
+    block, _ = strip_block("lab", 20)
+    X, Y = np.meshgrid(np.arange(0.0, 60.0, 2.0), np.arange(0.0, 30.0, 2.0))
+    stations = [(x, y) for y in (10.0, 20.0) for x in np.arange(10.0, 60.0, 5.0)]
+    shown = [np.flatnonzero((np.abs(X - x) < 9) & (np.abs(Y - y) < 9)) for x, y in stations]
+    photo = np.repeat(np.arange(len(stations)), [len(points) for points in shown])
+    plates = model.PlateMeasurements(photo=photo, point=np.concatenate(shown), xy=np.ones((len(photo), 2)))
+    points = model.Points(ids=[str(row) for row in range(X.size)], bathymetric=np.ones(X.size, dtype=bool))
+    return replace(block, points=points, plates=plates, control=empty(model.Control))
+
+
+@pytest.mark.parametrize(
+    ("strip", "missing", "message"),
+    [
+        (lambda: strip_block("lab", 8)[0], [3], "three photos on end need 5 points that all of them show"),
+        (
+            lambda: strip_block("lab", 9)[0],
+            [4, 5, 6],
+            "a gap: no photos of these have 5 points in common: 0, 1, 2, 3 | 7, 8",
+        ),
+        (two_strips_side_by_side, [], "a block, or branches, is not for STRIP"),
+    ],
+)
+def test_gaps_and_branches_are_refused_in_words(
+    strip: Callable[[], model.Block], missing: list[int], message: str, tmp_path: Path
+) -> None:
+    block = strip()
+    seen = np.flatnonzero(~np.isin(block.plates.photo, missing))
+    result = run(tmp_path, replace(block, plates=taken(block.plates, seen)))
+    assert result.exit_code == 1 and message in " ".join(result.output.split())
 
 
 AERIAL = Path(__file__).parents[2] / "fixtures" / "trust" / "aerial_single_no_start.crd"

@@ -8,7 +8,6 @@ from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.twomedia.oriented import OrientationError, PlaneVerdict
 from musatpy.orientation.twomedia.sights import WaterPlane
 from musatpy.orientation.twomedia.strip import joined, orient_strip, triplets
-from musatpy.orientation.twomedia.strip_order import strip_order
 from orientation.twomedia.geometries import Scene
 from orientation.twomedia.strip_scenes import corners, strip_scene, strip_sights, strip_truth
 
@@ -78,29 +77,6 @@ def test_control_that_does_not_hold_a_strip(count: int) -> None:
     if count == 2:  # a level plane holds the tilts
         at = orient_strip(sights, LEVEL).orientation()
         assert np.abs(at.station - strip_truth(true)[0].station).max() < 1e-8
-
-
-def test_the_order_of_the_photos_is_that_of_their_overlaps() -> None:
-    sights, _ = strip_sights(strip_scene("lab", 9))
-    shuffled = np.array([4, 0, 7, 2, 8, 1, 6, 3, 5])
-    ids = sights.photos[np.argsort(shuffled)]
-    order = strip_order(shuffled[sights.photo], sights.point, ids)
-    assert ids[order].tolist() in (sights.photos.tolist(), sights.photos[::-1].tolist())
-    assert order[0] < order[-1]  # from the end that comes first
-
-
-def test_a_gap_and_a_block_are_named() -> None:
-    sights, _ = strip_sights(strip_scene("lab", 9))
-    left = (sights.photo < 4) | (sights.photo > 6)
-    photo = np.where(sights.photo > 6, sights.photo - 3, sights.photo)
-    with pytest.raises(OrientationError, match=r"a gap: .*P0, P1, P2, P3 \| P7, P8"):
-        strip_order(photo[left], sights.point[left], sights.photos[[0, 1, 2, 3, 7, 8]])
-    X, Y = np.meshgrid(np.arange(60.0), np.arange(30.0))
-    stations = [(x, y) for y in (10.0, 20.0) for x in np.arange(10.0, 60.0, 5.0)]
-    shown = [np.flatnonzero((np.abs(X - x) < 9) & (np.abs(Y - y) < 9)) for x, y in stations]
-    photo = np.repeat(np.arange(len(stations)), [len(points) for points in shown])
-    with pytest.raises(OrientationError, match="a block, or branches, is not for STRIP"):
-        strip_order(photo, np.concatenate(shown), np.array([str(row) for row in range(len(stations))]))
 
 
 def test_points_are_those_of_the_triplets_that_show_them_most_often() -> None:
