@@ -193,8 +193,7 @@ def _chained(task: OrientationTask, strip: Strip, control_out: BoolArray, unadju
 
 def _solved(chain: StripAnswer, solution: Solution) -> StripAnswer:
     """Return the answer of IIIA, which starts from a chain."""
-    task, block, spec = chain.task, solution.block, chain.task.spec
-    stations, water = solution.stations, solution.water
+    task, block, stations, water = chain.task, solution.block, solution.stations, solution.water
     assert water is not None  # there are submerged points
     photos = _rows(chain.photos, block.photos.ids)
     points = _rows(task.sights.points, block.points.ids)
@@ -211,29 +210,23 @@ def _solved(chain: StripAnswer, solution: Solution) -> StripAnswer:
     inside = _of_points(solution.points.position, points)
     known = np.isfinite(inside).all(axis=1)
     inside[known] = task.axes.inside(inside[known])
-    adjusted = np.full(len(block.points.ids), np.nan)
-    adjusted[solution.bathymetric.point] = solution.bathymetric.depth
-    depth = _of_points(adjusted, points)
+    under = _rows(task.sights.points, block.points.ids[solution.bathymetric.point])
+    depth = _of_points(solution.bathymetric.depth, under)
     depth = np.where(np.isfinite(depth), depth, at.water_at(inside[:, :2]) - inside[:, 2])
-    water_covariance = _water_covariance(solution, spec.plane)
-    plane = chain.plane
-    if spec.plane is not PlaneTreatment.KNOWN:
-        wet = task.sights.wet & known
-        mean = float(depth[wet].mean())
-        sigma = _level_sigma(water_covariance, inside[wet, :2].mean(axis=0) - pivot)
-        share = sigma / mean if mean > 0.0 else np.inf
-        plane = (PlaneVerdict.DETERMINED if share <= spec.limit else PlaneVerdict.NOT), share
+    water_covariance = _water_covariance(solution, task.spec.plane)
+    wet = task.sights.wet & known
+    sigma, mean = _level_sigma(water_covariance, inside[wet, :2].mean(axis=0) - pivot), float(depth[wet].mean())
+    share = sigma / mean if mean > 0.0 else np.inf
+    determined = (PlaneVerdict.DETERMINED if share <= task.spec.limit else PlaneVerdict.NOT), share
     covariance = stations.covariance[photos]
-    J = paper_partials(_each(at))[:, :3, :3]
-    paper_attitude = sigmas_of(J @ covariance[:, 3:, 3:] @ np.swapaxes(J, 1, 2))
-    position_sigma = sigmas_of(covariance)[:, :3]
+    position_sigma, attitude_sigma = np.split(sigmas_of(covariance), 2, axis=1)
     water_sigma = np.array([*sigmas_of(water_covariance)[1:], _level_sigma(water_covariance, -pivot), 0.0])
     rows = np.flatnonzero(np.isfinite(task.sights.control).any(axis=1) & known & ~chain.outliers)
     test, wrong = _control_tests(solution, task.sights.points[rows])
-    chained = chain.at.station, attitude_matrix(chain.at.attitude)
+    chained, turned = chain.at.station, attitude_matrix(chain.at.attitude)
     if task.in_model:
-        move = similarity.fit(chained[0], station, np.ones(len(station)))
-        chained = move.apply(chained[0]), move.turn(chained[1])
+        move = similarity.fit(chained, station, np.ones(len(station)))
+        chained, turned = move.apply(chained), move.turn(turned)
     return replace(
         chain,
         at=at,
@@ -243,12 +236,12 @@ def _solved(chain: StripAnswer, solution: Solution) -> StripAnswer:
         sigma0=solution.sigma0,
         redundancy=solution.degrees_of_freedom,
         fits=solution.sigma0 <= sigma0_doubt(solution.degrees_of_freedom),
-        plane=plane,
+        plane=chain.plane if task.spec.plane is PlaneTreatment.KNOWN else determined,
         position_sigma=position_sigma,
-        attitude_sigma=sigmas_of(covariance)[:, 3:],
+        attitude_sigma=attitude_sigma,
         point_sigma=_of_points(sigmas_of(solution.points.covariance), points),
         paper_photos=paper_vector(_each(at))[:, :6],
-        paper_photo_sigmas=np.concatenate([paper_attitude, position_sigma], axis=1),
+        paper_photo_sigmas=_paper_sigmas(at, covariance),
         water=np.array([*at.slope, at.level, at.index]),
         water_sigma=np.where(water_sigma > 0.0, water_sigma, np.nan),
         solution=solution,
@@ -256,8 +249,8 @@ def _solved(chain: StripAnswer, solution: Solution) -> StripAnswer:
         control_residual=(task.sights.control - inside)[rows],
         control_test=test,
         control_wrong=wrong,
-        chain_difference=chained[0] - station,
-        chain_turn=wrapped(attitude_from_matrix(chained[1]) - at.attitude),
+        chain_difference=chained - station,
+        chain_turn=wrapped(attitude_from_matrix(turned) - at.attitude),
     )
 
 
@@ -268,6 +261,13 @@ def _each(at: Orientation) -> Orientation:
     return Orientation(
         attitude=at.attitude[:, None], station=at.station[:, None], slope=slope, level=level, index=index
     )
+
+
+def _paper_sigmas(at: Orientation, covariance: FloatArray) -> FloatArray:
+    """Return the sigmas (m, 6) of the elements of the paper, by covariances (m, 6, 6) of stations."""
+    J = paper_partials(_each(at))[:, :3, :3]
+    attitude = sigmas_of(J @ covariance[:, 3:, 3:] @ np.swapaxes(J, 1, 2))
+    return np.concatenate([attitude, sigmas_of(covariance)[:, :3]], axis=1)
 
 
 def _water_covariance(solution: Solution, plane: PlaneTreatment) -> FloatArray:

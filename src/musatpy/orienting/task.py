@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.sparse.csgraph import connected_components
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.geodesy import Frame, LocalFrame
@@ -166,6 +165,8 @@ def _strip_order(photo: IntArray, point: IntArray, ids: TextArray) -> IntArray:
 
     photo and point (n,) of the images. Raises `OrientationError` where there are gaps or branches.
     """
+    from scipy.sparse.csgraph import connected_components  # heavy, of strips alone
+
     shows = np.zeros((len(ids), int(point.max()) + 1), dtype=np.float32)
     shows[photo, point] = 1.0
     common = shows @ shows.T
