@@ -43,6 +43,11 @@ def test_words_go_to_the_fields_in_their_order(tmp_path: Path) -> None:
     )
 
 
+def test_a_deck_in_small_letters_is_that_in_capitals() -> None:
+    path = FIXTURES / "cayman" / "cayman_modified.crd"
+    assert tidied(path.read_bytes().lower(), card_family()).data == path.read_bytes().upper()
+
+
 @pytest.mark.parametrize("path", sorted((FIXTURES / "cayman").glob("*.crd")), ids=lambda path: path.stem)
 def test_decks_that_read_well_stay_byte_by_byte(path: Path) -> None:
     assert tidied(path.read_bytes(), card_family()).data == path.read_bytes()

@@ -33,6 +33,8 @@ def tidied(data: bytes, family: Family, file: str = "deck") -> TidyDeck:
     lines = re.findall(r"[^\n]*\n|[^\n]+", data.decode("latin-1"))
     deck = read_cards(data, family, name=file)
     wrong = {problem.line for problem in deck.problems if problem.severity == "error" and problem.line is not None}
+    if not deck.images.count:  # no line begins with a card
+        wrong = {number for number, line in enumerate(lines, 1) if line.strip()}
     changed, problems = list[tuple[int, str, str]](), list[Problem]()
     for number in sorted(wrong):
         text = lines[number - 1].rstrip("\r\n")
@@ -46,7 +48,17 @@ def tidied(data: bytes, family: Family, file: str = "deck") -> TidyDeck:
 
 
 def tidy_card(text: str, family: Family) -> tuple[str, str]:
-    """Return the card of a line of words, and why there is none."""
+    """Return the card of a line of words, and why there is none.
+
+    A line with every word in columns of a field of its own is no line of words: what is wrong is one of its values.
+    """
+    in_capitals = text.upper() if text == text.lower() else text[:3].upper() + text[3:]
+    faults = [one for one in read_cards(f"{in_capitals}\n".encode("latin-1"), family).problems if one.line == 1]
+    faults = [one for one in faults if one.severity == "error"]
+    if not faults:
+        return in_capitals, ""
+    if _in_columns(in_capitals, family):
+        return text, faults[0].headline().partition(" ")[2]
     end = DATA_COLUMNS[1]  # behind it a number of the sequence says nothing
     mnemonic, *words = (text[:end] if text[end:].strip().isdigit() else text).split() or [""]
     spec = family.cards.get(mnemonic.upper())
@@ -68,6 +80,18 @@ def tidy_card(text: str, family: Family) -> tuple[str, str]:
         both = [" ".join(f"{setting.name}={setting.value}" for setting in way) for way in ways]
         return text, f"in more than one way a card {spec.mnemonic}: {both[0]}, or {both[1]}"
     return (card_with(blank_card(spec), ways[0]), "") if ways else (text, why)
+
+
+def _in_columns(text: str, family: Family) -> bool:
+    """Tell whether each word stands in columns of a field, and no two in those of one."""
+    spec = family.cards.get(text[:3])
+    words = [] if spec is None else list(re.finditer(r"\S+", text[: DATA_COLUMNS[1]]))[1:]
+    homes = [
+        next((f.name for f in spec.fields if f.first <= word.start() + 1 and word.end() <= f.last), "")
+        for word in words
+        if spec is not None
+    ]
+    return len(words) > 1 and all(homes) and len(set(homes)) == len(homes)
 
 
 def _ways(spec: CardSpec, fields: Sequence[FieldSpec], words: Sequence[str]) -> Iterator[list[Setting]]:

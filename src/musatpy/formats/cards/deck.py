@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from musatpy.formats.cards.codec import (
     encode_cards,
     strays,
 )
+from musatpy.formats.cards.foreign import foreign
 from musatpy.formats.cards.spec import CARD_WIDTH, END_MNEMONIC, CardSpec, Family
 
 _CHUNK = 4096  # cards decoded in one go: the numbers of a field stay in the cache
@@ -104,9 +106,16 @@ def read_cards(source: Path | str | bytes, family: Family, name: str | None = No
     """
     file = name or ("deck" if isinstance(source, bytes) else str(source))
     data = (source if isinstance(source, bytes) else Path(source).read_bytes()).removesuffix(_END_OF_FILE)
-    images = card_images(b"" if data.isspace() else data)
+    kind = foreign(data, family)
+    marked = data.startswith(codecs.BOM_UTF8)
+    images = card_images(b"" if kind or data.isspace() else data.removeprefix(codecs.BOM_UTF8))
     del data  # which is not kept beside them
     reader = _DeckReader(file, family, images)
+    if kind:
+        reader.problems = [Problem(file=file, message=f"this is {kind}")]
+    elif marked:
+        skipped = Problem(file=file, message="begins with a byte order mark, skipped", severity="warning")
+        reader.problems.append(skipped)
     tables = {spec.mnemonic: reader.columns(spec) for spec in family.cards.values()}
     lines = {mnemonic: rows + 1 for mnemonic, rows in reader.rows.items()}
     return CardDeck(file=file, tables=tables, lines=lines, problems=in_order(reader.problems), images=reader.images)
