@@ -6,40 +6,24 @@ the second solution is the one to be held to, and its sigmas are the measure (do
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.errors import MusatError
 from musatpy.geometry.collinearity import wrapped
-from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model.solution import WAVE_VALUES
 from musatpy.model.tables import falling
-
-Record = Mapping[str, Any]
+from musatpy.records.tables import NamedRows, Tables, metric_differences, numbers, texts
 
 _ROUNDING = 9  # decimals of differences, by which rounding errors do not order them
-# What is compared of a record: its fields, and those of their tables.
-NEEDS = {
-    "options": ("system",),
-    "ellipsoid": (),
-    "solution": ("converged", "degrees_of_freedom", "sigma0", "sum_of_squares"),
-    "iterations": ("pass",),
-    "stations": ("photo", "position", "position_sigma", "attitude", "attitude_sigma"),
-    "points": ("point", "position", "sigma", "reason"),
-    "bathymetric_points": ("point", "depth", "depth_sigma"),
-    "control": ("kind", "difference"),
-    "plate_statistics": ("total_rms",),
-}
-OPTIONAL = {  # what records of earlier versions have not, or those without tables of images
-    "waves": ("wave", *WAVE_VALUES),
-    "wave_origin": (),
-    "adjusted_water": ("waves",),
-    "plates": ("residual", "refraction"),
-}
+TABLES = (  # of a record, that are compared
+    "options", "ellipsoid", "solution", "iterations", "stations", "points", "bathymetric_points", "control",
+    "plate_statistics", "waves", "wave_origin", "adjusted_water",
+)  # fmt: skip
+OPTIONAL = ("plates",)  # which records without tables of images have not
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +76,7 @@ class ComparedRuns:
         return float(max(part.largest.max(initial=0.0) for part in (self.stations, self.points, self.waves)))
 
 
-def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B")) -> ComparedRuns:
+def compare(first: Tables, second: Tables, labels: tuple[str, str] = ("A", "B")) -> ComparedRuns:
     """Return the comparison of the JSON records of two solutions (`musatpy.reports.record`).
 
     Raises `MusatError` where they are not of one block: other coordinate systems, or no photo in common.
@@ -105,7 +89,7 @@ def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B"))
     if not photos[0].rows.keys() & photos[1].rows.keys():
         raise MusatError(f"nothing to compare: {labels[0]} and {labels[1]} have no photo in common")
     waves = [NamedRows("wave", _waves_of(record)) for record in (first, second)]
-    one_origin = first.get("wave_origin") == second.get("wave_origin")
+    one_origin = first["wave_origin"] == second["wave_origin"]
     return ComparedRuns(
         labels=labels,
         facts=_facts(first, second),
@@ -121,59 +105,7 @@ def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B"))
     )
 
 
-class NamedRows:
-    """A table of a record whose rows have names."""
-
-    def __init__(self, key: str, table: Record) -> None:
-        self.table = table
-        self.rows = {name: row for row, name in enumerate(table[key])}
-
-    def common(self, other: NamedRows) -> list[str]:
-        """Return the names that another table has too, in the order of this one."""
-        return [name for name in self.rows if name in other.rows]
-
-    def array(self, ids: Iterable[str], field: str, *shape: int) -> FloatArray:
-        """Return the values of named rows (n, *shape), NaN for null."""
-        column = self.table[field]
-        return numbers([column[self.rows[name]] for name in ids], *shape)
-
-    def row(self, name: str) -> dict[str, Any] | None:
-        """Return a row, None where there is none of the name."""
-        number = self.rows.get(name)
-        return None if number is None else {field: column[number] for field, column in self.table.items()}
-
-    def why_not(self, name: str) -> str | None:
-        """Return why a row has no position; None where it has one."""
-        if name not in self.rows:
-            return "is not there"
-        row = self.rows[name]
-        if "position" not in self.table or self.table["position"][row][0] is not None:
-            return None
-        return f"is not determined: {self.table['reason'][row] or 'no position'}"
-
-
-def numbers(values: Iterable[Any], *shape: int) -> FloatArray:
-    """Return values of a record (n, *shape) as numbers, NaN for null."""
-    nothing = np.full(shape, np.nan)
-    return np.array([nothing if value is None else value for value in values], dtype=float).reshape(-1, *shape)
-
-
-def metric_differences(record: Record, first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return second minus first positions (r, 3) of a record in metres, east, north, up (X, Y, Z in local jobs).
-
-    Raises `MusatError` where a record that is not of a local job has no ellipsoid that is known.
-    """
-    system, spec = record["options"]["system"], record["ellipsoid"]
-    if system == "LOCL":
-        return second - first
-    try:
-        ellipsoid = Ellipsoid(spec["name"] or "", spec["semi_major_axis"], spec["inverse_flattening"])
-    except (TypeError, ValueError) as error:  # none, or one that PROJ does not know
-        raise MusatError(f"a {system} job without an ellipsoid: {error}") from error
-    return ellipsoid.metric_differences(first, second, system == "GEOG")
-
-
-def _placed(record: Record, first: NamedRows, second: NamedRows, sigma: str, attitude: bool) -> ComparedRows:
+def _placed(record: Tables, first: NamedRows, second: NamedRows, sigma: str, attitude: bool) -> ComparedRows:
     """Return the differences of positions, and of attitudes, where both have them; `sigma` is that of positions."""
     ids = second.common(first)
     difference = metric_differences(record, *(of.array(ids, "position", 3) for of in (first, second)))
@@ -185,10 +117,10 @@ def _placed(record: Record, first: NamedRows, second: NamedRows, sigma: str, att
     return _sorted(ids, difference, sigmas)
 
 
-def _waves_of(record: Record) -> Record:
+def _waves_of(record: Tables) -> Tables:
     """Return the waves of a record, adjusted or as given: `value` and `sigma` of the parameters of each."""
-    adjusted = (record.get("adjusted_water") or {}).get("waves")
-    table = record.get("waves", {"wave": []}) if adjusted is None else adjusted["waves"]
+    adjusted = (record["adjusted_water"] or {}).get("waves")
+    table = record["waves"] if adjusted is None else adjusted["waves"]
     sigmas: dict[tuple[str, str], float | None] = {}
     if adjusted:
         columns = [adjusted["parameters"][name] for name in ("wave", "parameter", "sigma")]
@@ -222,7 +154,7 @@ def _sorted(ids: list[str], difference: FloatArray, sigma: FloatArray) -> Compar
     return ComparedRows(ids=rows.ids[order], difference=difference[order], sigma=sigma[order])
 
 
-def _depths(first: Record, second: Record) -> ComparedDepths:
+def _depths(first: Tables, second: Tables) -> ComparedDepths:
     tables = [NamedRows("point", record["bathymetric_points"]) for record in (first, second)]
     ids = tables[1].common(tables[0])
     depth = np.stack([table.array(ids, "depth") for table in tables], axis=1)
@@ -245,14 +177,14 @@ def _only_one(what: str, tables: Sequence[NamedRows], labels: tuple[str, str]) -
     return lacking
 
 
-def _facts(first: Record, second: Record) -> tuple[tuple[str, str, str], ...]:
+def _facts(first: Tables, second: Tables) -> tuple[tuple[str, str, str], ...]:
     rows = [_facts_of(first), _facts_of(second)]
     names = list(dict.fromkeys([*rows[0], *rows[1]]))
     options = [name for name in first["options"] if first["options"][name] != second["options"].get(name)]
     differing = [
         (f"option {name}", str(first["options"].get(name)), str(second["options"].get(name))) for name in options
     ]
-    origins = [record.get("wave_origin") for record in (first, second)]
+    origins = [record["wave_origin"] for record in (first, second)]
     if None not in origins and origins[0] != origins[1]:
         differing.append(("origin of the waves (crests not compared)", "one", "another"))
     return (*differing, *((name, rows[0].get(name, "-"), rows[1].get(name, "-")) for name in names))
@@ -262,7 +194,7 @@ def _printed(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
 
 
-def _facts_of(record: Record) -> dict[str, str]:
+def _facts_of(record: Tables) -> dict[str, str]:
     solution, plates = record["solution"], record["plate_statistics"]
     facts = {
         "converged": "yes" if solution["converged"] else "no",
@@ -274,17 +206,13 @@ def _facts_of(record: Record) -> dict[str, str]:
     x, y = plates["total_rms"][0]
     if x is not None:
         facts["RMS of triangulated plate residuals x, y, um"] = f"{1e3 * x:.2f}  {1e3 * y:.2f}"
-    images = record.get("plates", {"residual": [], "refraction": []})
-    residual, refraction = (
-        np.array(images[name], dtype=float).reshape(-1, 2) for name in ("residual", "refraction")
-    )
+    residual, refraction = (numbers(record.get("plates", {}), name, 2) for name in ("residual", "refraction"))
     kept = residual[(refraction != 0.0).any(axis=1) & np.isfinite(residual).all(axis=1)]
     if len(kept):
         rms = 1e3 * np.sqrt(np.mean(np.square(kept), axis=0))
         facts["RMS of refracted plate residuals x, y, um"] = f"{rms[0]:.2f}  {rms[1]:.2f}"
     control = record["control"]
-    is_check = np.array(control["kind"], dtype=str) == "check"
-    checks = np.array(control["difference"], dtype=float).reshape(-1, 3)[is_check]
+    checks = numbers(control, "difference", 3)[texts(control, "kind") == "check"]
     for axis, name in enumerate(("east", "north", "up")):
         given = checks[np.isfinite(checks[:, axis]), axis]
         if len(given):

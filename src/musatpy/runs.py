@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from musatpy.formats.cards.spec import Family
     from musatpy.formats.families import FormatFamily
     from musatpy.jobs.punch import Punch
-    from musatpy.json_files import Needs
 
 
 class ExitStatus(IntEnum):
@@ -224,19 +223,19 @@ def compared(first: Path, second: Path, labels: tuple[str, str]) -> ComparedRuns
 
     Raises `MusatError` where a file is neither, or they are not of one block, and `OSError`.
     """
-    from musatpy.comparison import NEEDS, OPTIONAL, compare
+    from musatpy.comparison import OPTIONAL, TABLES, compare
 
-    one, other = (_record_at(path, NEEDS, OPTIONAL) for path in (first, second))
+    one, other = (_record_at(path, TABLES, OPTIONAL) for path in (first, second))
     return compare(one, other, labels)
 
 
-def _record_at(path: Path, needs: Needs, optional: Needs | None = None) -> dict[str, Any]:
-    """Return what is needed of a record, or of that of a deck, which is adjusted."""
+def _record_at(path: Path, tables: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Any]:
+    """Return tables of a record, or of that of a deck, which is adjusted."""
     if path.suffix != ".json":
-        return record_of(Statistics(adjust(read_deck(path))), {*needs, *(optional or {})})
-    from musatpy.json_files import read_record
+        return record_of(Statistics(adjust(read_deck(path))), {*tables, *optional})
+    from musatpy.records.json_files import read_record
 
-    return read_record(path, needs, optional)
+    return read_record(path, tables, optional)
 
 
 def inquiry_text(path: Path, name: str) -> str:
@@ -244,10 +243,10 @@ def inquiry_text(path: Path, name: str) -> str:
 
     Raises `MusatError` where there is neither, or the file cannot be used, and `OSError`.
     """
-    from musatpy.inquiry import NEEDS, inquire
+    from musatpy.records.inquiry import TABLES, inquire
     from musatpy.reports import inquiry
 
-    record = _record_at(path, NEEDS)
+    record = _record_at(path, TABLES)
     return "\n".join(inquiry.inquiry_text(record, about) for about in inquire(record, name))
 
 

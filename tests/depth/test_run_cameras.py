@@ -15,10 +15,11 @@ from cli.commands import musat
 from depth import restated
 from depth.lagoon import FOLDER as LAGOON
 from depth.lagoon import rows
+from json_schema import load_schema
 from musatpy.depth.correction import Correction
 from musatpy.depth.point_positions import PointSystem, Tilt
 from musatpy.depth.run_cameras import read_run
-from musatpy.errors import DepthError
+from musatpy.errors import DepthError, RecordError
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid, GeocentricFrame, surface
 from musatpy.geometry.projected import Projected
@@ -29,6 +30,7 @@ from record_rows import with_columns, with_rows
 from sample_solutions import sample_solution
 
 INDEX = 1.3398
+WAVE = dict.fromkeys(load_schema()["properties"]["waves"]["required"], 1.0) | {"wave": "1", "shape": "stokes"}
 
 
 def lagoon_run() -> dict[str, Any]:
@@ -95,14 +97,14 @@ def test_a_camera_without_format_gets_that_of_the_options(tmp_path: Path) -> Non
         ("adjusted_water", {"tide": [None, 0.3, None, *[0.2] * 5]}, "no tide of photo 101, 103$"),
         ("adjusted_water", {"tide": [2000.0] * 8}, "station 1 is not above the water"),
         ("adjusted_water", None, "the run knows no water"),
-        ("waves", [{"wave": "1"}], "the water of the run has waves, here it is still"),
+        ("waves", [WAVE], "the water of the run has waves, here it is still"),
     ],
 )
 def test_a_run_that_cannot_be_used_says_why(tmp_path: Path, table: str, changes: Any, message: str) -> None:
     run = lagoon_run()
     run["adjusted_water"]["tilt"] = [1e-4, 0.0]
     run[table] = {**run[table], **changes} if isinstance(changes, dict) else changes
-    with pytest.raises(DepthError, match=message):
+    with pytest.raises((DepthError, RecordError), match=message):
         read_run(written(tmp_path, run))
 
 

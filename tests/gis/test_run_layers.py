@@ -13,7 +13,7 @@ from click.testing import Result
 
 from cli.commands import musat
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.image_observations import with_images
+from musatpy.records.json_files import with_images
 from plots.plot_records import FIXTURES
 
 ST_THOMAS = FIXTURES / "st_thomas/st_thomas.crd"

@@ -8,9 +8,9 @@ import re
 import pytest
 
 from listings.runs import RAW, SEA, ST_THOMAS, edited, moved, printed, run_of
-from musatpy.image_observations import with_images
 from musatpy.listings import CannotCompareError, compare_texts, parse_rules
 from musatpy.model import RecordContent
+from musatpy.records.json_files import with_images
 from musatpy.reports.record import texts_of
 from musatpy.statistics import Statistics
 from record_rows import with_columns, with_rows

@@ -10,8 +10,8 @@ from typing import Any
 from musatpy.as11_comparisons import SoundingOutputs, compare_soundings
 from musatpy.as11_runs import compile_deck
 from musatpy.compilation.sounded import Matching
-from musatpy.image_observations import with_images
 from musatpy.page.composition import page_of_record
+from musatpy.records.json_files import with_images
 from musatpy.runs import run_deck
 
 ROOT = Path(__file__).parents[2]

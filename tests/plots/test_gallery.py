@@ -109,9 +109,6 @@ def test_nine_in_ten_residuals_are_drawn_within_a_fifth_of_the_spacing(
 def test_a_picture_takes_no_more_than_it_says_it_needs(picture: Picture[Any], block: dict[str, Any]) -> None:
     optional = {"stated", "ellipsoid", "adjusted_water", "dependence"}
     needed = {name: table for name, table in block.items() if name in {*picture.needs, *optional}}
-    for name, fields in picture.needs.items():
-        if fields and name not in optional:
-            needed[name] = {field: needed[name][field] for field in fields}
     assert picture.sentence(needed) == picture.sentence(block)
 
 
@@ -289,6 +286,4 @@ def test_a_table_that_a_record_lacks_is_the_reason() -> None:
 
 def test_needs_name_what_the_schema_has() -> None:
     schema = json.loads((Path(gallery.__file__).parents[1] / "reports/record.schema.json").read_text())
-    for table, fields in needs_of(GALLERY).items():
-        there = schema["properties"][table]
-        assert set(fields) <= set(there.get("properties", there.get("items", {}).get("properties", {})))
+    assert set(needs_of(GALLERY)) <= schema["properties"].keys()

@@ -13,7 +13,7 @@ from musatpy.plots.plane import footprints, frames, plane_of, turned
 from musatpy.plots.point_quality import graded, steps
 from musatpy.plots.profile import along, half_corridor, strips
 from musatpy.plots.residuals import CELLS, cell_means, worst_photos
-from musatpy.plots.tables import rows_of
+from musatpy.records.tables import rows_of
 from musatpy.soundings.s44 import orders_met, survey_orders
 
 RNG = np.random.default_rng(12)

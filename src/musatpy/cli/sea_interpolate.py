@@ -130,9 +130,9 @@ def _of_job(points: Path, control: Path, given: dict[str, Any]) -> _Job:
     from musatpy.depth.cameras import system_alone
     from musatpy.depth.point_positions import LOCAL
     from musatpy.formats.musat import read_deck
-    from musatpy.sea.interpolation.control_tables import deck_system, read_record, record_system
+    from musatpy.sea.interpolation.control_tables import deck_system, record_system, run_tables
 
-    record, known = (read_record(path) if path.suffix.lower() == _RECORD else None for path in (points, control))
+    record, known = (run_tables(path) if path.suffix.lower() == _RECORD else None for path in (points, control))
     is_deck = control.suffix.lower() not in (_RECORD, *_TABLES)
     deck = read_deck(control) if is_deck else None
     system: Any = system_alone(given["crs"], given["geoid"])

@@ -40,7 +40,7 @@ def show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
     """Write what is wanted of a run, say so, and return whether all of it could be."""
     if result.listing is None or not wanted.anything:
         return True
-    from musatpy.plots.tables import NothingToShowError
+    from musatpy.plots.picture import NothingToShowError
     from musatpy.shown_runs import draw_run, write_layers, write_page
 
     name, done = name_of(result.deck), True

@@ -12,7 +12,7 @@ from musatpy.compilation.point_errors import PointSigmas, ThroughWaves, of_stati
 from musatpy.compilation.run_records import of_record
 from musatpy.depth.cameras import CameraStations
 from musatpy.depth.run_cameras import read_run
-from musatpy.errors import CompilationError, DepthError, Problem
+from musatpy.errors import CompilationError, DepthError, Problem, RecordError
 from musatpy.model import Water
 
 
@@ -47,7 +47,7 @@ def of_run(
     rows = _rows(path, cameras, photos)
     try:
         run = of_record(path)
-    except CompilationError as error:
+    except (CompilationError, RecordError) as error:
         read_run(path)  # without waves, which are not known then
         return Photographs(cameras=cameras.only(rows), errors=None, without=error.problems[0].message)
     sigma = run.block.options.plate_sigma * run.unit_sigma if pointing is None else pointing

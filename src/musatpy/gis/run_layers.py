@@ -12,26 +12,17 @@ from musatpy.arrays import FloatArray
 from musatpy.gis.target_system import TargetSystem, target_system
 from musatpy.interchange.layers import Column, Lines, Points, Polygons
 from musatpy.plots.plane import ground_of, map_about, outlines, plane_of
-from musatpy.plots.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
 from musatpy.units import DEGREE
 
 _AXES = ("east", "north", "up")
 _ANGLES = ("x_tilt", "y_tilt", "heading")
 _OF_PHOTOS = ("station_position", "station_attitude", "air_base")  # kinds of observations whose owners are photos
 _UNITS = {"plate": "mm", "station_attitude": "rad", "water_tilt": "rad", "water_index": ""}  # of others m
-NEEDS: dict[str, tuple[str, ...]] = {
-    "options": ("system",),
-    "stations": ("photo", "camera", "position", "position_sigma", "attitude", "attitude_sigma"),
-    "cameras": ("camera", "focal_length", "principal_point", "format_size"),
-    "plates": ("photo", "xy"),
-    "points": ("point", "bathymetric", "dry", "status", "reason", "rays", "position", "sigma"),
-    "bathymetric_points": ("point", "water_level", "depth", "depth_sigma", "depth_no_refraction"),
-    "control": ("point", "kind", "difference"),
-    "observations": ("kind", "of", "component", "residual", "sigma", "redundancy", "standardised"),
-    "adjusted_water": ("tide",),
-    "stated": ("answer",),
-    "ellipsoid": (),
-}
+NEEDS = (  # tables of a record
+    "options", "stations", "cameras", "plates", "points", "bathymetric_points", "control", "observations",
+    "adjusted_water", "stated", "ellipsoid",
+)  # fmt: skip
 
 
 def layers_of(tables: Tables, crs: str = "") -> dict[str, Points | Lines]:

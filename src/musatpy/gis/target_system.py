@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from musatpy.depth.run_cameras import job_system
 from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.crs import LongitudeLatitude, system_of
 from musatpy.geometry.projected import Geoid, Projected, crs_of
 from musatpy.geometry.systems import Geocentric, LocalRectangular, System
-from musatpy.plots.tables import Tables
+from musatpy.records.run_tables import job_system
+from musatpy.records.tables import Tables
 
 if TYPE_CHECKING:
     import pyproj

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from musatpy.errors import Problem, RecordError
-from musatpy.json_files import known_of
 from musatpy.listings.findings import Difference, RuleUse
 from musatpy.listings.lines import CUT, CannotCompareError, PrintedLine, paper_of
 from musatpy.listings.records import is_number, read_json
@@ -26,6 +25,7 @@ from musatpy.listings.rules import Rules
 from musatpy.listings.sections import ListingRow, ListingSection, numbered, sections_of, squeezed
 from musatpy.listings.tokens import PlacedToken, tokens_of
 from musatpy.listings.weighing import compare_rows, overflows
+from musatpy.records.json_files import known_of
 from musatpy.reports.editing import edited
 from musatpy.reports.fields import Field
 from musatpy.reports.table import Labels, Report, Table, Texts

@@ -13,7 +13,7 @@ from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.page.cells import cell_text, count_of
 from musatpy.page.page_tables import page_table, place_of
 from musatpy.page.rendering import Fact, PageTable
-from musatpy.plots.tables import Tables, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, numbers, part, rows_of, texts
 from musatpy.reports import analyses
 from musatpy.reports.headline import CHECKS, CONTROL, differences
 from musatpy.soundings.s44 import NO_ORDER, orders_met, source, survey_orders

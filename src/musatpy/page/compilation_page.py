@@ -12,7 +12,7 @@ from musatpy.page.accuracy import DepthFigures, analysis_table, depth_facts, ord
 from musatpy.page.cells import count_of, number_text
 from musatpy.page.page_tables import PageReport, chapters_of, page_of, places_of, tables_of
 from musatpy.page.rendering import Fact, Facts, Page, Part, Sentences, anchor_of
-from musatpy.plots.tables import Tables, flags, numbers, part, texts
+from musatpy.records.tables import Tables, flags, numbers, part, texts
 from musatpy.reports import (
     compilation,
     compilation_bottom,

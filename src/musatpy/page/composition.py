@@ -12,11 +12,11 @@ from typing import Any
 
 import musatpy
 from musatpy.errors import Problem, RecordError
-from musatpy.json_files import known_of, read_json_file
 from musatpy.page.rendering import Chapter, Fact, Facts, Page, PagePicture, check_packages, html_of
 from musatpy.plots.gallery import KINDS, rendered
 from musatpy.plots.picture import Picture
-from musatpy.plots.tables import Tables, part
+from musatpy.records.json_files import known_of, read_json_file
+from musatpy.records.tables import Tables, part
 
 _RUN = "schema"  # kind of the record of a run
 _BEFORE_PICTURES = "Accuracy"  # a chapter
@@ -39,7 +39,7 @@ def page_of_record(path: Path, inputs: Iterable[Path] = ()) -> str:
 
 
 def page_of_tables(tables: Tables, files: Iterable[Path]) -> str:
-    """Return the page of tables, in the shape of `musatpy.json_files.read_record`, with the SHA-256 of files.
+    """Return the page of tables, in the shape of `read_record`, with the SHA-256 of files.
 
     Raises `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
     """

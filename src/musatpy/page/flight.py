@@ -12,8 +12,9 @@ from musatpy.arrays import FloatArray
 from musatpy.page.cells import number_text, size_text
 from musatpy.page.page_tables import page_table
 from musatpy.page.rendering import Fact, PageTable
+from musatpy.plots.picture import NothingToShowError
 from musatpy.plots.plane import plane_of
-from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, numbers, part, rows_of, texts
 from musatpy.units import MICROMETRE
 
 _KILOMETRE2 = 1e6  # m2

@@ -11,7 +11,7 @@ import numpy as np
 from musatpy.model import Grade
 from musatpy.page.cells import UNITS, cell_text
 from musatpy.page.rendering import Chapter, Fact, Facts, Head, Page, PageTable, Part, Titled
-from musatpy.plots.tables import Tables
+from musatpy.records.tables import Tables
 from musatpy.reports.answer import USE
 from musatpy.reports.editing import named
 from musatpy.reports.table import Report, worst_first

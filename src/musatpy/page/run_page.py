@@ -32,7 +32,7 @@ from musatpy.page.page_tables import (
     tables_of,
 )
 from musatpy.page.rendering import Fact, Facts, Page, PageTable, Part, Sentences
-from musatpy.plots.tables import Tables, part, texts
+from musatpy.records.tables import Tables, part, texts
 from musatpy.reports import (
     adjusted_water,
     analyses,

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.plots.picture import NothingToShowError
 from musatpy.plots.plane import Plane, plane_of
-from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, flags, numbers, part, rows_of, texts
 
 _ABOUT = {"name": "GRS80", "semi_major_axis": None, "inverse_flattening": None}  # of plans of older compilations
 

@@ -12,10 +12,10 @@ from musatpy.figures import GREY, add_bar, shades
 from musatpy.plots import corrections, normalised, point_quality, profile
 from musatpy.plots.maps import PointMap, dot_size, name_places, new_maps, point_map
 from musatpy.plots.normalised import Residuals
-from musatpy.plots.picture import Picture, counted, measure
-from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
+from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
+from musatpy.records.tables import Tables, numbers, part, texts
 
-_POINTS_NEED = {"job": ("system",), "points": ("point", "submerged", "position", "sigma", "covariance", "apparent")}
+_POINTS_NEED = ("job", "points")
 _CLASSES = {"G": ("o", "points"), "P": ("s", "profiles"), "S": ("^", "shoreline"), "R": ("D", "points of the run")}
 _NAMED = 40  # depths that are written
 
@@ -88,7 +88,7 @@ def _parallaxes(tables: Tables) -> list[Residuals]:
 DEPTHS = Picture(
     name="depths",
     title="Compiled depths",
-    needs={"job": ("system", "datum"), "points": ("point", "class", "position", "datum_depth")},
+    needs=_POINTS_NEED,
     numbers=compiled_depths,
     figure=_depth_figure,
     words=_depth_sentence,
@@ -101,7 +101,7 @@ CORRECTIONS = replace(corrections.CORRECTIONS, needs=_POINTS_NEED)
 PARALLAXES = Picture(
     name="parallaxes",
     title="Y-parallaxes",
-    needs={"points": ("y_parallax_test",)},
+    needs=("points",),
     numbers=_parallaxes,
     figure=normalised.figure,
     words=normalised.sentence,

@@ -41,9 +41,12 @@ def figure(data: BottomPoints) -> Any:
     if len(dry):
         axes.plot(*dry.T, ".", color=LIGHT, label=counted(len(dry), "other point"))
     drawn = axes.scatter(
-        *places.T, c=-shift[:, 2], s=dot_size(bounds, number) ** 2, cmap=shades(),
+        *places.T,
+        c=-shift[:, 2],
+        s=dot_size(bounds, number) ** 2,
+        cmap=shades(),
         label=counted(number, "submerged point"),
-    )  # fmt: skip
+    )
     add_bar(axes, drawn, "lowered by, m")
     add_arrows(axes, places, shift[:, :2], "moved sideways", share=0.35)
     order = np.argsort(-shift[:, 2], kind="stable")  # those that are written have all sizes
@@ -54,15 +57,8 @@ def figure(data: BottomPoints) -> Any:
 CORRECTIONS = Picture(
     name="corrections",
     title="Correction of refraction",
-    needs={
-        "options": ("system",),
-        "stations": ("position",),
-        "points": ("point", "bathymetric", "position", "sigma"),
-        "bathymetric_points": (
-            "point", "no_refraction", "water_level", "depth", "depth_sigma",
-        ),
-    },
+    needs=("options", "stations", "points", "bathymetric_points"),
     numbers=submerged_points,
     figure=figure,
     words=sentence,
-)  # fmt: skip
+)

@@ -9,8 +9,8 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.figures import INK, add_bar, name_ticks, new_panels, shades
-from musatpy.plots.picture import Picture, counted
-from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
+from musatpy.plots.picture import NothingToShowError, Picture, counted
+from musatpy.records.tables import Tables, numbers, part, texts
 
 _ELEMENTS = ("east", "north", "up", "X-tilt", "Y-tilt", "heading")
 _MOST = 16  # unknowns of all photos that are drawn
@@ -122,7 +122,7 @@ def figure(data: Correlations) -> Any:
 CORRELATIONS = Picture(
     name="correlations",
     title="Correlations",
-    needs={"stations": ("photo", "covariance"), "water_precision": ()},
+    needs=("stations", "water_precision"),
     numbers=correlations,
     figure=figure,
     words=sentence,

@@ -13,7 +13,7 @@ from musatpy.plots.gallery import KINDS, read_tables, rendered
 from musatpy.plots.given_lines import given_line, given_soundings
 from musatpy.plots.picture import Picture
 from musatpy.plots.profile import Profile, profile_picture
-from musatpy.plots.tables import Tables
+from musatpy.records.tables import Tables
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,7 +10,6 @@ from typing import Any
 
 from musatpy.errors import Problem, RecordError
 from musatpy.figures import image_of
-from musatpy.json_files import Schema, read_record
 from musatpy.plots import compiled_pictures
 from musatpy.plots.corrections import CORRECTIONS
 from musatpy.plots.correlations import CORRELATIONS
@@ -22,8 +21,9 @@ from musatpy.plots.point_quality import REDUNDANCY, SIGMAS
 from musatpy.plots.profile import PROFILE
 from musatpy.plots.residuals import MEANS, PHOTOS
 from musatpy.plots.sounded import SOUNDINGS
-from musatpy.plots.tables import Tables
 from musatpy.plots.tides import TIDES
+from musatpy.records.json_files import Schema, read_record
+from musatpy.records.tables import Tables
 
 # Of a run, of a compilation, and of a comparison with soundings.
 GALLERY: tuple[Picture[Any], ...] = (
@@ -50,15 +50,9 @@ SOUNDED: tuple[Picture[Any], ...] = (SOUNDINGS,)
 
 MOST_MARKS = 2000  # of a picture that is SVG: 10,000 ellipses are 7.1 MB, and 0.5 MB as PNG
 _VERSION = re.compile(rb'\s*\{\s*"(\w+)_version"')  # the first field of a record, of whichever kind
-_RUN = {"options": ("system",), "stations": ("photo", "position")}
-# What pictures take where it is there: records without observations, and earlier ones, lack some of it.
-_OF_RUN: dict[str, tuple[str, ...]] = {
-    "titles": (),
-    "stated": ("answer",),
-    "ellipsoid": (),
-    "adjusted_water": ("tide",),
-    "dependence": ("globals",),
-}
+_RUN = ("options", "stations")
+# What pictures take where it is there.
+_OF_RUN = ("titles", "stated", "ellipsoid", "adjusted_water", "dependence")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,17 +62,13 @@ class RecordKind:
     what: str
     pictures: tuple[Picture[Any], ...]
     schema: Callable[[], Schema | None]  # None: of a run
-    required: dict[str, tuple[str, ...]]
-    optional: dict[str, tuple[str, ...]]
+    required: tuple[str, ...]
+    optional: tuple[str, ...]
 
 
-def needs_of(pictures: Iterable[Picture[Any]]) -> dict[str, tuple[str, ...]]:
-    """Return the tables that pictures need, with their fields."""
-    needs: dict[str, tuple[str, ...]] = {}
-    for picture in pictures:
-        for table, fields in picture.needs.items():
-            needs[table] = tuple(dict.fromkeys([*needs.get(table, ()), *fields]))
-    return needs
+def needs_of(pictures: Iterable[Picture[Any]]) -> tuple[str, ...]:
+    """Return the tables that pictures need."""
+    return tuple(dict.fromkeys(table for picture in pictures for table in picture.needs))
 
 
 def _compilation() -> Schema:
@@ -95,13 +85,13 @@ def _soundings() -> Schema:
 
 KINDS = {
     b"schema": RecordKind(
-        what="run", pictures=GALLERY, schema=lambda: None, required=_RUN, optional=needs_of(GALLERY) | _OF_RUN
+        what="run", pictures=GALLERY, schema=lambda: None, required=_RUN, optional=(*needs_of(GALLERY), *_OF_RUN)
     ),
     b"compilation": RecordKind(
-        what="compilation", pictures=COMPILED, schema=_compilation, required=needs_of(COMPILED), optional={}
+        what="compilation", pictures=COMPILED, schema=_compilation, required=needs_of(COMPILED), optional=()
     ),
     b"soundings": RecordKind(
-        what="comparison", pictures=SOUNDED, schema=_soundings, required=needs_of(SOUNDED), optional={}
+        what="comparison", pictures=SOUNDED, schema=_soundings, required=needs_of(SOUNDED), optional=()
     ),
 }
 
@@ -117,8 +107,7 @@ def read_tables(path: Path) -> tuple[RecordKind, Tables]:
     if kind is None:
         message = "is not the record of a run, of a compilation or of a comparison with soundings"
         raise RecordError([Problem(file=str(path), message=message)])
-    optional = {table: fields for table, fields in kind.optional.items() if table not in kind.required}
-    return kind, read_record(path, kind.required, optional, schema=kind.schema(), what=kind.what)
+    return kind, read_record(path, kind.required, kind.optional, schema=kind.schema(), what=kind.what)
 
 
 def rendered(picture: Picture[Any], tables: Tables, job: str = "") -> tuple[str, bytes, str] | None:

@@ -10,9 +10,9 @@ import numpy as np
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.figures import BAND, INK, WET, name_ticks, new_panels
 from musatpy.plots.maps import NORMAL, add_arrows, dress, name_places, view_of
-from musatpy.plots.picture import Picture, counted, measure, rms
+from musatpy.plots.picture import NothingToShowError, Picture, counted, measure, rms
 from musatpy.plots.plane import Plane, plane_of, turned
-from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
+from musatpy.records.tables import Tables, numbers, part, texts
 
 _AXES = ("east", "north", "up")
 _LOCAL = ("X", "Y", "Z")
@@ -101,10 +101,7 @@ def figure(data: ObservedStations) -> Any:
 GNSS = Picture(
     name="gnss",
     title="Stations against observed positions",
-    needs={
-        "options": ("system",),
-        "stations": ("photo", "position", "given_position", "given_position_sigma"),
-    },
+    needs=("options", "stations"),
     numbers=observed_stations,
     figure=figure,
     words=sentence,

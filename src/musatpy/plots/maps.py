@@ -12,7 +12,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.figures import INK, LETTER, LIGHT, new_panels, shades, size_of, write_beside
 from musatpy.plots.bottom_points import as_run, is_compilation
 from musatpy.plots.plane import Plane, ground_of, outlines, plane_of
-from musatpy.plots.tables import Tables, numbers, part
+from musatpy.records.tables import Tables, numbers, part
 from musatpy.statistics.analyses import ellipses
 
 CONFIDENCE = 0.95
@@ -20,12 +20,7 @@ NORMAL = 1.96  # sigmas of 95 % in one dimension
 ELLIPSE = float(np.sqrt(-2.0 * np.log(1.0 - CONFIDENCE)))  # sigmas of 95 % in two: the root of chi-square
 SHARE = 0.2  # of the distance between neighbours: what nine in ten of arrows or ellipses are drawn as
 MOST_ARROWS = 1000  # or ellipses of a map: more cannot be told apart
-MAPS_NEED = {
-    "options": ("system",),
-    "stations": ("photo", "camera", "position", "attitude"),
-    "cameras": ("camera", "focal_length", "principal_point", "format_size"),
-    "points": ("position",),
-}
+MAPS_NEED = ("options", "stations", "cameras", "points")
 _LONG, _SHORT = 8.0, 3.6  # inches, of the sides of a map
 _PANEL = 4.6  # inches, of the long side of one of several maps
 _BORDER, _KEY = 0.05, 0.09  # of the extent, around the block and for the keys below it

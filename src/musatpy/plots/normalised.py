@@ -11,8 +11,8 @@ import numpy as np
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.figures import DRY, INK, WET, new_panels
 from musatpy.plots.maps import NORMAL
-from musatpy.plots.picture import Picture, counted
-from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
+from musatpy.plots.picture import NothingToShowError, Picture, counted
+from musatpy.records.tables import Tables, numbers, part, texts
 
 LEAST = 3  # residuals of a kind
 _SPAN = 4.5  # sigmas of a histogram; what is beyond counts in its last bars
@@ -121,7 +121,7 @@ def _draw_quantiles(axes: Any, of_kind: Residuals) -> None:
 NORMALISED = Picture(
     name="normalised",
     title="Normalised residuals",
-    needs={"observations": ("kind", "standardised")},
+    needs=("observations",),
     numbers=residuals_by_kind,
     figure=figure,
     words=sentence,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -10,10 +10,14 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.figures import lay_out, styled
-from musatpy.plots.tables import NothingToShowError, Tables, part
+from musatpy.records.tables import Tables, part
 
 N = TypeVar("N")
 _SMALLEST = 5e-5  # what does not print as zero
+
+
+class NothingToShowError(Exception):
+    """Why a record has nothing of what a picture shows."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -22,7 +26,7 @@ class Picture(Generic[N]):
 
     name: str  # ending of its file
     title: str
-    needs: Mapping[str, Sequence[str]]  # table of the record -> fields of it
+    needs: Sequence[str]  # tables of the record
     numbers: Callable[[Tables], N]  # raises `NothingToShowError`
     figure: Callable[[N], Any]  # of matplotlib; raises `MusatError` where that is missing
     words: Callable[[N], str]

@@ -10,6 +10,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.figures import CONTROL, DRY, GREY, INK, WET
 from musatpy.plots.maps import (
+    MAPS_NEED,
     MOST_ARROWS,
     add_arrows,
     confidence_ellipses,
@@ -25,7 +26,7 @@ from musatpy.plots.maps import (
 )
 from musatpy.plots.picture import Picture, counted, measure
 from musatpy.plots.plane import Plane, ground_of, outlines, plane_of, turned
-from musatpy.plots.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
 
 CONTROL_MARKERS = {"full": "^", "horizontal": "s", "vertical": "D", "check": "P"}  # kind of control -> marker
 
@@ -161,14 +162,7 @@ def _draw_ellipses(axes: Any, plan: BlockPlan, seen: BoolArray) -> None:
 PLAN = Picture(
     name="plan",
     title="Block plan",
-    needs={
-        "options": ("system",),
-        "stations": ("photo", "camera", "position", "attitude"),
-        "cameras": ("camera", "focal_length", "principal_point", "format_size"),
-        "plates": ("photo", "xy"),
-        "points": ("point", "bathymetric", "position", "covariance"),
-        "control": ("point", "kind", "difference"),
-    },
+    needs=(*MAPS_NEED, "plates", "control"),
     numbers=block_plan,
     figure=figure,
     words=sentence,

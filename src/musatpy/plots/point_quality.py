@@ -9,10 +9,9 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.plots.bottom_points import bottom_points
-from musatpy.plots.corrections import CORRECTIONS
 from musatpy.plots.maps import CONFIDENCE, ELLIPSE, MAPS_NEED, NORMAL, PointMap, class_maps, point_map
-from musatpy.plots.picture import Picture, counted, measure
-from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, texts
+from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
+from musatpy.records.tables import Tables, flags, numbers, part, texts
 from musatpy.soundings.s44 import survey_orders
 from musatpy.statistics.analyses import ellipses
 
@@ -105,7 +104,7 @@ def figure(sigmas: SigmaMaps) -> Any:
 SIGMAS = Picture(
     name="sigmas",
     title="Uncertainty of points",
-    needs={**CORRECTIONS.needs, **MAPS_NEED, "points": ("point", "bathymetric", "position", "sigma", "covariance")},
+    needs=(*MAPS_NEED, "bathymetric_points"),
     numbers=sigma_maps,
     figure=figure,
     words=sentence,
@@ -188,11 +187,7 @@ def _figure_of_redundancy(data: RedundancyMap) -> Any:
 REDUNDANCY = Picture(
     name="redundancy",
     title="Rays and redundancy",
-    needs={
-        **MAPS_NEED,
-        "points": ("point", "bathymetric", "rays", "position"),
-        "observations": ("kind", "of", "redundancy"),
-    },
+    needs=(*MAPS_NEED, "observations"),
     numbers=redundancy_map,
     figure=_figure_of_redundancy,
     words=_words_of_redundancy,

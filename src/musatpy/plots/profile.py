@@ -16,9 +16,9 @@ from musatpy.geometry.collinearity import wrapped
 from musatpy.plots.bottom_points import BottomPoints, submerged_points
 from musatpy.plots.corrections import CORRECTIONS
 from musatpy.plots.maps import NORMAL
-from musatpy.plots.picture import Picture, counted, measure
+from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
 from musatpy.plots.plane import Plane
-from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
+from musatpy.records.tables import Tables, numbers, part, texts
 
 _WANTED = 12  # submerged points of a profile, where there are as many
 _SOUNDED = 40  # soundings, likewise: where there are more, the nearest
@@ -284,7 +284,7 @@ def profile_picture(
     return Picture(
         name="profile",
         title="Depth profile",
-        needs={**CORRECTIONS.needs, "stations": ("photo", "position")},
+        needs=CORRECTIONS.needs,
         numbers=partial(profile, line=line, soundings=soundings, within=within),
         figure=figure,
         words=sentence,

@@ -11,9 +11,9 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.figures import DRY, GREY, INK, WET, add_bar, new_panels
 from musatpy.plots.maps import add_key, draw_rings, magnification, quiver, spacing
-from musatpy.plots.picture import Picture, counted, measure, rms
+from musatpy.plots.picture import NothingToShowError, Picture, counted, measure, rms
 from musatpy.plots.plane import frames
-from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, flags, numbers, part, rows_of, texts
 from musatpy.units import MICROMETRE
 
 CELLS = (24, 16)  # of a photo, along x and y
@@ -25,12 +25,7 @@ _PHOTOS, _COLUMNS = 20, 4  # photos at most, and how many of them side by side
 _PANEL, _WIDE, _MEANS = 3.2, 10.0, 4.5  # inches, of a photo at most, of all photos, and of the means of a camera
 _BORDER, _KEY = 0.04, 0.14  # of a format, around it, and for the key below
 _KINDS = ((False, True, ".", DRY), (True, True, "x", WET), (False, False, "o", "none"), (True, False, "D", "none"))
-NEEDS = {
-    "plates": ("photo", "point", "xy", "sigma", "residual", "triangulated"),
-    "stations": ("photo", "camera"),
-    "points": ("point", "bathymetric"),
-    "cameras": ("camera", "focal_length", "principal_point", "format_size"),
-}
+NEEDS = ("plates", "stations", "points", "cameras")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

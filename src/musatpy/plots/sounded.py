@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.plots.picture import Picture, counted, measure
-from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
+from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
+from musatpy.records.tables import Tables, numbers, part, texts
 from musatpy.soundings.differences import DepthDifferences, median_and_spread, order_shares
 from musatpy.soundings.pictures import difference_figure
 
@@ -63,7 +63,7 @@ def figure(data: SoundedPlan) -> Any:
 SOUNDINGS = Picture(
     name="soundings",
     title="Compiled and sounded depths",
-    needs={"differences": ("sounding", "compiled", "sounded", "sigma", "place")},
+    needs=("differences",),
     numbers=sounded_plan,
     figure=figure,
     words=sentence,

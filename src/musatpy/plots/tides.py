@@ -10,8 +10,8 @@ import numpy as np
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.figures import BAND, GREY, INK, WET, name_ticks, new_panels
 from musatpy.plots.maps import NORMAL
-from musatpy.plots.picture import Picture, counted, measure
-from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
+from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
+from musatpy.records.tables import Tables, numbers, part, texts
 
 _BARS = 60  # exposures with error bars, at most; of more there is a band
 
@@ -120,7 +120,7 @@ def _draw_groups(axes: Any, data: Tides) -> None:
 TIDES = Picture(
     name="tides",
     title="Water at the exposures",
-    needs={"stations": ("photo", "tide", "tide_sigma", "tide_group", "tide_day")},
+    needs=("stations",),
     numbers=tides,
     figure=figure,
     words=sentence,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import TextArray
-from musatpy.inquiry import About, InquiredImages
+from musatpy.records.inquiry import About, InquiredImages
 from musatpy.reports.editing import edited, number_text
 from musatpy.reports.pages import text_of, wrapped
 from musatpy.reports.table import sheet
@@ -118,7 +118,7 @@ def _images(about: About, axes: tuple[str, ...]) -> Iterator[str]:
         yield from ("", "No images")
         return
     more = len(about.images.point) - len(rows)
-    yield from ("", f"Images{f', the worst first, and {more} more' if more else ''}", "")
+    yield from ("", f"InquiredImages{f', the worst first, and {more} more' if more else ''}", "")
     images = about.images
     of_water = [("Refr.\num", "F6.1", images.refraction), ("Water\nm", "F7.3", images.tide)]
     shown = (1 if about.is_photo else 2) if images.submerged.any() else 0

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 import musatpy
-from musatpy.json_files import quick_json
 from musatpy.model import RecordContent, Solution
+from musatpy.records.json_files import quick_json
 from musatpy.reports import (
     adjusted_water,
     analyses,
@@ -135,7 +135,7 @@ def record(solution: Solution) -> dict[str, Json]:
 def record_of(statistics: Statistics, names: Container[str] | None = None) -> dict[str, Json]:
     """Return the record of a solution as it is read; only what is named, where `names` are given.
 
-    It has the shape of `musatpy.json_files.read_record`.
+    It has the shape of `musatpy.records.json_files.read_record`.
     """
     present = document(as_read=True).present(statistics)
     return {table.name: table.json(statistics) for table in present if names is None or table.name in names}

@@ -8,9 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from musatpy import image_observations
 from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.model import ObservationKind
+from musatpy.records import json_files
 from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows, identity, of_job, unrecorded
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
@@ -172,7 +172,7 @@ TESTED_PLATES = replace(
     PLATES,
     fields=(
         *PLATES.fields,
-        *(_of_plates(field) for field in OBSERVATIONS.fields if field.name in image_observations.FIELDS),
+        *(_of_plates(field) for field in OBSERVATIONS.fields if field.name in json_files.FIELDS),
     ),
 )
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.errors import MusatError
-from musatpy.json_files import read_record
 from musatpy.listings.audit.analyses import MAXIMUM_ID, SIZE, STATISTICS
 from musatpy.listings.audit.plates import AXES, GROUPS
 from musatpy.listings.audit.plates import NAME as PLATES
@@ -22,18 +21,13 @@ from musatpy.listings.audit.reading import Listing, read_listing
 from musatpy.listings.audit.report import PrintedNumber, printed_id, run_name, text_like
 from musatpy.listings.audit.submerged import COLUMNS
 from musatpy.listings.audit.submerged import NAME as SUBMERGED
+from musatpy.records.json_files import read_record
 from musatpy.units import ARC_SECOND
 
 _FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
 _ANALYSES = ("camera_station_position", "camera_station_attitude", "ground_point", "check_point")
 _POSITIONS = ("no_refraction", "predicted", "refraction")  # of a submerged point, as COLUMNS
-# The fields of a record that are compared, whole where no field of them is named.
-_NEEDS = {
-    "options": ("refraction",),
-    "analyses": (),
-    "plate_statistics": ("frames",),
-    "bathymetric_points": ("point", *_POSITIONS),
-}
+_TABLES = ("options", "analyses", "plate_statistics", "bathymetric_points")  # of a record that are compared
 _COLUMNS = "{:<10}  {:<13}  {:>13}  {:>13}  {:>15}"
 
 
@@ -88,7 +82,7 @@ def side_by_side(old: Listing, path: Path | str) -> SideBySide:
     """
     first, several = numbers_of(old)
     if Path(path).suffix.lower() == ".json":
-        second = dict(_numbers_of_record(read_record(Path(path), _NEEDS)))
+        second = dict(_numbers_of_record(read_record(Path(path), _TABLES)))
     else:
         second, several_new = numbers_of(read_listing(path))
         several = several | several_new

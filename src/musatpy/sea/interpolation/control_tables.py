@@ -16,23 +16,19 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.depth.run_cameras import job_system, level_positions
-from musatpy.depth.run_cameras import read_record as run_record
 from musatpy.errors import CollocationError, Problem
 from musatpy.geometry.crs import LongitudeLatitude, Plan
 from musatpy.geometry.systems import System
 from musatpy.model import Block, ControlKind
 from musatpy.pointfiles.columns import PLAN, Column, Wanted, place_columns
 from musatpy.pointfiles.point_tables import read_table
+from musatpy.records.json_files import read_record
+from musatpy.records.run_tables import SYSTEM, job_system, level_positions
+from musatpy.records.tables import Tables, flags, numbers, texts
 from musatpy.sea.interpolation.prediction import Observed
 from musatpy.systems.blocks import level_of
 from musatpy.systems.statement import own_statement
 
-_NEEDS = {  # of the record of a run
-    "options": ("system",),
-    "points": ("point", "bathymetric", "position", "reason"),
-    "control": ("point", "kind", "given_position", "given_sigma"),
-}
 _HEIGHTS = (
     Column(name="id", kind="text", unique=True, expected="a name"),
     *(Column(name=name, unit="m") for name in ("dz", "z_mapped", "z_true")),
@@ -136,12 +132,12 @@ def _error(numbers: Mapping[str, float], z: float) -> float:
     return numbers.get("z_mapped", z) - numbers["z_true"]
 
 
-def read_record(path: Path) -> dict[str, Any]:
-    """Return the record that a run left. Raises `DepthError` where it is none."""
-    return run_record(path, _NEEDS)
+def run_tables(path: Path) -> dict[str, Any]:
+    """Return the tables of the record that a run left. Raises `RecordError` where it is none, and `OSError`."""
+    return read_record(path, (*SYSTEM, "points", "control"))
 
 
-def record_system(record: Mapping[str, Any]) -> System:
+def record_system(record: Tables) -> System:
     """Return the system in which heights of a job are interpolated: that of its points, if their third is a height.
 
     Raises `SystemsError` where it cannot be had again.
@@ -152,14 +148,15 @@ def record_system(record: Mapping[str, Any]) -> System:
     return LongitudeLatitude(system.ellipsoid)
 
 
-def record_points(record: Mapping[str, Any], system: System) -> list[RecordPoint]:
+def record_points(record: Tables, system: System) -> list[RecordPoint]:
     """Return the points of a record in a system: those with a position under water are to be corrected."""
     table, points = record["points"], []
-    known = [place for place in table["position"] if place[0] is not None]
-    places = iter(system.coordinates(level_positions(record, np.array(known, dtype=float).reshape(-1, 3))).tolist())
-    columns = (table[name] for name in ("point", "position", "bathymetric", "reason"))
-    for name, position, submerged, why in zip(*columns, strict=True):
-        if position[0] is None:
+    position = numbers(table, "position", 3)
+    known = np.isfinite(position[:, 0])
+    places = iter(system.coordinates(level_positions(record, position[known])).tolist())
+    columns = (table[name] for name in ("point", "bathymetric", "reason"))
+    for name, submerged, why, is_known in zip(*columns, known.tolist(), strict=True):
+        if not is_known:
             points.append(RecordPoint(id=name, position=None, reason=f"not determined: {why or 'no position'}"))
         else:
             x, y, z = next(places)
@@ -167,20 +164,14 @@ def record_points(record: Mapping[str, Any], system: System) -> list[RecordPoint
     return points
 
 
-def record_control(record: Mapping[str, Any], source: str, system: System) -> ControlTable:
+def record_control(record: Tables, source: str, system: System) -> ControlTable:
     """Return the check points under water of a record, as control of its mapped points: heights of a system."""
     points, control = record["points"], record["control"]
-    wet = {name for name, submerged in zip(points["point"], points["bathymetric"], strict=True) if submerged}
-    rows = [
-        row
-        for row, (name, kind) in enumerate(zip(control["point"], control["kind"], strict=True))
-        if kind == "check" and name in wet
-    ]
-    given, sigma = (
-        np.array(control[name], dtype=float).reshape(-1, 3)[rows] for name in ("given_position", "given_sigma")
-    )
+    wet, names = texts(points, "point")[flags(points, "bathymetric")], texts(control, "point")
+    rows = (texts(control, "kind") == "check") & np.isin(names, wet)
+    given, sigma = (numbers(control, name, 3)[rows] for name in ("given_position", "given_sigma"))
     heights = _heights(level_positions(record, given), system)
-    return _checks([control["point"][row] for row in rows], heights, sigma[:, 2].tolist(), source)
+    return _checks(names[rows].tolist(), heights, sigma[:, 2].tolist(), source)
 
 
 def deck_system(block: Block) -> System:

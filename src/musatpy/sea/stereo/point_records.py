@@ -15,13 +15,15 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.depth.run_cameras import job_system, level_positions, read_record
 from musatpy.errors import Problem, SeaError
 from musatpy.geometry.crs import Plan
 from musatpy.geometry.projected import Projected
 from musatpy.geometry.systems import System
 from musatpy.pointfiles.columns import ABOVE_ZERO, AXES, Column, Wanted, place_columns
 from musatpy.pointfiles.point_tables import read_table
+from musatpy.records.json_files import read_record
+from musatpy.records.run_tables import SYSTEM, job_system, level_positions
+from musatpy.records.tables import numbers
 from musatpy.sea.stereo.surface_points import SurfacePoints, intersection_covariance
 
 _SIGMA = ("sx", "sy", "sz")
@@ -37,7 +39,6 @@ _SIGMAS = tuple(
     )
     for name in _SIGMA
 )
-_NEEDS = {"options": ("system",), "points": ("point", "position", "covariance")}  # of the record of a run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,12 +157,10 @@ def _read_record(
     if precision.is_known:
         message = "the record of a run has covariances, and sigmas are given too: one or the other"
         raise SeaError([Problem(file=str(path), message=message)])
-    record = read_record(path, _NEEDS)
-    system = job_system(record)
-    points = record["points"]
+    tables = read_record(path, (*SYSTEM, "points"))
+    system, points = job_system(tables), tables["points"]
     wanted = [row for row, name in enumerate(points["point"]) if _wanted(name, only)]
-    positions = np.array(points["position"], dtype=float).reshape(-1, 3)
-    covariances = np.array(points["covariance"], dtype=float).reshape(-1, 3, 3)
+    positions, covariances = numbers(points, "position", 3), numbers(points, "covariance", 3, 3)
     usable = _are_usable(positions, covariances)
     rows = [row for row in wanted if usable[row]]
     left = [f"point {points['point'][row]}: no position with a covariance" for row in wanted if not usable[row]]
@@ -169,7 +168,7 @@ def _read_record(
     position = positions[rows]
     plan = None
     if system.ellipsoid is not None:
-        level = level_positions(record, position)
+        level = level_positions(tables, position)
         plan = _plan(system, system.coordinates(level), surface_map)
         assert plan is not None
         position = plan.map.coordinates(level)

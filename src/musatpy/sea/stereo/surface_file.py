@@ -14,7 +14,7 @@ from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SeaError, SystemsError
 from musatpy.geometry.crs import own_ellipsoid
 from musatpy.geometry.projected import Projected
-from musatpy.json_files import read_json
+from musatpy.records.json_files import read_json
 from musatpy.sea.stereo.estimate import SurfaceFit
 from musatpy.sea.stereo.fourier import PER_WAVE, FourierSurface
 from musatpy.sea.stereo.grid import GridSurface, bandwidth

@@ -12,14 +12,14 @@ from altered import altered, put, with_options
 from cli.commands import musat
 from musatpy import adjust, read_deck
 from musatpy.errors import MusatError
-from musatpy.inquiry import NEEDS, inquire
-from musatpy.json_files import read_record
 from musatpy.model import ControlKind, ObservationKind, Program, Refraction, WaterLevel
+from musatpy.records.inquiry import TABLES, inquire
+from musatpy.records.json_files import read_record
 from musatpy.reports.inquiry import inquiry_text
 from musatpy.reports.record import dumps, record, record_of
 from musatpy.statistics import Statistics, metric_differences
 
-FIXTURES = Path(__file__).parents[1] / "fixtures"
+FIXTURES = Path(__file__).parents[2] / "fixtures"
 ST_THOMAS, CAYMAN = FIXTURES / "st_thomas/st_thomas.crd", FIXTURES / "cayman/cayman_clean.crd"
 
 
@@ -33,11 +33,11 @@ def run_of(deck, simultaneous=False):
 
 @cache
 def record_of_run(deck, simultaneous=False):
-    return record_of(Statistics(run_of(deck, simultaneous)), NEEDS)
+    return record_of(Statistics(run_of(deck, simultaneous)), TABLES)
 
 
 def ask(solution, name):
-    return inquire(record_of(Statistics(solution), NEEDS), name)
+    return inquire(record_of(Statistics(solution), TABLES), name)
 
 
 def change_of(solution, point, **block):
@@ -248,7 +248,7 @@ def test_points_without_a_position_and_images_kept_out_are_shown():
     block = run_of(ST_THOMAS).block
     row = int(np.flatnonzero(block.points.ids == "203")[0])
     kept_out = altered(block, plates={"triangulated": block.plates.point != row})
-    said = record_of(Statistics(adjust(kept_out)), NEEDS)
+    said = record_of(Statistics(adjust(kept_out)), TABLES)
     text = inquiry_text(said, inquire(said, "203")[0])
     assert "Submerged point, intersected: " in text
     assert all(f"{photo}        WN" in text for photo in ("21", "22"))
@@ -259,7 +259,7 @@ def test_points_without_a_position_and_images_kept_out_are_shown():
         block,
         plates={name: getattr(lone, name)[some] for name in ("photo", "point", "xy", "sigma", "triangulated")},
     )
-    said = record_of(Statistics(adjust(one_ray)), NEEDS)
+    said = record_of(Statistics(adjust(one_ray)), TABLES)
     assert "Submerged point, without a position: " in inquiry_text(said, inquire(said, "203")[0])
 
 
@@ -275,7 +275,7 @@ def test_causes_that_name_a_point_are_said():
 def test_hostile_names_are_escaped():
     solution = run_of(ST_THOMAS)
     hostile = altered(solution, block={"titles": ("\x1b[2J",)})
-    said = record_of(Statistics(hostile), NEEDS)
+    said = record_of(Statistics(hostile), TABLES)
     assert "\\x1b[2J" in inquiry_text(said, inquire(said, "206")[0]).splitlines()[0]
 
 
@@ -290,7 +290,7 @@ def written(tmp_path_factory):
 
 
 def test_a_record_and_a_deck_say_the_same(written):
-    assert read_record(written, NEEDS)["points"]["point"]
+    assert read_record(written, TABLES)["points"]["point"]
     ran = [musat("explain", "206", path) for path in (written, ST_THOMAS)]
     assert [one.exit_code for one in ran] == [0, 0]
     assert ran[0].stdout == ran[1].stdout

@@ -2,6 +2,7 @@
 
 import copy
 import json
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -11,17 +12,17 @@ import pytest
 
 from cli.commands import musat
 from json_schema import load_schema, violations
-from musatpy import adjust, inquiry, read_deck
-from musatpy.comparison import NEEDS, OPTIONAL
+from musatpy import adjust, read_deck
+from musatpy.comparison import OPTIONAL, TABLES
 from musatpy.errors import RecordError
-from musatpy.image_observations import FIELDS, are_apart, with_images
-from musatpy.json_files import Needs, read_json, read_record
 from musatpy.model import RecordContent, Solution
+from musatpy.records import inquiry
+from musatpy.records.json_files import FIELDS, are_apart, read_json, read_record, with_images
 from musatpy.reports.record import dumps, record, record_of
 from musatpy.runs import run_deck
 from musatpy.statistics import Statistics
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 DECKS = ("st_thomas/st_thomas.crd", "cayman/cayman_modified.crd")  # the latter with plates that took no part
@@ -43,7 +44,7 @@ def run() -> dict[str, Any]:
     return found
 
 
-def problems(tmp_path: Path, run: Any, needs: Needs = NEEDS) -> list[str]:
+def problems(tmp_path: Path, run: Any, needs: Iterable[str] = TABLES) -> list[str]:
     path = tmp_path / "RUN.json"
     path.write_text(run if isinstance(run, str) else json.dumps(run))
     with pytest.raises(RecordError) as caught:
@@ -54,8 +55,7 @@ def problems(tmp_path: Path, run: Any, needs: Needs = NEEDS) -> list[str]:
 def test_a_record_of_ours_is_read_whole(tmp_path: Path, run: dict[str, Any]) -> None:
     path = tmp_path / "RUN.json"
     path.write_text(json.dumps(run))
-    whole = dict.fromkeys(run, ())
-    assert read_record(path, whole) == with_images(run)
+    assert read_record(path, run) == with_images(run)
 
 
 def test_an_image_without_redundancy_has_no_estimated_error(run: dict[str, Any]) -> None:
@@ -68,7 +68,7 @@ def test_an_image_without_redundancy_has_no_estimated_error(run: dict[str, Any])
 def test_what_is_not_asked_for_is_left_out(tmp_path: Path, run: dict[str, Any]) -> None:
     path = tmp_path / "RUN.json"
     path.write_text(json.dumps(run))
-    assert read_record(path, {"options": ("system",), "points": ("point",)}) == {
+    assert read_record(path, ("options", "points")) == {
         "options": run["options"],
         "points": run["points"],
     }
@@ -99,10 +99,10 @@ def test_a_table_that_was_left_out_is_told(tmp_path: Path) -> None:
     path = tmp_path / "st_thomas.json"
     run = json.loads(path.read_text())
     assert run["content"] == "tables" and "plates" not in run and "observations" not in run
-    assert problems(tmp_path, run, {"plates": ("xy",), "points": ("point",)}) == [
+    assert problems(tmp_path, run, ("plates", "points")) == [
         "plates: is missing: the record was written with --record tables"
     ]
-    assert read_record(path, NEEDS, OPTIONAL).keys() == {*NEEDS, *OPTIONAL} - {"plates"}
+    assert read_record(path, TABLES, OPTIONAL).keys() == {*TABLES, *OPTIONAL} - {"plates"}
     assert musat("compare", path, path).exit_code == 0
     schema = load_schema()
     assert not list(violations(run, schema, schema))
@@ -133,7 +133,7 @@ def test_what_is_not_as_the_schema_says(
     for key in path:
         inner = inner[key]
     inner[last] = value
-    (found,) = problems(tmp_path, spoilt, {**NEEDS, **inquiry.NEEDS})
+    (found,) = problems(tmp_path, spoilt, {*TABLES, *inquiry.TABLES})
     assert found.startswith(message)
 
 
@@ -196,7 +196,7 @@ def test_commands_name_the_place(
     assert f"{path} {table}.{field}[1]: expected 3 numbers, found 1" in result.stderr
 
 
-IMAGE_TABLES = {"observations": (), "plates": ()}
+IMAGE_TABLES = ("observations", "plates")
 
 
 def as_numbers(column):
@@ -208,7 +208,7 @@ def test_what_is_read_of_a_file_is_what_the_solution_has(tmp_path, deck):
     path = tmp_path / "run.json"
     path.write_text(written(deck))
     assert are_apart(json.loads(written(deck)))
-    found, whole = read_record(path, IMAGE_TABLES), record_of(Statistics(solution(deck)), IMAGE_TABLES.keys())
+    found, whole = read_record(path, IMAGE_TABLES), record_of(Statistics(solution(deck)), IMAGE_TABLES)
     assert found["plates"] == json.loads(json.dumps(whole["plates"]))
     given, back = whole["observations"], found["observations"]
     assert list(back) == list(given)

@@ -7,7 +7,7 @@ of a linear adjustment; both coordinates of an image are taken one by one (docs/
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -15,30 +15,17 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.comparison import NamedRows, Record, metric_differences, numbers
 from musatpy.errors import MusatError, nearest
 from musatpy.model import ObservationKind
 from musatpy.model.tables import falling
+from musatpy.records.tables import NamedRows, Tables, array_of, metric_differences
 
 _DECIMALS = 2  # of test values, as they are printed
 
-NEEDS: Mapping[str, Sequence[str]] = {
-    "titles": (),
-    "options": ("program", "system", "refraction"),
-    "ellipsoid": (),
-    "verdict": ("grade",),
-    "solution": ("converged", "sigma0"),
-    "stations": ("photo", "camera", "position", "position_sigma", "attitude", "attitude_sigma", "given_position"),
-    "points": ("point", "bathymetric", "status", "reason", "rays", "position", "sigma"),
-    "bathymetric_points": (),
-    "control": ("point", "kind", "fixed", "difference", "used"),
-    "equal_elevations": ("points",),
-    "adjusted_water": ("tide",),
-    "tests": ("check_points", "hidden_errors"),
-    "causes": ("cause", "photos", "points", "component", "size", "unit", "advice"),
-    "observations": (),
-    "plates": (),
-}
+TABLES = (  # of a record, that say what is known
+    "titles", "options", "ellipsoid", "verdict", "solution", "stations", "points", "bathymetric_points", "control",
+    "equal_elevations", "adjusted_water", "tests", "causes", "observations", "plates",
+)  # fmt: skip
 _AXES = ("x", "y")
 _ENOUGH, _ENOUGH_HELD = 2, 1  # rays that give a position, and with a component that is known
 _PLATE = ObservationKind.PLATE.name.lower()
@@ -114,7 +101,7 @@ class About:
     moved: float  # m, of a station from the given one
 
 
-def inquire(record: Record, name: str) -> tuple[About, ...]:
+def inquire(record: Tables, name: str) -> tuple[About, ...]:
     """Return what a record knows of the point of a name, and of the photo of that name.
 
     Raises `MusatError` with the nearest name where there is neither.
@@ -130,7 +117,7 @@ def inquire(record: Record, name: str) -> tuple[About, ...]:
 class _RecordedRun:
     """The tables of a record: its points and photos by names, the rows of observations of its images."""
 
-    def __init__(self, record: Record) -> None:
+    def __init__(self, record: Tables) -> None:
         self.record = record
         self.named = {False: NamedRows("point", record["points"]), True: NamedRows("photo", record["stations"])}
         self.plates = record["plates"]
@@ -143,7 +130,7 @@ class _RecordedRun:
         row = self.named[is_photo].row(name)
         images = self._images(np.flatnonzero((self.photo if is_photo else self.point) == name))
 
-        def of_point(table: Record | None) -> dict[str, Any] | None:
+        def of_point(table: Tables | None) -> dict[str, Any] | None:
             return None if is_photo or table is None else NamedRows("point", table).row(name)
 
         return About(
@@ -167,14 +154,14 @@ class _RecordedRun:
         observations = [self.observed.get(key, {}) for key in zip(photo, point, strict=True)]
 
         def measured(field: str, *shape: int) -> FloatArray:
-            return numbers([self.plates[field][row] for row in rows.tolist()], *shape)
+            return array_of([self.plates[field][row] for row in rows.tolist()], *shape)
 
         def both(field: str, *shape: int) -> FloatArray:
             column = self.record["observations"][field]
             values = [column[of[axis]] if axis in of else None for of in observations for axis in _AXES]
-            return numbers(values, *shape).reshape(len(rows), 2, *shape)
+            return array_of(values, *shape).reshape(len(rows), 2, *shape)
 
-        tides = numbers((self.record["adjusted_water"] or {}).get("tide") or [None] * len(self.named[True].rows))
+        tides = array_of((self.record["adjusted_water"] or {}).get("tide") or [None] * len(self.named[True].rows))
         effect, detectable, error = both("effect", 3), both("detectable"), both("estimated_error")
         change = _without(effect, detectable, error).sum(axis=1)
         taken = measured("triangulated").astype(bool)
@@ -212,7 +199,7 @@ class _RecordedRun:
         ]
 
         def values(field: str, *shape: int) -> FloatArray:
-            return numbers([table[field][row] for row in rows], *shape)
+            return array_of([table[field][row] for row in rows], *shape)
 
         change = _without(values("effect", 3), values("detectable"), values("estimated_error"))
         change[[table["of"][row][-1] != name for row in rows]] = np.nan  # the influence is on the second end
@@ -247,9 +234,9 @@ class _RecordedRun:
             ids=ids[order],
             distance=distance[order],
             common=common[order],
-            depth=numbers(map(depths.get, ids))[order],
+            depth=array_of(map(depths.get, ids))[order],
             sigma=sigma[order],
-            test=numbers(map(tests.get, ids))[order],
+            test=array_of(map(tests.get, ids))[order],
         )
 
     def _tests(self, is_photo: bool, names: set[str]) -> dict[str, float]:
@@ -268,7 +255,7 @@ class _RecordedRun:
         return float(np.linalg.norm(metric_differences(self.record, given, place)))
 
 
-def _by_image(observations: Record) -> dict[tuple[str, str], dict[str, int]]:
+def _by_image(observations: Tables) -> dict[tuple[str, str], dict[str, int]]:
     """Return the rows of the coordinates of each image, by photo and point."""
     rows: dict[tuple[str, str], dict[str, int]] = {}
     columns = (observations[field] for field in ("kind", "of", "component"))

@@ -1,6 +1,10 @@
 """JSON files, and records of runs among them, which are held against their schema before anything is read of them.
 
-`reports/record.schema.json` is made from what `reports` states. A reader names the fields that it needs.
+`reports/record.schema.json` is made from what `reports` states. A reader names the tables that it needs. Files have
+the observations of images in the table of plates, nothing said twice; readers have all observations in one table.
+Photo, point, residual and sigma of an image are those of its plate measurement; Student's t and the estimated error
+follow from what stands there (Pope 1976, Baarda 1968). Both coordinates of each image come first, in the order of
+the plates.
 """
 
 from __future__ import annotations
@@ -8,20 +12,21 @@ from __future__ import annotations
 import importlib.util
 import json
 import math
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from itertools import chain, islice, product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from musatpy.errors import Problem, RecordError
-from musatpy.image_observations import FIELDS, are_apart, with_images
+from musatpy.probability import students_of_pope
 
 Schema = Mapping[str, Any]
 Place = Callable[[int], str]  # number of a value -> its path in the record
-Needs = Mapping[str, Sequence[str]]  # field of a record -> the fields of its table, or of it, that are needed
 
-_SCHEMA = Path(__file__).with_name("reports") / "record.schema.json"
+_SCHEMA = Path(__file__).parents[1] / "reports" / "record.schema.json"
 _SOME = "tables"  # content of a record without tables of images
 _LEFT_OUT = ": the record was written with --record tables"
 _LISTED = 20  # problems of one file
@@ -34,6 +39,10 @@ _IDS = {  # fields of tables that name a row of another one, and its ids
     "point": ("points", "point"),
     "points": ("points", "point"),
 }
+FIELDS = ("redundancy", "standardised", "normal_test", "detectable", "effect")  # of images, two for each
+_APART = ("plates", "observations", "solution")  # tables of which all observations are made
+_AXES = ("x", "y")
+_PLATE = "plate"
 _LARGEST = 1e150  # number of a record: its square is one too
 
 
@@ -73,38 +82,42 @@ def _whole(text: str) -> int:
 
 
 def read_record(
-    path: Path, needs: Needs, optional: Needs | None = None, *, schema: Schema | None = None, what: str = "run"
+    path: Path,
+    tables: Iterable[str],
+    optional: Iterable[str] = (),
+    *,
+    schema: Schema | None = None,
+    what: str = "run",
 ) -> dict[str, Any]:
-    """Return what is needed of the record of a run, where it is as its schema says: tables as columns.
+    """Return these tables of the record of a run, as columns, where they are as its schema says.
 
-    A table has a list for each of its fields. What is `optional` may be missing: a table, or fields of a
-    needed one. Raises `RecordError` with the places where it is not as it should be, `OSError`.
-    `schema`: that of the record of something else than a run, whose first field is its version, and `what` that is.
+    A table has a list for each of its fields. What is `optional` may be missing. Raises `RecordError` with the
+    places where it is not as it should be, `OSError`. `schema`: that of the record of something else than a run,
+    whose first field is its version, and `what` that is.
     """
-    schema = _schema() if schema is None else schema
-    later = optional or {}
-    wanted = _narrowed(schema, {**later, **needs}, required=list(needs), later=later)
-    return _taken(read_json_file(path), wanted, schema, path, what)
+    return tables_of(read_json_file(path), path, tables, optional, schema=schema, what=what)
 
 
 def known_of(
     record: Any, path: Path, leave: Container[str] = (), *, schema: Schema | None = None
 ) -> dict[str, Any]:
-    """Return what a record, the content of a file, has of what a schema knows: tables as columns.
-
-    Fields to `leave` are not looked at. The schema is that of runs where none is given. Raises `RecordError` as
-    `read_record` does.
-    """
+    """Return all tables of a record that its schema knows but those to `leave`, as `tables_of` does."""
     schema = _schema() if schema is None else schema
-    version = next(iter(schema["properties"]))
-    fields = {name: of for name, of in schema["properties"].items() if name not in leave}
-    required = [name for name in schema["required"] if name not in leave]
-    wanted = {"type": "object", "required": required, "properties": {**fields, version: {"type": "string"}}}
-    return _taken(record, wanted, schema, path, "run")
+    known = [name for name in schema["properties"] if name not in leave]
+    return tables_of(record, path, [name for name in known if name in schema["required"]], known, schema=schema)
 
 
-def _taken(record: Any, wanted: Schema, schema: Schema, path: Path, what: str) -> dict[str, Any]:
-    """Return what is wanted of a record; raises `RecordError` with the places where it is not as it should be."""
+def tables_of(
+    record: Any,
+    path: Path,
+    tables: Iterable[str],
+    optional: Iterable[str] = (),
+    *,
+    schema: Schema | None = None,
+    what: str = "run",
+) -> dict[str, Any]:
+    """Return tables of a record, the content of a file, as `read_record` does. Raises `RecordError`."""
+    schema = _schema() if schema is None else schema
     key = next(iter(schema["properties"]))
     ours = str(schema["properties"][key]["const"])
     version = record.get(key) if isinstance(record, dict) else None
@@ -113,12 +126,27 @@ def _taken(record: Any, wanted: Schema, schema: Schema, path: Path, what: str) -
     if version.split(".")[0] != ours.split(".")[0]:
         message = f"is a record of schema {version}, and this program reads {ours}; run the deck again"
         raise RecordError([Problem(file=str(path), field=key, message=message)])
-    record = _together(record, wanted, schema, path)
-    _hold_against(record, wanted, schema, path)
-    found = {name: record.pop(name) for name in wanted["properties"] if name in record}
-    if faults := list(islice(_unknown_ids(found), _LISTED)) if schema is _schema() else []:
+    required = list(tables)
+    wanted = list(dict.fromkeys([*required, *optional]))
+    if "observations" in wanted and are_apart(record):
+        _hold_against(record, _form(schema, _APART, _APART, plates=FIELDS), schema, path)
+        record = with_images(record)
+    _hold_against(record, _form(schema, wanted, required), schema, path)
+    named = {name: record[name] for name in wanted if name in record}
+    if faults := list(islice(_unknown_ids(named), _LISTED)) if schema is _schema() else []:
         raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
-    return found
+    return named
+
+
+def _form(schema: Schema, wanted: Iterable[str], required: Sequence[str], plates: Sequence[str] = ()) -> Schema:
+    """Return what a schema says of tables; its version may be a later one. `plates` must have these too."""
+    properties = {name: schema["properties"][name] for name in wanted}
+    key = next(iter(schema["properties"]))
+    properties |= {key: {"type": "string"}} if key in properties else {}
+    if plates:
+        table = properties["plates"]
+        properties["plates"] = {**table, "required": [*table["required"], *plates]}
+    return {"type": "object", "required": required, "properties": properties}
 
 
 def _unknown_ids(tables: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -142,40 +170,10 @@ def _hold_against(record: dict[str, Any], form: Schema, schema: Schema, path: Pa
         raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in texts)
 
 
-def _together(record: dict[str, Any], wanted: Schema, schema: Schema, path: Path) -> dict[str, Any]:
-    """Return a record with all observations in one table, where they are wanted and some are apart."""
-    if "observations" not in wanted["properties"] or not are_apart(record):
-        return record
-    parts = {"plates": (), "observations": (), "solution": ("unit_sigma", "degrees_of_freedom")}
-    narrowed = _narrowed(schema, parts, required=list(parts))
-    plates = narrowed["properties"]["plates"]
-    narrowed["properties"]["plates"] = {**plates, "required": [*plates["required"], *FIELDS]}
-    _hold_against(record, narrowed, schema, path)
-    return with_images(record)
-
-
 @cache
 def _schema() -> Schema:
     schema: Schema = json.loads(_SCHEMA.read_text(encoding="utf-8"))
     return schema
-
-
-def _narrowed(schema: Schema, needs: Needs, required: Sequence[str], later: Needs | None = None) -> Schema:
-    """Return what a schema says of the fields that are needed, and of those that `later` versions have."""
-    properties = {
-        name: _of_fields(_resolved(schema["properties"][name]), needs[name], (later or {}).get(name, ()))
-        for name in needs
-    }
-    return {"type": "object", "required": required, "properties": properties}
-
-
-def _of_fields(schema: Schema, fields: Sequence[str], later: Sequence[str]) -> Schema:
-    if not fields:
-        return schema
-    if "items" in schema:
-        return {**schema, "items": _of_fields(schema["items"], fields, later)}
-    known = {name: schema["properties"][name] for name in (*fields, *later)}
-    return {**schema, "required": fields, "properties": known}
 
 
 def _resolved(schema: Schema) -> Schema:
@@ -287,3 +285,53 @@ def _shown(value: Any) -> str:
         return "a table" if isinstance(value, dict) else "a list"
     text = json.dumps(value)
     return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+# --- the observations of images, which files have in the table of plates ---
+
+
+def are_apart(record: Any) -> bool:
+    """Tell whether a record has the observations of images in its table of plates, as files have."""
+    plates = record.get("plates") if isinstance(record, Mapping) else None
+    return isinstance(plates, Mapping) and FIELDS[0] in plates and isinstance(record.get("observations"), Mapping)
+
+
+def with_images(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a record whose table of observations has those of images too, and its table of plates no more of them.
+
+    Its tables are columns. Raises `LookupError`, `TypeError` or `ValueError` for a record that is not as its schema
+    says.
+    """
+    plates, others, solution = record["plates"], record["observations"], record["solution"]
+    columns = {name: list(plates[name]) for name in ("photo", "point", "residual", "sigma", *FIELDS)}
+    images = [
+        (row, axis) for row, pair in enumerate(columns[FIELDS[0]]) for axis in (0, 1) if pair[axis] is not None
+    ]
+    found: dict[str, Sequence[Any]] = {
+        "kind": [_PLATE] * len(images),
+        "of": [[columns["photo"][row], columns["point"][row]] for row, _ in images],
+        "component": [_AXES[axis] for _, axis in images],
+        **{name: [columns[name][row][axis] for row, axis in images] for name in ("residual", "sigma", *FIELDS)},
+    }
+    students = _students(found["standardised"], solution["unit_sigma"], solution["degrees_of_freedom"])
+    found["test"] = students
+    found["estimated_error"] = [
+        None if test is None or residual is None or not redundancy else -float(residual) / float(redundancy)
+        for test, residual, redundancy in zip(
+            found["standardised"], found["residual"], found["redundancy"], strict=True
+        )
+    ]
+    return {
+        **record,
+        "observations": {name: [*found[name], *others[name]] for name in others},
+        "plates": {name: column for name, column in plates.items() if name not in FIELDS},
+    }
+
+
+def _students(standardised: Sequence[Any], unit_sigma: Any, freedom: Any) -> list[float | None]:
+    """Return Student's t of residuals over their own sigmas: Pope's tau with sigma0 from all others."""
+    sigma0, f = float(unit_sigma or 0.0), int(freedom)
+    if sigma0 <= 0.0 or f < 2:
+        return [None] * len(standardised)
+    taus = np.array([math.nan if value is None else float(value) for value in standardised]) / sigma0
+    return [value if math.isfinite(value) else None for value in students_of_pope(taus, f).tolist()]

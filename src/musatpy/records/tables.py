@@ -1,0 +1,117 @@
+"""The tables of a record as columns: how all who read records get arrays of them.
+
+A table is a mapping of fields to columns, one entry per row; tables of groups are named with the group
+(`dependence.globals`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.errors import MusatError
+from musatpy.geometry.geodesy import Ellipsoid
+
+Tables = Mapping[str, Any]
+
+
+def part(tables: Tables, name: str) -> Mapping[str, Any]:
+    """Return a table or group by its name, an empty one where the record has none."""
+    value: Any = tables
+    for step in name.split("."):
+        value = (value or {}).get(step)
+    return value or {}
+
+
+def numbers(table: Mapping[str, Any], field: str, *shape: int) -> FloatArray:
+    """Return a column of numbers (n, *shape), NaN for null; (0, *shape) of a field that is not there."""
+    values = table.get(field, ())
+    array = getattr(values, "array", None)  # of a run whose record was not read
+    if array is not None:
+        values = array.astype(float).reshape(-1, *shape)
+        return np.where(np.isfinite(values), values, np.nan)
+    return array_of(values, *shape)
+
+
+def array_of(values: Iterable[Any], *shape: int) -> FloatArray:
+    """Return values of a record (n, *shape) as numbers, NaN for null."""
+    nothing = np.full(shape, np.nan).tolist()
+    return np.array([nothing if value is None else value for value in values], dtype=float).reshape(-1, *shape)
+
+
+def texts(table: Mapping[str, Any], field: str) -> TextArray:
+    """Return a column of texts (n,), empty ones for null."""
+    values = table.get(field, ())
+    array = getattr(values, "array", None)
+    if array is not None and array.dtype.kind == "U":
+        return np.asarray(array)
+    return np.array(["" if value is None else value for value in values], dtype=np.str_)
+
+
+def flags(table: Mapping[str, Any], field: str, *shape: int) -> BoolArray:
+    """Return a column of what is so or not (n, *shape)."""
+    values = table.get(field, ())
+    array = getattr(values, "array", None)
+    return np.array(values if array is None else array, dtype=bool).reshape(-1, *shape)
+
+
+def at_rows(values: FloatArray, row: IntArray) -> FloatArray:
+    """Return the rows (k,) of values (n, ...), NaN for -1."""
+    return np.concatenate([values, np.full((1, *values.shape[1:]), np.nan)])[row]
+
+
+def rows_of(ids: TextArray, names: TextArray) -> IntArray:
+    """Return the rows (k,) of names in ids, -1 of one that is not there."""
+    row = {name: number for number, name in enumerate(ids.tolist())}
+    first = np.flatnonzero(np.append([True] * bool(len(names)), names[1:] != names[:-1]))  # of equal ones in a row
+    numbers_of_rows = np.array([row.get(name, -1) for name in names[first].tolist()], dtype=np.int64)
+    return np.repeat(numbers_of_rows, np.diff(np.append(first, len(names))))
+
+
+class NamedRows:
+    """A table of a record whose rows have names."""
+
+    def __init__(self, key: str, table: Mapping[str, Any]) -> None:
+        self.table = table
+        self.rows = {name: row for row, name in enumerate(table[key])}
+
+    def common(self, other: NamedRows) -> list[str]:
+        """Return the names that another table has too, in the order of this one."""
+        return [name for name in self.rows if name in other.rows]
+
+    def array(self, ids: Iterable[str], field: str, *shape: int) -> FloatArray:
+        """Return the values of named rows (n, *shape), NaN for null."""
+        column = self.table[field]
+        return array_of([column[self.rows[name]] for name in ids], *shape)
+
+    def row(self, name: str) -> dict[str, Any] | None:
+        """Return a row, None where there is none of the name."""
+        number = self.rows.get(name)
+        return None if number is None else {field: column[number] for field, column in self.table.items()}
+
+    def why_not(self, name: str) -> str | None:
+        """Return why a row has no position; None where it has one."""
+        if name not in self.rows:
+            return "is not there"
+        row = self.rows[name]
+        if "position" not in self.table or self.table["position"][row][0] is not None:
+            return None
+        return f"is not determined: {self.table['reason'][row] or 'no position'}"
+
+
+def metric_differences(tables: Tables, first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return second minus first positions (r, 3) of a record in metres, east, north, up (X, Y, Z in local jobs).
+
+    Raises `MusatError` where a record that is not of a local job has no ellipsoid that is known.
+    """
+    system, spec = tables["options"]["system"], tables["ellipsoid"]
+    if system == "LOCL":
+        return second - first
+    try:
+        ellipsoid = Ellipsoid(spec["name"] or "", spec["semi_major_axis"], spec["inverse_flattening"])
+    except (TypeError, ValueError) as error:  # none, or one that PROJ does not know
+        raise MusatError(f"a {system} job without an ellipsoid: {error}") from error
+    return ellipsoid.metric_differences(first, second, system == "GEOG")
