@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -76,15 +77,17 @@ def compile_deck(
     `strict` makes the status of a doubtful compilation that of a rejected one. Where run or deck cannot be used
     nothing is written, and every reason is in `problems`. Raises `OSError` where files cannot be read or written.
     """
-    result, bottoms, problems = _with_bottoms(run, deck, anyway)
-    if result is None:
-        return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
+    problems: list[Problem] = []
     try:
-        done = _reported(result, bottoms)
+        result, problems = compiled_deck(run, deck, anyway)
+        if not len(result.rows):
+            raise CompilationError(
+                [Problem(message="the deck has no readings (no STG or MPT card)", file=str(deck))]
+            )
+        with _at(deck):
+            done = _reported(result, bottoms_of(result))
     except ProblemsError as error:
-        return CompileResult(
-            status=ExitStatus.UNUSABLE, problems=(*problems, *_of_file(deck, error)), compiled=None
-        )
+        return _unusable([*problems, *error.problems])
     sections, values = compilation.sections_of(done), compilation.DOCUMENT.record(done)
     listing, record = output_paths(deck, out_dir)[:2]
     text = compilation.listing_of(done, sections, carriage_control=carriage_control, date=date)
@@ -93,11 +96,15 @@ def compile_deck(
         files |= csv_files(sections, listing)
     files |= {listing.with_suffix(f".{name}"): data for name, data in _extracts(done)}
     if plots:
-        files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(result, bottoms, values)}
-    layers = _layers(result, bottoms, crs) if gis or las else {}
+        files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(done, values)}
+    layers: dict[str, Points | Lines] = {}
+    if gis or las:
+        from musatpy.compilation.gis_layers import layers_of  # few users need these packages
+
+        layers = layers_of(result, done.bottoms, crs)
     with together():
         write_files(files)
-        written = [*files, *(_for_gis(result, bottoms, layers, listing) if gis else ())]
+        written = [*files, *(_for_gis(done, layers, listing) if gis else ())]
         written += _point_cloud(layers, listing) if las else ()
         of_globe, refused = write_each(layers, listing.with_suffix("")) if gis and crs else ([], [])
     assert done.verdict is not None
@@ -111,35 +118,30 @@ def compile_deck(
     )
 
 
+def _unusable(problems: Sequence[Problem]) -> CompileResult:
+    """Return that nothing came of a deck."""
+    return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
+
+
+def _beside_run(result: Compiled) -> CompilationReport:
+    """Return the points of a deck beside those of the run, with what is odd about both."""
+    against = [against_run(model, result.deck.stages.kind[model.rows] == AGAIN) for model in result.models]
+    of_points = (text for part in against for text in part.warnings())
+    return CompilationReport(compiled=result, against=against, warnings=(*of_points, *warnings_of(result)))
+
+
 def _reported(result: Compiled, bottoms: Sequence[Bottom]) -> CompilationReport:
     """Return what is reported of a deck; raises `ProblemsError` where its profiles cannot be used."""
-    kind, profiles = result.deck.stages.kind, profiles_of(result)
-    against = [against_run(model, kind[model.rows] == AGAIN) for model in result.models]
+    done, profiles = _beside_run(result), profiles_of(result)
     drawn = (text for bottom in bottoms for text in bottom.warnings(result.deck.grids.ids.tolist()))
-    of_points = (text for part in against for text in part.warnings())
-    return CompilationReport(
-        compiled=result,
-        against=against,
-        warnings=(*of_points, *warnings_of(result), *oddities(profiles), *drawn),
-        verdict=verdict_of(result, against),
+    return replace(
+        done,
+        warnings=(*done.warnings, *oddities(profiles), *drawn),
+        verdict=verdict_of(result, done.against),
         profiles=profiles,
         scans=scans_of(result, profiles),
         bottoms=bottoms,
     )
-
-
-def _with_bottoms(run: Path, deck: Path, anyway: bool) -> tuple[Compiled | None, tuple[Bottom, ...], list[Problem]]:
-    """Return what came of a deck with readings, None where it cannot be used, what is drawn, and every problem."""
-    result, problems = _compiled(run, deck, anyway)
-    if result is None:
-        return None, (), problems
-    if not len(result.rows):
-        message = "the deck has no readings (no STG or MPT card)"
-        return None, (), [*problems, Problem(file=str(deck), message=message)]
-    try:
-        return result, bottoms_of(result), problems
-    except ProblemsError as error:
-        return None, (), [*problems, *_of_file(deck, error)]
 
 
 def _extracts(done: CompilationReport) -> Iterator[tuple[str, bytes]]:
@@ -168,14 +170,12 @@ def set_up_deck(
     `anyway` also on a run that has not converged. Where run or deck cannot be used nothing is written, and every
     reason is in `problems`. Raises `OSError` where files cannot be read or written.
     """
-    result, problems = _compiled(run, deck, anyway)
-    if result is None:
-        return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
+    try:
+        result, problems = compiled_deck(run, deck, anyway)
+    except ProblemsError as error:
+        return _unusable(error.problems)
     kind = result.deck.stages.kind
-    against = [against_run(model, kind[model.rows] == AGAIN) for model in result.models]
-    warnings = (*(text for part in against for text in part.warnings()), *warnings_of(result))
-    set_up = [model_set_up(model, kind[model.rows]) for model in result.models]
-    done = CompilationReport(compiled=result, against=against, warnings=warnings, set_up=set_up)
+    done = replace(_beside_run(result), set_up=[model_set_up(model, kind[model.rows]) for model in result.models])
     listing, record = setup_paths(deck, out_dir)
     sections = compilation.set_up_sections(done)
     text = compilation.listing_of(done, sections, carriage_control=carriage_control, date=date)
@@ -184,7 +184,7 @@ def set_up_deck(
         status=ExitStatus.DONE,
         problems=tuple(problems),
         compiled=result,
-        warnings=warnings,
+        warnings=tuple(done.warnings),
         files=(listing, record),
     )
 
@@ -198,12 +198,10 @@ def compare_points(
     `ProblemsError` where run or deck cannot be used, and where they have no point in common, and `OSError`.
     """
     result, problems = compiled_deck(run, deck, anyway)
-    kind = result.deck.stages.kind
-    against = [against_run(model, kind[model.rows] == AGAIN) for model in result.models]
-    count = sum(len(part.rows) for part in against)
+    done = _beside_run(result)
+    count = sum(len(part.rows) for part in done.against)
     if not count:
         raise CompilationError([Problem(file=str(deck), message="no point of it has a position in the run too")])
-    done = CompilationReport(compiled=result, against=against)
     values = dumps(compilation_comparisons.AGAINST_RUN.record(done))
     write_files({listing: compilation_comparisons.point_listing(done).encode(), record: values.encode()})
     return count, compilation_comparisons.vectors(done), problems
@@ -228,12 +226,10 @@ def run_of(path: Path, anyway: bool = False) -> AdjustedRun:
     if block is None:
         other = _other_than_run(path)
         raise DeckError([Problem(file=str(path), message=other)] if other else problems)
-    try:
+    with _at(path):
         run = of_block(block)
         if not anyway and (fault := unadjusted(run)):
             raise CompilationError([Problem(message=fault)])
-    except CompilationError as error:
-        raise CompilationError(_of_file(path, error)) from error
     return run
 
 
@@ -268,9 +264,10 @@ def compiled_deck(run: Path, deck: Path, anyway: bool = False) -> tuple[Compiled
     if triangulation is None or contents is None:
         raise ProblemsError(problems)
     try:
-        result = compiled(triangulation, contents)
+        with _at(deck):
+            result = compiled(triangulation, contents)
     except ProblemsError as error:
-        raise ProblemsError([*problems, *_of_file(deck, error)]) from error
+        raise ProblemsError([*problems, *error.problems]) from error
     slipped = list(_slips(deck, result))
     if slipped and not anyway:
         raise ProblemsError([*problems, *slipped])
@@ -297,23 +294,7 @@ def _lost(deck: Path, result: Compiled) -> Iterator[Problem]:
         yield Problem(file=str(deck), message=message, severity="warning")
 
 
-def _compiled(run: Path, deck: Path, anyway: bool) -> tuple[Compiled | None, list[Problem]]:
-    """Return what came of a deck, None where it or the run cannot be used, and every problem of both."""
-    try:
-        return compiled_deck(run, deck, anyway)
-    except ProblemsError as error:
-        return None, list(error.problems)
-
-
-def _layers(result: Compiled, bottoms: Sequence[Bottom], crs: str) -> dict[str, Points | Lines]:
-    from musatpy.compilation.gis_layers import layers_of  # few users need these packages
-
-    return layers_of(result, bottoms, crs)
-
-
-def _for_gis(
-    result: Compiled, bottoms: Sequence[Bottom], layers: dict[str, Points | Lines], listing: Path
-) -> Iterator[Path]:
+def _for_gis(done: CompilationReport, layers: dict[str, Points | Lines], listing: Path) -> Iterator[Path]:
     """Write layers and grids for GIS and CAD, and yield where they are."""
     from musatpy.compilation.gis_layers import raster_of
     from musatpy.interchange import dxf, geopackage, geotiff
@@ -322,9 +303,9 @@ def _for_gis(
         path = listing.with_suffix(suffix)
         write(path, layers)
         yield path
-    for grid in (grid for bottom in bottoms for grid in bottom.grids):
+    for grid in (grid for bottom in done.bottoms for grid in bottom.grids):
         path = listing.with_suffix(f".{grid.name}.tif")
-        geotiff.write(path, raster_of(grid, result.datum))
+        geotiff.write(path, raster_of(grid, done.compiled.datum))
         yield path
 
 
@@ -339,7 +320,7 @@ def _point_cloud(layers: dict[str, Points | Lines], listing: Path) -> Iterator[P
     yield path
 
 
-def _pictures(result: Compiled, bottoms: Sequence[Bottom], record: dict[str, Any]) -> Iterator[tuple[str, bytes]]:
+def _pictures(done: CompilationReport, record: dict[str, Any]) -> Iterator[tuple[str, bytes]]:
     """Yield the names and contents of the pictures of a record, and of the contours as a PNG and a page of PDF."""
     from musatpy.compilation.pictures import contour_pictures  # few users draw
     from musatpy.plots.gallery import COMPILED, rendered
@@ -347,10 +328,15 @@ def _pictures(result: Compiled, bottoms: Sequence[Bottom], record: dict[str, Any
     for picture in COMPILED:
         if found := rendered(picture, record):
             yield f"{picture.name}.{found[0]}", found[1]
-    for bottom in bottoms:
-        for kind, data in contour_pictures(result, bottom).items():
+    for bottom in done.bottoms:
+        for kind, data in contour_pictures(done.compiled, bottom).items():
             yield f"{_OF[bottom.of]}.{kind}", data
 
 
-def _of_file(path: Path, error: ProblemsError) -> list[Problem]:
-    return [with_columns(problem, str(path)) for problem in error.problems]
+@contextmanager
+def _at(path: Path) -> Iterator[None]:
+    """Let what is wrong be told of a file, at its columns."""
+    try:
+        yield
+    except ProblemsError as error:
+        raise CompilationError([with_columns(problem, str(path)) for problem in error.problems]) from error

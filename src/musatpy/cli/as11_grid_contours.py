@@ -48,10 +48,10 @@ def command(
         raise click.UsageError("give --interval, or --depth for each contour")
     refuse_overwriting(targets, [raster])
     wish = ContourWish(interval=interval or 0.0, levels=levels, index=index, shortest=shortest, datum=datum)
-    done = contour_raster(raster, targets, wish, band=band, crs=crs)
-    lines = done.contours.lines
-    depths = count_of(len({line.level for line in lines}), done.what.removesuffix("s"))
+    drawn, what = contour_raster(raster, targets, wish, band=band, crs=crs)
+    lines = drawn.lines
+    depths = count_of(len({line.level for line in lines}), what.removesuffix("s"))
     length = sum(line.length for line in lines)
-    left_out = f", {count_of(done.contours.dropped, 'piece')} left out" if done.contours.dropped else ""
+    left_out = f", {count_of(drawn.dropped, 'piece')} left out" if drawn.dropped else ""
     for target in targets:
         tell(f"{name_of(target)}: {count_of(len(lines), 'line')} of {depths}, {length:.0f} m{left_out}")

@@ -189,29 +189,16 @@ def grids_of(
     networks = [surface for surface in surfaces if surface.tin is not None]
     if not networks:
         return ()
-    return tuple(
-        _grid(
-            str(specs.ids[row]),
-            float(specs.spacing[row]),
-            np.stack([specs.first[row], specs.second[row]]) * corner_unit,
-            networks,
-            collocated=bool(specs.collocated[row]),
-            line=None if lines is None else int(lines[row]),
-        )
-        for row in range(len(specs.ids))
-    )
+    on_line: list[int | None] = [None] * len(specs.ids) if lines is None else lines.tolist()
+    return tuple(_grid(specs, row, corner_unit, networks, line) for row, line in enumerate(on_line))
 
 
 def _grid(
-    name: str,
-    spacing: float,
-    corners: FloatArray,
-    surfaces: Sequence[JoinedSurface],
-    *,
-    collocated: bool,
-    line: int | None,
+    specs: GridSpecs, row: int, corner_unit: float, surfaces: Sequence[JoinedSurface], line: int | None
 ) -> PostGrid:
-    """Return a grid between corners (2, 2) of the job, over all of the surfaces where these are NaN."""
+    """Return a grid between its corners, over all of the surfaces where these are NaN."""
+    name, spacing = str(specs.ids[row]), float(specs.spacing[row])
+    corners = np.stack([specs.first[row], specs.second[row]]) * corner_unit
     if np.isfinite(corners).all():
         places = surfaces[0].places(corners)
     else:
@@ -230,7 +217,7 @@ def _grid(
         at = surface.tin.at(posts)
         new = np.isnan(depth) & np.isfinite(at.value)
         depth[new], sigma[new] = at.value[new], at.sigma[new]
-        if collocated and new.any():
+        if specs.collocated[row] and new.any():
             depth[new], sigma[new], validation = _predicted(name, surface.tin, posts[new])
             validations.append(validation)
     shape = (int(rows), int(columns))

@@ -204,47 +204,33 @@ def _network(xyz: FloatArray, sigma: FloatArray, shore: BoolArray, longest_edge:
 
 def _edge_match(first: _Points, second: _Points) -> tuple[EdgeMatch | None, BoolArray, BoolArray]:
     """Return how two models match, None where they do not overlap, and which points of each the other one keeps."""
-    there, back = _beside(first, second), _beside(second, first)
-    if not len(there.rows) + len(back.rows):
-        return None, there.beyond, back.beyond
+    rows, difference, sigma, beyond = _less_other(first, second)
+    rows_back, back, sigma_back, beyond_back = _less_other(second, first)
+    if not len(rows) + len(rows_back):
+        return None, beyond, beyond_back
     edge = EdgeMatch(
         models=(first.model.name, second.model.name),
-        names=np.concatenate([first.names[there.rows], second.names[back.rows]]),
-        difference=np.concatenate([there.difference, -back.difference]),
-        sigma=np.concatenate([there.sigma, back.sigma]),
+        names=np.concatenate([first.names[rows], second.names[rows_back]]),
+        difference=np.concatenate([difference, -back]),
+        sigma=np.concatenate([sigma, sigma_back]),
     )
-    return edge, there.beyond, back.beyond
+    return edge, beyond, beyond_back
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Beside:
-    """The `rows` of a model's points that the surface of another one has too, less that, with sigmas.
+def _less_other(part: _Points, other: _Points) -> tuple[IntArray, FloatArray, FloatArray, BoolArray]:
+    """Return the rows of a model's points that the surface of another one has too, less that, with sigmas.
 
-    beyond: which of all its points are there and nearer to the middle of the other model.
+    And which of all its points are there and nearer to the middle of the other model.
     """
-
-    rows: IntArray
-    difference: FloatArray
-    sigma: FloatArray
-    beyond: BoolArray
-
-
-def _beside(part: _Points, other: _Points) -> _Beside:
     beyond: BoolArray = np.zeros(len(part.xyz), dtype=bool)
     if part.tin is None or other.tin is None:
-        nothing = np.zeros(0)
-        return _Beside(rows=np.zeros(0, dtype=np.int64), difference=nothing, sigma=nothing, beyond=beyond)
+        return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), beyond
     xy = part.xyz[:, :2]
     at = other.tin.at(xy)
     rows = np.flatnonzero(np.isfinite(at.value))
     far, near = (np.linalg.norm(xy[rows] - points.xyz[:, :2].mean(axis=0), axis=1) for points in (part, other))
     beyond[rows] = near < far
-    return _Beside(
-        rows=rows,
-        difference=part.xyz[rows, 2] - at.value[rows],
-        sigma=np.hypot(part.sigma[rows], at.sigma[rows]),
-        beyond=beyond,
-    )
+    return rows, part.xyz[rows, 2] - at.value[rows], np.hypot(part.sigma[rows], at.sigma[rows]), beyond
 
 
 def _surface(

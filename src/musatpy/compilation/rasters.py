@@ -148,19 +148,12 @@ class ContourWish:
     datum: float | None = None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ContouredRaster:
-    """The contours of a raster, and what its values are: depths or heights."""
-
-    contours: Contours
-    what: str
-
-
 def contour_raster(
     source: Path, targets: Iterable[Path], wish: ContourWish, *, band: str = "", crs: str = ""
-) -> ContouredRaster:
+) -> tuple[Contours, str]:
     """Draw contours of a band of a raster, and write them as 3-D lines at their heights to files by their suffixes.
 
+    Returns them, and what they are of: `depths` or `heights`.
     The band is `depth` where there are several and none is named. Raises `CompilationError`, `InterchangeError`,
     `SurfaceError`, `SystemsError` and `MusatError` for what cannot be drawn; `OSError`. Each file is written whole
     or not at all.
@@ -175,29 +168,27 @@ def contour_raster(
     layers = {"contours": _lines(drawn, posts, is_depth, wish.datum or 0.0)}
     for target in targets:
         write_layers(target, layers)
-    return ContouredRaster(contours=drawn, what="depths" if is_depth else "heights")
+    return drawn, "depths" if is_depth else "heights"
 
 
 def _band(source: Path, names: Sequence[str], wanted: str) -> str:
     """Return the band that is wanted, else the only one or that of depths. Raises `CompilationError`."""
     name = wanted or (names[0] if len(names) == 1 else _DEPTH)
     if name not in names:
-        message = f"which band has the depths? --band is one of {', '.join(names)}"
-        raise CompilationError([Problem(file=str(source), message=message)])
+        raise _refused(source, f"which band has the depths? --band is one of {', '.join(names)}")
     return name
 
 
 def _drawn(source: Path, values: FloatArray, posts: Posts, wish: ContourWish) -> Contours:
     if not np.isfinite(values).any():
-        raise CompilationError([Problem(file=str(source), message="all of its posts are empty")])
+        raise _refused(source, "all of its posts are empty")
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     levels = np.array(wish.levels) if wish.levels else levels_between(low, high, wish.interval)
     multiples = np.rint(levels / wish.interval) if wish.interval else np.arange(len(levels))
     index = levels[multiples % wish.index == 0].tolist()
     drawn = grid_contours(values, (posts.west, posts.south), posts.spacing, levels.tolist(), index, wish.shortest)
     if not drawn.lines:
-        message = f"there is no contour between {low:.2f} and {high:.2f} m"
-        raise CompilationError([Problem(file=str(source), message=message)])
+        raise _refused(source, f"there is no contour between {low:.2f} and {high:.2f} m")
     return drawn
 
 

@@ -62,27 +62,18 @@ class Sounded:
     reasons: dict[int, str]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Bottoms:
-    """The surest bottom at n places: depth, sigma, slope (n,), NaN where none is; reason (n,)."""
-
-    depth: FloatArray
-    sigma: FloatArray
-    slope: FloatArray
-    reason: IntArray
-
-
 def sounded(surfaces: Sequence[JoinedSurface | RasterBottom], soundings: Soundings, how: Matching) -> Sounded:
     """Return soundings beside the surfaces of a compilation or a raster; where these overlap beside the surer one.
 
     Raises `SoundingError` where their coordinates are not of the kind of the job's.
     """
     used = [surface for surface in surfaces if isinstance(surface, RasterBottom) or surface.tin is not None]
-    at = _bottoms_at(used, soundings, how.radius)
-    reasons = _reasons(at, soundings, how)
+    at = _surest_bottom(used, soundings, how.radius)
+    slope = np.asarray(np.linalg.norm(at.gradient, axis=1))
+    reasons = _reasons(at.reason, slope, soundings, how)
     met = np.setdiff1d(np.arange(len(soundings.depth)), list(reasons))
     of_soundings = np.where(np.isfinite(soundings.sigma[met]), soundings.sigma[met], how.sigma)
-    parts = (at.sigma[met], of_soundings, at.slope[met] * how.plan_sigma, np.full(len(met), how.datum_sigma))
+    parts = (at.sigma[met], of_soundings, slope[met] * how.plan_sigma, np.full(len(met), how.datum_sigma))
     return Sounded(
         soundings=soundings,
         how=how,
@@ -90,7 +81,7 @@ def sounded(surfaces: Sequence[JoinedSurface | RasterBottom], soundings: Soundin
         xy=used[0].places(soundings.place[met]) if used else np.zeros((0, 2)),
         differences=DepthDifferences(
             names=soundings.names[met],
-            compiled=at.depth[met],
+            compiled=at.value[met],
             sounded=soundings.depth[met] + how.datum,
             sigma=np.sqrt(np.sum(np.square(parts), axis=0)),
         ),
@@ -98,9 +89,12 @@ def sounded(surfaces: Sequence[JoinedSurface | RasterBottom], soundings: Soundin
     )
 
 
-def _bottoms_at(surfaces: Sequence[JoinedSurface | RasterBottom], soundings: Soundings, radius: float) -> _Bottoms:
+def _surest_bottom(
+    surfaces: Sequence[JoinedSurface | RasterBottom], soundings: Soundings, radius: float
+) -> SurfaceValues:
+    """Return the surest bottom at soundings, and the last of the reasons why there is none."""
     n = len(soundings.depth)
-    depth, sigma, slope = np.full(n, np.nan), np.full(n, np.inf), np.full(n, np.nan)
+    value, sigma, gradient = np.full(n, np.nan), np.full(n, np.inf), np.full((n, 2), np.nan)
     reason = np.full(n, OUTSIDE)
     for surface in surfaces:
         if surface.angular != soundings.angular:
@@ -110,14 +104,14 @@ def _bottoms_at(surfaces: Sequence[JoinedSurface | RasterBottom], soundings: Sou
         part = _bottom_at(surface, surface.places(soundings.place), radius)
         reason = np.where(_RANK[part.reason] > _RANK[reason], part.reason, reason)
         surer = (part.reason == INSIDE) & ~(part.sigma >= sigma)  # one without a sigma is better than none
-        depth[surer], sigma[surer], slope[surer] = part.depth[surer], part.sigma[surer], part.slope[surer]
-    return _Bottoms(depth=depth, sigma=sigma, slope=slope, reason=reason)
+        value[surer], sigma[surer], gradient[surer] = part.value[surer], part.sigma[surer], part.gradient[surer]
+    return SurfaceValues(value=value, gradient=gradient, sigma=sigma, reason=reason)
 
 
-def _bottom_at(surface: JoinedSurface | RasterBottom, places: FloatArray, radius: float) -> _Bottoms:
+def _bottom_at(surface: JoinedSurface | RasterBottom, places: FloatArray, radius: float) -> SurfaceValues:
     """Return a bottom at places (n, 2); that of a model is dry where it is above the water of the nearest point."""
     if isinstance(surface, RasterBottom):
-        return _of(surface.at(places))
+        return surface.at(places)
     from scipy.spatial import KDTree  # it takes long to load
 
     points = surface.points
@@ -127,13 +121,7 @@ def _bottom_at(surface: JoinedSurface | RasterBottom, places: FloatArray, radius
     else:
         at = surface.tin.at(places)
     nearest = KDTree(points.xy).query(places)[1]
-    dry = at.value < points.water[nearest]
-    return _of(replace(at, reason=np.where(dry, _DRY, at.reason)))
-
-
-def _of(at: SurfaceValues) -> _Bottoms:
-    slope = np.asarray(np.linalg.norm(at.gradient, axis=1))
-    return _Bottoms(depth=at.value, sigma=at.sigma, slope=slope, reason=at.reason)
+    return replace(at, reason=np.where(at.value < points.water[nearest], _DRY, at.reason))
 
 
 def nowhere(
@@ -155,11 +143,11 @@ def nowhere(
     return SoundingError([Problem(message=f"no sounding meets the bottom: {why}{hint}")])
 
 
-def _reasons(at: _Bottoms, soundings: Soundings, how: Matching) -> dict[int, str]:
+def _reasons(reason: IntArray, slope: FloatArray, soundings: Soundings, how: Matching) -> dict[int, str]:
     """Return why soundings do not count, by their rows in order."""
     words = {**REASONS, _DRY: DRY}
-    reasons = {int(row): words[int(at.reason[row])] for row in np.flatnonzero(at.reason != INSIDE)}
-    reasons |= dict.fromkeys(np.flatnonzero((at.reason == INSIDE) & (at.slope > how.steepest)).tolist(), STEEP)
+    reasons = {int(row): words[int(reason[row])] for row in np.flatnonzero(reason != INSIDE)}
+    reasons |= dict.fromkeys(np.flatnonzero((reason == INSIDE) & (slope > how.steepest)).tolist(), STEEP)
     if how.not_before is not None:
         reasons |= dict.fromkeys(np.flatnonzero(np.isnat(soundings.date)).tolist(), UNDATED)
         old = np.flatnonzero(soundings.date < np.datetime64(how.not_before))

@@ -21,6 +21,7 @@ from musatpy.geometry.systems import Geocentric, Geographic, System
 from musatpy.model import (
     Block,
     LevelPairs,
+    Photos,
     Program,
     Refraction,
     Solution,
@@ -149,15 +150,10 @@ def of_solution(solution: Solution, sea: Sea | None = None) -> AdjustedRun:
     adjusted = block.photos if water is None else replace(block.photos, tide=water.tide)
     waves = None if water is None or water.waves is None else water.waves.value
     return AdjustedRun(
-        block=Block(
-            titles=(),
-            options=block.options,
-            ellipsoid=block.ellipsoid,
-            water=adjusted_water(block.water, None if water is None else (water.index, water.tilt)),
-            cameras=block.cameras,
-            photos=replace(adjusted, position=stations.position, attitude=stations.attitude),
-            points=block.points,
-            plates=replace(block.plates, sigma=block.plate_sigmas),
+        block=_compilable(
+            block,
+            replace(adjusted, position=stations.position, attitude=stations.attitude),
+            adjusted_water(block.water, None if water is None else (water.index, water.tilt)),
         ),
         given=block.photos.position,
         covariance=stations.covariance,
@@ -196,16 +192,7 @@ def of_block(block: Block) -> AdjustedRun:
     position = np.full((count, 3), np.nan)
     position[block.control.point[known]] = block.control.position[known]
     return AdjustedRun(
-        block=Block(
-            titles=(),
-            options=block.options,
-            ellipsoid=block.ellipsoid,
-            water=block.water,
-            cameras=block.cameras,
-            photos=photos,
-            points=block.points,
-            plates=replace(block.plates, sigma=block.plate_sigmas),
-        ),
+        block=_compilable(block, photos, block.water),
         given=photos.position,
         covariance=np.zeros((len(photos.ids), 6, 6)),
         pairs=StationPairs(photo=np.empty((0, 2), dtype=np.int64), covariance=np.empty((0, 6, 6))),
@@ -219,6 +206,20 @@ def of_block(block: Block) -> AdjustedRun:
         sea=sea,
         stated=block.answer_in,
         caution=PUNCHED,
+    )
+
+
+def _compilable(block: Block, photos: Photos, water: Water | None) -> Block:
+    """Return what compilation needs of a block, with its photos and water where a run has put them."""
+    return Block(
+        titles=(),
+        options=block.options,
+        ellipsoid=block.ellipsoid,
+        water=water,
+        cameras=block.cameras,
+        photos=photos,
+        points=block.points,
+        plates=replace(block.plates, sigma=block.plate_sigmas),
     )
 
 
