@@ -1,4 +1,4 @@
-"""Soundings beside rasters of depths: planes, empty posts, systems; and what refraction does to an old raster."""
+"""Soundings beside rasters of depths: planes, empty posts, systems; and the posts of a compilation."""
 
 import json
 from collections.abc import Callable
@@ -8,13 +8,10 @@ from pathlib import Path
 import numpy as np
 import pyproj
 import pytest
-from click.testing import Result
-from scipy.interpolate import LinearNDInterpolator
 
 from cli.commands import musat
 from compilation.scenes import soundings_at
 from musatpy.arrays import FloatArray
-from musatpy.as11_runs import compiled_deck
 from musatpy.compilation.contoured import NOT_IN_OTHER, contoured
 from musatpy.compilation.rasters import read_raster_bottom
 from musatpy.compilation.sounded import Matching, sounded
@@ -26,6 +23,7 @@ from musatpy.interchange.layers import Grid
 from musatpy.soundings.contours import ContourLines
 from musatpy.surfaces.tin import EMPTY, INSIDE, OUTSIDE, REASONS
 from musatpy.units import DEGREE
+from stage_readings import DECK, SOUNDINGS
 
 WGS84 = Ellipsoid("", 6378137.0, 298.257223563)
 EAST, NORTH = 290000.0, 2030000.0
@@ -131,85 +129,23 @@ def test_rasters_that_are_no_bottom(
     assert caught.value.problems[0].file == str(path)
 
 
-SPEC = """title = ["AN OLD RASTER"]
-seed = 3
-[job]
-system = "GEOG"
-ellipsoid = "wgs84"
-centre = [18.3, -64.9]
-[flight]
-photos = 2
-height = 2400.0
-[water]
-level = 0.0
-[terrain]
-level = 20.0
-[[shoal]]
-share = 0.5
-depth = [1.0, 20.0]
-[points]
-per_site = 6
-[[control]]
-kind = "full"
-number = 12
-sigma = 0.02
-error = 0.02
-[measurement]
-noise = 2.0
-sigma = 2.0
-[compilation]
-points = 5000
-dry = 0
-profiles = 0
-pointing = 2.0
-depth = [1.0, 25.0]
-wavelength = 2000.0
-soundings = 800
-sounding_error = 0.1
-"""
-
-
-def compare(folder: Path, bottom: str, *options: str) -> tuple[Result, dict[str, object]]:
-    result = musat("as11", "compare-soundings", "old.json", bottom, "old.soundings.csv", "-o", "out", *options)
-    path = folder / "out/old.soundings.soundings.json"
-    return result, json.loads(path.read_text()) if path.exists() else {}
-
-
-@pytest.mark.slow
-def test_refraction_shows_in_the_depths_of_an_old_raster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A raster compiled in air and corrected, both beside soundings with noise: b of -.25 to -.31, and none.
-
-    Its apparent points are those of readings that Fermat's principle has traced. It is the half of the model along
-    the base: towards the corners of a wide-angle plate refraction takes more. The bottom is rough, so that depths
-    are not those of places.
-    """
-    monkeypatch.chdir(tmp_path)
-    Path("old.toml").write_text(SPEC)
-    for words in (["simulate", "old.toml"], ["run", "-q", "old.crd"]):
-        assert musat(*words).exit_code == 0
-    compiled, _ = compiled_deck(Path("old.json"), Path("old.compilation.crd"))
-    zone, frame = system_of("EPSG:32620", WGS84), compiled.run.frame
-    apparent = zone.coordinates(frame.level(frame.working(compiled.points.apparent)))
-    low, high = apparent.min(axis=0), apparent.max(axis=0)
-    low[1], high[1] = 0.75 * low[1] + 0.25 * high[1], 0.25 * low[1] + 0.75 * high[1]
-    x, y = np.arange(low[0], high[0], 15.0), np.arange(low[1], high[1], 15.0)
-    posts = np.stack(np.meshgrid(x, y), axis=-1)
-    height = LinearNDInterpolator(apparent[:, :2], apparent[:, 2])(posts)
-    old: dict[str, FloatArray] = {"height": height, "depth": -height, "sigma": np.full(height.shape, 0.3)}
-    crs = pyproj.CRS("EPSG:32620")
-    write_layers(Path("old.tif"), {"grid": Grid(west=x[0], south=y[0], spacing=15.0, bands=old, crs=crs)})
-    words = ["as11", "correct", "old.json", "1", "2", "old.tif", "-o", "true.tif", "--band", "height"]
-    assert musat(*words).exit_code == 0
-    slopes = {}
-    for name in ("old", "true"):
-        result, record = compare(tmp_path, f"{name}.tif", "--plots")
-        assert result.exit_code == 0, result.output
-        slopes[name] = record["regression"]["b"]  # type: ignore[index]
-        assert (
-            record["point_orders"] == {}
-            and "posts of a raster" in Path("out/old.soundings.soundings.lst").read_text()
-        )
-    assert -0.31 < slopes["old"] < -0.25 and abs(slopes["true"]) < 0.01
-    assert Path("out/old.soundings.soundings.png").read_bytes().startswith(b"\x89PNG")
-    result, _ = compare(tmp_path, "true.tif", "--radius", "20")
+def test_soundings_beside_the_posts_of_a_compilation(run_record: Path, tmp_path: Path) -> None:
+    """The grid of posts of the deck, of 100 m: as good as its triangles to the scatter of the bottom, .3 m."""
+    assert musat("as11", "compile", run_record, DECK, "-o", tmp_path, "--gis").exit_code == 0
+    words = (
+        "as11",
+        "compare-soundings",
+        run_record,
+        tmp_path / "st_thomas_as11.BAY.tif",
+        SOUNDINGS,
+        "-o",
+        tmp_path,
+    )
+    result = musat(*words, "--plots")
+    assert result.exit_code == 0, result.output
+    record = json.loads((tmp_path / "soundings.soundings.json").read_text())
+    assert abs(record["regression"]["b"]) < 0.02 and record["point_orders"] == {}
+    assert "posts of a raster" in (tmp_path / "soundings.soundings.lst").read_text()
+    assert (tmp_path / "soundings.soundings.png").read_bytes().startswith(b"\x89PNG")
+    result = musat(*words, "--radius", "20")
     assert result.exit_code == 1 and "--radius goes with points" in result.output

@@ -82,29 +82,6 @@ def test_a_verdict_against_the_run_is_said_on_every_page(runs: Path, tmp_path: P
 
 
 @pytest.mark.slow
-def test_a_record_without_the_fields_of_later_versions_compiles_as_before(runs: Path, tmp_path: Path) -> None:
-    """Fields that came after schema 2.0 was there have their defaults; what is there is held against the schema."""
-    record = json.loads((runs / "st_thomas.json").read_bytes())
-    for table, field in (("water", "liquid"), ("points", "dry"), ("adjusted_water", "undetermined")):
-        del record[table][field]
-    del record["common_errors"], record["flags_against_heights"]
-    earlier = tmp_path / "earlier/st_thomas.json"
-    earlier.parent.mkdir()
-    earlier.write_text(json.dumps(record))
-    for name, run in (("now", runs / "st_thomas.json"), ("then", earlier)):
-        assert musat("as11", "compile", run, stage_readings.DECK, "-o", tmp_path / name).exit_code == 0
-    now, then = ((tmp_path / name / "st_thomas_as11.lst").read_bytes() for name in ("now", "then"))
-    assert now == then
-    (tmp_path / "apparent.csv").write_text("name,x,y,z\nA,-64.936,18.330,-9.5\n")
-    words = ("depth", "correct", tmp_path / "apparent.csv", "-o", tmp_path / "true.csv", "--cameras", earlier)
-    assert musat(*words).exit_code == 0
-    record["water"]["liquid"] = 7
-    earlier.write_text(json.dumps(record))
-    refused = musat("as11", "compile", earlier, stage_readings.DECK, "-o", tmp_path / "no")
-    assert refused.exit_code == 1 and "water.liquid: expected text, found 7" in refused.output
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("punched", ["result.pun", "st_thomas.pun"])
 def test_a_punched_deck_gives_the_points_of_its_run(runs: Path, tmp_path: Path, punched: str) -> None:
     """Cards have stations to .1 mm and 1e-4 arc seconds, which is 1 mm at 2,400 m. Sigmas: of the stages alone."""

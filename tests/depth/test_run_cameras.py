@@ -206,22 +206,6 @@ def test_points_in_any_system_are_those_of_the_local_job(tmp_path: Path, kind: s
 
 
 @pytest.mark.slow
-def test_a_tangent_plane_taken_for_a_local_job_would_not_do(tmp_path: Path) -> None:
-    """What the curvature of the water comes to at the ends of the lagoon."""
-    run, origin = lagoon_run(), restated.geographic(np.zeros(3))
-    centre, axes = restated.geocentric(origin), restated.vertical(origin)
-    for row, station in zip(run["stations"], restated.stations(), strict=True):
-        M = station.matrix @ axes.T
-        row["position"] = (axes @ (station.place - centre)).tolist()
-        row["attitude"] = [np.arctan2(-M[2, 1], M[2, 2]), np.arcsin(M[2, 0]), np.arctan2(-M[1, 0], M[0, 0])]
-    cameras = read_run(written(tmp_path, run))
-    places = (np.array([place for *_, place in restated.points()]) - centre) @ axes.T
-    found, _ = Correction(cameras=cameras, index=INDEX)(places)
-    back = restated.restated(found.position @ axes + centre, restated.GEOCENTRIC, restated.MAP) - truth()
-    assert np.nanmax(np.abs(back[found.fault == 0])) > 20.0 * NEAR
-
-
-@pytest.mark.slow
 def test_a_run_without_a_system_is_taken_in_longitude_and_latitude(tmp_path: Path) -> None:
     result = correct(points_file(tmp_path, "EPSG:4326"), written(tmp_path, run_on_the_ellipsoid()))
     assert result.output.splitlines()[-1] == (
