@@ -30,24 +30,6 @@ def circle(radius: float, number: int = 3600) -> FloatArray:
     return ring
 
 
-def test_parallel_lines() -> None:
-    a, b = line((0, 0), (30, 0), (100, 0)), line((100, 7), (0, 7))
-    forward, backward = offsets([a], [b]), offsets([b], [a])
-    for way in (forward, backward):
-        np.testing.assert_allclose(way.distance, 7.0, atol=ROUNDING)
-        assert not way.beyond.any() and way.interval.sum() == pytest.approx(100.0)
-    assert len(forward.xy) == 100 and forward.xy[0].tolist() == [0.5, 0.0]
-    assert area_between(forward, backward) == pytest.approx(700.0)
-
-
-def test_what_lies_past_an_open_end_has_no_partner() -> None:
-    a, b = line((0, 0), (100, 0)), line((40, 7), (140, 7))
-    forward, backward = offsets([a], [b]), offsets([b], [a])
-    np.testing.assert_array_equal(forward.beyond, forward.xy[:, 0] < 40.0)
-    np.testing.assert_array_equal(backward.beyond, backward.xy[:, 0] > 100.0)
-    assert area_between(forward.part(~forward.beyond), backward.part(~backward.beyond)) == pytest.approx(60.0 * 7.0)
-
-
 def test_pieces_that_join_are_one_line() -> None:
     """The ends at x 40 are no ends, nor is a repeated vertex at an open end a segment."""
     a = line((0, 0), (100, 0))
@@ -100,14 +82,6 @@ def test_a_wedge() -> None:
     most = largest_of_most(forward.distance, forward.interval)
     assert most == pytest.approx(0.95 * farthest, abs=np.sin(angle))  # a step of a metre
     assert area_between(forward, backward) == pytest.approx(0.5 * length * farthest)
-
-
-def test_the_largest_of_most_goes_by_length() -> None:
-    values, weight = np.array([3.0, 1.0, 2.0]), np.array([0.04, 0.5, 0.46])
-    assert largest_of_most(values, weight) == 2.0
-    assert largest_of_most(values, weight[::-1]) == 3.0
-    assert np.isnan(area_between(offsets([line((0, 0), (1, 0))], [line((0, 1), (1, 1))]).part(np.zeros(1, bool)),
-                                 offsets([line((0, 0), (1, 0))], [line((0, 1), (1, 1))])))  # fmt: skip
 
 
 @pytest.mark.parametrize("waves", [2, 5, 9])

@@ -145,7 +145,7 @@ def _lines_of(compiled: Compiled, row: int) -> Iterator[CompiledProfile]:
         yield _along(compiled, row, 1, rows, place)
         return
     lines = _scan_lines(
-        model, str(specs.scan[row]), float(specs.spacing[row]), place, _in_model(compiled, model, rows)
+        model, str(specs.scan[row]), float(specs.spacing[row]), place, compiled.model_position[rows, :2]
     )
     if lines is None:
         yield _without(compiled, row, rows, "the scan has no extent along its lines, or too many of them")
@@ -184,11 +184,6 @@ def _ends(compiled: Compiled, row: int, model: CompiledModel, points: IntArray) 
         return list(frame.system(model.stereo.working(place)))
     angular = compiled.run.block.options.system is CoordinateSystem.GEOGRAPHIC
     return list(place * [DEGREE, DEGREE, 1.0] if angular else place)
-
-
-def _in_model(compiled: Compiled, model: CompiledModel, rows: IntArray) -> FloatArray:
-    """Return X and Y (k, 2) in the model of points."""
-    return model.stereo.model(compiled.run.frame.working(compiled.points.position[rows]))[:, :2]
 
 
 def _scan_lines(

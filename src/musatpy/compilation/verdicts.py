@@ -11,7 +11,7 @@ from musatpy.compilation.against_run import AgainstRun
 from musatpy.compilation.compiled import ABOVE, MISSED, Compiled, CompiledModel
 from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.stereomodels import slip_of
-from musatpy.compilation.triangulation import PUNCHED, AdjustedRun
+from musatpy.compilation.triangulation import PUNCHED
 from musatpy.model import Concern, CoordinateSystem, Grade, Reason, Verdict
 from musatpy.model.findings import GRADES
 from musatpy.probability import test_limit
@@ -40,26 +40,26 @@ def warnings_of(compiled: Compiled) -> Iterator[str]:
         yield f"{np.count_nonzero(beyond)} points lie outside the grid of the datum {compiled.datum.name}"
     if compiled.deck.datum is not None:
         yield from far_datum(compiled)
-    yield from _named(
-        compiled,
-        np.where(test > MISSED, test, np.nan),
-        lambda row: f"has a y-parallax of {parallax[row]:.1f} um, {test[row]:.1f} sigmas",
-    )
-    yield from _named(
-        compiled,
-        np.where(compiled.too_high, over, np.nan),
-        lambda row: f"is flagged as submerged and stands {compiled.over_water[row]:.2f} m above the water",
-    )
-    yield from _named(
-        compiled,
-        np.where(land & (over < -ABOVE), -over, np.nan),
-        lambda row: f"is not flagged as submerged and lies {-compiled.over_water[row]:.2f} m below the water",
-    )
-    yield from _named(
-        compiled,
-        np.where(compiled.on_shore & (np.abs(over) > MISSED), np.abs(over), np.nan),
-        lambda row: f"is on the shoreline and {compiled.over_water[row]:+.2f} m off the water",
-    )
+    metres, size = compiled.over_water, np.abs(over)
+    kinds: tuple[tuple[BoolArray, FloatArray, Callable[[int], str]], ...] = (
+        (test > MISSED, test, lambda row: f"has a y-parallax of {parallax[row]:.1f} um, {test[row]:.1f} sigmas"),
+        (compiled.too_high, size,
+         lambda row: f"is flagged as submerged and stands {metres[row]:.2f} m above the water"),
+        (land & (over < -ABOVE), size,
+         lambda row: f"is not flagged as submerged and lies {-metres[row]:.2f} m below the water"),
+        (compiled.on_shore & (size > MISSED), size,
+         lambda row: f"is on the shoreline and {metres[row]:+.2f} m off the water"),
+    )  # fmt: skip
+    for odd, sigmas, words in kinds:
+        rows = np.flatnonzero(odd)
+        worst = rows[np.argsort(-sigmas[rows], kind="stable")[:_NAMED]]
+        yield from (f"{_point(compiled, row)} {words(row)}" for row in np.sort(worst).tolist())
+        if len(rows) > _NAMED:
+            yield f"and {len(rows) - _NAMED} points more, less so: the table of points has them"
+
+
+def _point(compiled: Compiled, row: int) -> str:
+    return f"point {compiled.ids[row]} of model {compiled.model_ids[row]}"
 
 
 def far_datum(compiled: Compiled, below: float = 0.0) -> Iterator[str]:
@@ -89,18 +89,7 @@ def lost(compiled: Compiled) -> Iterator[tuple[int, str]]:
     """Yield the readings of the deck (rows) that give no position, and why."""
     for row, reason in enumerate(compiled.reasons):
         if reason is not None:
-            point = f"point {compiled.ids[row]} of model {compiled.model_ids[row]}"
-            yield int(compiled.rows[row]), f"{point} has no position: {reason}"
-
-
-def _named(compiled: Compiled, size: FloatArray, words: Callable[[int], str]) -> Iterator[str]:
-    """Yield what is odd about the worst points, in their order; `size` (k,) is NaN where nothing is odd."""
-    odd = np.flatnonzero(np.isfinite(size))
-    worst = odd[np.argsort(-size[odd], kind="stable")[:_NAMED]]
-    for row in np.sort(worst).tolist():
-        yield f"point {compiled.ids[row]} of model {compiled.model_ids[row]} {words(row)}"
-    if len(odd) > _NAMED:
-        yield f"and {len(odd) - _NAMED} points more, less so: the table of points has them"
+            yield int(compiled.rows[row]), f"{_point(compiled, row)} has no position: {reason}"
 
 
 def _lost_without_parallax(compiled: Compiled, model: CompiledModel) -> float:
@@ -124,23 +113,18 @@ def verdict_of(compiled: Compiled, against: Sequence[AgainstRun]) -> Verdict:
     """Return what the points of a compilation are worth; `against` as its models are held against the run.
 
     Plates whose y-parallaxes are impossible reject it, as does a deck none of whose readings makes a point. What is
-    wrong with some of the points, or with the run, makes it doubtful.
+    wrong with some of the points, or with the run, makes it doubtful; that it is a punched deck does not: its
+    points are the same.
     """
-    recovery = (text for part in against for text in part.warnings())
-    reasons = [
-        *_of_run(compiled.run),
-        *_parallaxes(compiled),
-        *_positions(compiled),
-        *_heights(compiled),
-        *(_doubt(Concern.GIVEN_STATIONS, text, "Recoverability") for text in recovery),
-    ]
-    return _ranked(reasons, compiled.run)
-
-
-def _of_run(run: AdjustedRun) -> Iterator[Reason]:
-    """Yield what speaks against the run; that it is a punched deck does not: its points are the same."""
+    run, reasons = compiled.run, list[Reason]()
     if run.caution and run.caution != PUNCHED:
-        yield _doubt(Concern.CONVERGENCE, f"{run.caution}: {run.because}" if run.because else run.caution)
+        text = f"{run.caution}: {run.because}" if run.because else run.caution
+        reasons.append(Reason(Grade.DOUBTFUL, Concern.CONVERGENCE, text, ""))
+    reasons += [*_parallaxes(compiled), *_positions(compiled), *_heights(compiled)]
+    recovery = (text for part in against for text in part.warnings())
+    reasons += [Reason(Grade.DOUBTFUL, Concern.GIVEN_STATIONS, text, "Recoverability") for text in recovery]
+    ranked = sorted(reasons, key=lambda reason: -GRADES.index(reason.grade))
+    return Verdict(reasons=tuple(ranked), notes=(run.caution,) if run.caution == PUNCHED else ())
 
 
 def _parallaxes(compiled: Compiled) -> Iterator[Reason]:
@@ -155,30 +139,30 @@ def _parallaxes(compiled: Compiled) -> Iterator[Reason]:
                 f"model {model.name}: half of its y-parallaxes are beyond {half:.1f} sigmas: are its plates "
                 "mirrored, or of another photo, camera or interior orientation than in the run?"
             )
-            yield _rejection(Concern.OBSERVATION, text, _POINTS)
+            yield Reason(Grade.REJECTED, Concern.OBSERVATION, text, _POINTS)
     limit = test_limit(int(known.sum()))
     beyond = known & ~gross & (np.nan_to_num(test) > limit)
     if beyond.any():
-        worst = _worst(compiled, beyond, test)
-        text = (
-            f"{_counted(beyond, 'y-parallax', 'y-parallaxes')} beyond the test (limit {limit:.1f}): {worst} sigmas"
-        )
-        yield _doubt(Concern.OBSERVATION, text, _POINTS)
+        noun = "y-parallax" if beyond.sum() == 1 else "y-parallaxes"
+        worst = _worst(compiled, beyond, test, ".1f")
+        text = f"{beyond.sum()} {noun} beyond the test (limit {limit:.1f}): {worst} sigmas"
+        yield Reason(Grade.DOUBTFUL, Concern.OBSERVATION, text, _POINTS)
 
 
 def _positions(compiled: Compiled) -> Iterator[Reason]:
     """Yield that most readings make no points."""
     lost = np.array([reason is not None for reason in compiled.reasons])
-    first = next((reason for reason in compiled.reasons if reason is not None), "")
+    section = "Points Without Coordinates"
     if lost.all():
+        first = next((reason for reason in compiled.reasons if reason is not None), "")
         text = f"none of {len(lost)} readings makes a point: nothing is compiled ({first})"
-        yield _rejection(Concern.DISTANCE, text, "Points Without Coordinates")
+        yield Reason(Grade.REJECTED, Concern.DISTANCE, text, section)
         return
     for model in compiled.models:
         without = lost[compiled.model_ids == model.name]
         if 2 * without.sum() > len(without):
             text = f"model {model.name}: {without.sum()} of {len(without)} readings make no points"
-            yield _doubt(Concern.DISTANCE, text, "Points Without Coordinates")
+            yield Reason(Grade.DOUBTFUL, Concern.DISTANCE, text, section)
 
 
 def _heights(compiled: Compiled) -> Iterator[Reason]:
@@ -194,30 +178,12 @@ def _heights(compiled: Compiled) -> Iterator[Reason]:
         )
     for rows, words in kinds:
         if rows.any():
+            noun = "point" if rows.sum() == 1 else "points"
             worst = _worst(compiled, rows, np.abs(compiled.over_water), ".2f")
-            yield _doubt(Concern.STATION, f"{_counted(rows, 'point', 'points')} {words}: {worst} m", _POINTS)
+            yield Reason(Grade.DOUBTFUL, Concern.STATION, f"{rows.sum()} {noun} {words}: {worst} m", _POINTS)
 
 
-def _worst(compiled: Compiled, rows: BoolArray, size: FloatArray, form: str = ".1f") -> str:
+def _worst(compiled: Compiled, rows: BoolArray, size: FloatArray, form: str) -> str:
     """Return the largest of some points in words."""
     row = int(np.argmax(np.where(rows, size, -np.inf)))
-    point = compiled.ids[row]
-    return f"point {point} of model {compiled.model_ids[row]} by {size[row]:{form}}"
-
-
-def _counted(rows: BoolArray, one: str, many: str) -> str:
-    count = int(rows.sum())
-    return f"{count} {one if count == 1 else many}"
-
-
-def _doubt(concern: Concern, text: str, section: str = "") -> Reason:
-    return Reason(grade=Grade.DOUBTFUL, concern=concern, text=text, section=section)
-
-
-def _rejection(concern: Concern, text: str, section: str = "") -> Reason:
-    return Reason(grade=Grade.REJECTED, concern=concern, text=text, section=section)
-
-
-def _ranked(reasons: list[Reason], run: AdjustedRun) -> Verdict:
-    ranked = sorted(reasons, key=lambda reason: -GRADES.index(reason.grade))
-    return Verdict(reasons=tuple(ranked), notes=(run.caution,) if run.caution == PUNCHED else ())
+    return f"{_point(compiled, row)} by {size[row]:{form}}"

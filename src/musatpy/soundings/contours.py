@@ -199,13 +199,11 @@ def offsets(
 
 
 def area_between(forward: Offsets, backward: Offsets) -> float:
-    """Return the area (m2) between lines that were sampled both ways, NaN where one has no samples.
+    """Return the area (m2) between lines that were sampled both ways.
 
     The mean of both integrals of the distance d along a line: where one has the curvature k the other is 1 + k d
     times as long, and the strip between them d (1 + k d / 2) of the first.
     """
-    if not len(forward.xy) or not len(backward.xy):
-        return np.nan
     return float(0.5 * (forward.interval @ forward.distance + backward.interval @ backward.distance))
 
 
