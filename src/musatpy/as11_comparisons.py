@@ -51,29 +51,21 @@ class _Bottom:
         return sorted({line.level for sheet in bottom.sheets for line in sheet.contours.lines} if bottom else ())
 
 
-@dataclass(frozen=True, kw_only=True)
-class SoundingOutputs:
-    """Where a comparison goes: listing, record and, if it is wanted, picture."""
-
-    listing: Path
-    record: Path
-    picture: Path | None = None
-
-
 def compare_soundings(
     run: Path,
     bottom: Path,
     source: Path,
-    outputs: SoundingOutputs,
+    outputs: tuple[Path, Path],
     how: Matching,
     *,
+    picture: Path | None = None,
     crs: str = "",
     anyway: bool = False,
 ) -> tuple[Sounded, list[str]]:
-    """Hold the soundings of a file against the bottom of a deck or of a raster, and write the comparison.
+    """Hold the soundings of a file against the bottom of a deck or of a raster; write listing, record and picture.
 
-    Returns it and warnings. Raises `ProblemsError` where a file cannot be used and where no sounding meets the
-    bottom, and `OSError`; then nothing is written.
+    Returns the comparison and warnings. Raises `ProblemsError` where a file cannot be used and where no sounding
+    meets the bottom, and `OSError`; then nothing is written.
     """
     if np.isfinite(how.radius) and bottom.suffix.lower() in _RASTERS:
         raise CompilationError(
@@ -85,15 +77,13 @@ def compare_soundings(
     if not len(compared.rows):
         raise nowhere(of.surfaces, read, compared)
     text = report.listing_of(compared, of.compiled, of.title, of.caution)
-    files = {
-        outputs.listing: text.encode(),
-        outputs.record: dumps(report.DOCUMENT.record(compared, point_orders=of.compiled)).encode(),
-    }
-    if outputs.picture is not None:
+    values = dumps(report.DOCUMENT.record(compared, point_orders=of.compiled))
+    files = dict(zip(outputs, (text.encode(), values.encode()), strict=True))
+    if picture is not None:
         title = f"{source.name} and the bottom of {bottom.name}"
         figure = difference_figure(compared.differences, compared.xy, title)
         lay_out(figure)
-        files[outputs.picture] = image_of(figure, "png")
+        files[picture] = image_of(figure, "png")
     write_files(files)
     far = far_datum(of.compiled, how.datum) if of.compiled and (how.datum or of.compiled.deck.datum) else ()
     return compared, [*far, *_warnings(compared, read)]

@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from musatpy.as11_comparisons import SoundingOutputs, compare_soundings
+from musatpy.as11_comparisons import compare_soundings
 from musatpy.as11_runs import compile_deck
 from musatpy.compilation.sounded import Matching
 from musatpy.page.composition import page_of_record
@@ -47,10 +47,10 @@ def compiled_text() -> str:
 def sounded_text() -> str:
     """Return the record of soundings beside that compilation."""
     with TemporaryDirectory() as folder:
-        outputs = SoundingOutputs(listing=Path(folder) / "S.lst", record=Path(folder) / "S.json", picture=None)
+        outputs = Path(folder) / "S.lst", Path(folder) / "S.json"
         how = Matching(datum=-0.15, sigma=0.2)
         compare_soundings(written(Path(folder)), COMPILATION, SOUNDINGS, outputs, how)
-        return outputs.record.read_text()
+        return outputs[1].read_text()
 
 
 def written(folder: Path, text: str | None = None) -> Path:

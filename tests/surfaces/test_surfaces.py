@@ -7,11 +7,10 @@ import pytest
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import SurfaceError
-from musatpy.surfaces import nearby
+from musatpy.surfaces import tin as surfaces_of_points
 from musatpy.surfaces.contours import Contours, bounds, contours, grid_contours, levels_between
-from musatpy.surfaces.nearby import planes_at
 from musatpy.surfaces.profiles import profile
-from musatpy.surfaces.tin import FEW, INSIDE, LAND, LONG_EDGE, OUTSIDE, REASONS, Tin, words_of
+from musatpy.surfaces.tin import FEW, INSIDE, LAND, LONG_EDGE, OUTSIDE, Tin, planes_at
 
 
 def scattered(number: int = 400, seed: int = 3) -> FloatArray:
@@ -55,7 +54,6 @@ def test_places_without_a_surface_have_their_reasons() -> None:
     found = tin.at(np.array([[50.0, 50.0], [250.0, 50.0], [500.0, 0.0]]))
     assert found.reason.tolist() == [INSIDE, LONG_EDGE, OUTSIDE]
     assert np.isfinite(found.value).tolist() == [True, False, False]
-    assert words_of(found.reason) == ["", REASONS[LONG_EDGE], REASONS[OUTSIDE]]
 
 
 def test_places_in_any_order_are_found() -> None:
@@ -202,7 +200,7 @@ def test_places_in_blocks_are_those_in_one(monkeypatch: pytest.MonkeyPatch) -> N
     xy, places = draws.uniform(0.0, 1000.0, (300, 2)), draws.uniform(-200.0, 1200.0, (40, 2))
     z = draws.normal(size=300)
     whole = planes_at(places, xy, z, np.full(300, 0.1), 120.0)
-    monkeypatch.setattr(nearby, "_PAIRS", 20)
+    monkeypatch.setattr(surfaces_of_points, "_PAIRS", 20)
     blocks = planes_at(places, xy, z, np.full(300, 0.1), 120.0)
     np.testing.assert_array_equal(whole.value, blocks.value)
     np.testing.assert_array_equal(whole.gradient, blocks.gradient)

@@ -55,21 +55,22 @@ def command(
     """
     import math
 
-    from musatpy.as11_comparisons import SoundingOutputs, compare_soundings
+    from musatpy.as11_comparisons import compare_soundings
     from musatpy.compilation.sounded import Matching
     from musatpy.soundings.differences import samples
 
     stem = (soundings.parent if out_dir is None else out_dir) / f"{soundings.stem}.soundings"
     listing, record, picture = (stem.with_name(f"{stem.name}.{kind}") for kind in ("lst", "json", "png"))
     refuse_overwriting([listing, record, picture], [run, bottom, soundings])
-    outputs = SoundingOutputs(listing=listing, record=record, picture=picture if plots else None)
     how = Matching(
         steepest=math.inf if steepest is None else steepest,
         radius=math.inf if radius is None else radius,
         not_before=None if not_before is None else not_before.date(),
         **sigmas,
     )
-    compared, warnings = compare_soundings(run, bottom, soundings, outputs, how, crs=crs, anyway=anyway)
+    compared, warnings = compare_soundings(
+        run, bottom, soundings, (listing, record), how, picture=picture if plots else None, crs=crs, anyway=anyway
+    )
     complain_of_each(soundings, warnings)
     first = samples(compared.differences)[0]
     tell(

@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import Compiled
 from musatpy.model import CoordinateSystem
-from musatpy.systems import Statement, own_statement, statement_of
+from musatpy.systems import own_statement, statement_of
 from musatpy.systems.blocks import coordinates_of, level_of, rates_at
 from musatpy.systems.solutions import reached
 from musatpy.units import DEGREE
@@ -20,12 +20,11 @@ _ANGULAR, _PLANE = (10, 10, 4), (4, 4, 4)  # decimals
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StatedPoints:
-    """k points in the words of a statement: position and apparent (k, 3), covariance (k, 3, 3) of the coordinates.
+    """k points as the run states its answer: position and apparent (k, 3), covariance (k, 3, 3) of the coordinates.
 
     Places that the system does not reach are NaN.
     """
 
-    statement: Statement
     position: FloatArray
     covariance: FloatArray
     apparent: FloatArray
@@ -44,7 +43,6 @@ def stated_points(compiled: Compiled) -> StatedPoints | None:
     rates, unknown = rates_at(system, place), np.asarray(np.isnan(place).any(axis=1))
     covariance = rates @ compiled.points.covariance @ np.swapaxes(rates, 1, 2)
     return StatedPoints(
-        statement=statement,
         position=coordinates_of(system, place),
         covariance=np.where(unknown[:, None, None], np.nan, covariance),
         apparent=coordinates_of(system, apparent),

@@ -129,14 +129,6 @@ def stages_of(loop: Loop, place: FloatArray, parallax: FloatArray) -> FloatArray
     return np.asarray(xy + half[..., None] * along)
 
 
-def lost_without_parallax(stereo: Stereomodel, true: FloatArray) -> float:
-    """Return by how much (m) points (k, 3) in the water of the model are off at most by rays to a shared point."""
-    loop = Loop(stereo=stereo)
-    shared = np.repeat(stereo.half_way(loop.stages(true).xy)[:, None], 2, axis=1)
-    off = loop.mark(stereo.images(shared)) - true
-    return float(np.linalg.norm(off, axis=1).max(initial=0.0))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Driven:
     """c cycles: times t (c,) s, marks (c, 3) m in the model, stages xy (c, 2, 2) mm, seconds (c,) of each."""

@@ -15,8 +15,7 @@ from musatpy.compilation.rasters import RasterBottom
 from musatpy.errors import Problem, SoundingError, SystemsError
 from musatpy.soundings.differences import DepthDifferences
 from musatpy.soundings.sounding_files import Soundings
-from musatpy.surfaces.nearby import planes_at
-from musatpy.surfaces.tin import EMPTY, FEW, INSIDE, LAND, LONG_EDGE, OUTSIDE, REASONS, SurfaceValues
+from musatpy.surfaces.tin import EMPTY, FEW, INSIDE, LAND, LONG_EDGE, OUTSIDE, REASONS, SurfaceValues, planes_at
 
 STEEP = "the bottom is steeper there than the limit"
 DRY = "dry: the bottom there is above the water"
