@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Sequence
 from functools import wraps
 from io import BytesIO
-from textwrap import wrap
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -24,7 +23,6 @@ STYLE: Any = {
     "axes.formatter.useoffset": False,
     "axes.labelsize": 9,
     "axes.titlesize": 10,
-    "axes.titley": 1.0,  # else ticks are measured for a place above them
     "figure.titlesize": 11,
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters on every machine
     "font.size": 8,
@@ -34,19 +32,19 @@ STYLE: Any = {
     "lines.markersize": 4,
     "grid.alpha": 0.4,
     "image.interpolation": "nearest",
+    "savefig.bbox": "tight",
     "savefig.dpi": 110,
+    "savefig.pad_inches": 0.08,
     "svg.fonttype": "none",
     "svg.hashsalt": "musatpy",
 }
-_MATH = re.compile(r"\$|\\\w+|[{}^]")  # of a power of ten: what is no letter
 _TAG = re.compile(rb"<[^>]*>")
 _DIGITS = re.compile(rb"(\d+\.\d{2})\d+")  # of a tag, beyond a hundredth of a point: rounding errors
-# Inches. Rooms for texts go by their letters, as these have the same widths everywhere: nothing is measured.
-_BORDER, _BESIDE = 0.08, 0.12  # of a figure, and between axes and what stands beside them
-LETTER, _LINE = 0.073, 0.16  # of a mean letter and a line of ticks and legends
-_TITLE_LETTER, _TITLE_LINE = 0.092, 0.2
-_HEADING, _LABEL = 0.25, 0.2  # of a title of axes, and of what their numbers are
+# Inches.
+LETTER, _LINE, _HEADING = 0.073, 0.2, 0.3  # of a mean letter, a line of a legend, a title of axes
+_BESIDE, _BELOW = 0.85, 0.7  # between axes, for their ticks and labels
 _KEY, _COLUMNS = 0.55, 5  # beside each name of a legend, with its sign
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -74,21 +72,22 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
 
 
 def new_panels(
-    widths: Sequence[float], heights: Sequence[float], title: str = "", **shared: Any
+    widths: Sequence[float], heights: Sequence[float], title: str = "", beside: float = _BESIDE, **shared: Any
 ) -> tuple[Any, Any]:
     """Return a figure and its panels (rows, columns), axes with these widths and heights in inches.
 
-    The figure is larger, by what `lay_out` gives to texts. `shared` is that of `Figure.subplots`. Raises
-    `MusatError` where matplotlib is missing.
+    Panels fill the figure, `beside` inches apart: what stands around them, a file has room for as it is written.
+    `shared` is that of `Figure.subplots`. Raises `MusatError` where matplotlib is missing.
     """
     check_matplotlib()
     from matplotlib.figure import Figure
 
-    figure = Figure()
-    grid = {"width_ratios": widths, "height_ratios": heights}
-    panels = figure.subplots(len(heights), len(widths), squeeze=False, gridspec_kw=grid, **shared)
+    columns, rows = len(widths), len(heights)
+    figure = Figure(figsize=(sum(widths) + beside * (columns - 1), sum(heights) + _BELOW * (rows - 1)))
+    gaps = {"wspace": beside * columns / sum(widths), "hspace": _BELOW * rows / sum(heights)}
+    grid = {"width_ratios": widths, "height_ratios": heights, "left": 0, "right": 1, "bottom": 0, "top": 1, **gaps}
+    panels = figure.subplots(rows, columns, squeeze=False, gridspec_kw=grid, **shared)
     figure.suptitle(title)
-    _place(figure, np.full((2, len(widths)), _LABEL), np.full((2, len(heights)), _LABEL), 0.0, 0.0)
     return figure, panels
 
 
@@ -99,7 +98,7 @@ def size_of(axes: Any) -> FloatArray:
 
 def add_bar(axes: Any, shaded: Any, label: str, **options: Any) -> None:
     """Draw at the right of axes what the shades of a map or of an image in them mean."""
-    step = _BESIDE / size_of(axes)[0]
+    step = 0.12 / size_of(axes)[0]
     axes.figure.colorbar(shaded, cax=axes.inset_axes([1.0 + step, 0.0, step, 1.0]), label=label, **options)
 
 
@@ -107,11 +106,8 @@ def write_beside(
     axes: Any, places: FloatArray, names: TextArray, offset: tuple[float, float], **style: Any
 ) -> None:
     """Write names at places (n, 2) of axes, moved by an offset (points)."""
-    from matplotlib.transforms import offset_copy
-
-    transform = offset_copy(axes.transData, axes.figure, *offset, units="points")
-    for (x, y), name in zip(places.tolist(), names.tolist(), strict=True):
-        axes.text(x, y, name, transform=transform, **{"fontsize": 7, **style})
+    for place, name in zip(places.tolist(), names.tolist(), strict=True):
+        axes.annotate(name, place, offset, textcoords="offset points", **{"fontsize": 7, **style})
 
 
 def name_ticks(axes: Any, places: FloatArray | IntArray, names: Sequence[str] | TextArray) -> None:
@@ -123,71 +119,19 @@ def name_ticks(axes: Any, places: FloatArray | IntArray, names: Sequence[str] | 
 
 
 def lay_out(figure: Any) -> None:
-    """Give a figure its legend, below all panels, its title in lines, and the size that panels and texts need."""
-    rows, columns = figure.axes[0].get_gridspec().get_geometry()
-    beside, around = np.full((2, columns), _BESIDE), np.full((2, rows), _BESIDE)  # left and right, above and below
-    for axes in figure.axes:
-        row, column = _cell(axes)
-        bars = sum(2.0 * _BESIDE + _room(bar.yaxis, "labelright", True) for bar in axes.child_axes)
-        turned = any(text.get_rotation() for text in axes.get_xticklabels())
-        across = _room(axes.yaxis, "labelleft", True), bars
-        along = _HEADING * bool(axes.get_title()), _room(axes.xaxis, "labelbottom", turned)
-        beside[:, column] = np.maximum(beside[:, column], across)
-        around[:, row] = np.maximum(around[:, row], along)
-    width = beside.sum() + sum(figure.axes[0].get_gridspec().get_width_ratios()) + 2.0 * _BORDER
-    letters = int(width / _TITLE_LETTER)
-    lines = [line for text in figure.get_suptitle().splitlines() for line in wrap(text, letters)]
-    _place(figure, beside, around, _TITLE_LINE * len(lines), _add_legend(figure, width))
-    if lines:
-        figure.suptitle("\n".join(lines), y=1.0 - _BORDER / figure.get_figheight())
-
-
-def _place(figure: Any, beside: FloatArray, around: FloatArray, top: float, bottom: float) -> None:
-    """Size a figure and place its panels, with room (2, columns) beside, (2, rows) around them, and for texts."""
-    grid = figure.axes[0].get_gridspec()
-    widths, heights = np.array(grid.get_width_ratios()), np.array(grid.get_height_ratios())
-    width = beside.sum() + widths.sum() + 2.0 * _BORDER
-    height = around.sum() + heights.sum() + 2.0 * _BORDER + top + bottom
-    left = _BORDER + np.cumsum(beside[0] + widths + beside[1]) - widths - beside[1]
-    low = height - _BORDER - top - np.cumsum(around[0] + heights + around[1]) + around[1]
-    figure.set_size_inches(width, height)
-    for axes in figure.axes:
-        row, column = _cell(axes)
-        size = widths[column] / width, heights[row] / height
-        axes.set_position([left[column] / width, low[row] / height, *size])
-
-
-def _cell(axes: Any) -> tuple[int, int]:
-    spec = axes.get_subplotspec()
-    return spec.rowspan.start, spec.colspan.start
-
-
-def _room(axis: Any, side: str, along: bool) -> float:
-    """Return what ticks and label of an axis need (inches); `along`: across the axis goes the length of a tick."""
-    room = _BESIDE + _LABEL * len(axis.get_label_text().splitlines())
-    if not axis.get_tick_params().get(side, True):
-        return room
-    ticks = axis.get_major_formatter().format_ticks(axis.get_majorticklocs())
-    if along:
-        return room + LETTER * max((len(_MATH.sub("", text)) for text in ticks), default=0)
-    return room + _LINE * max((1 + text.count("\n") for text in ticks), default=0)
-
-
-def _add_legend(figure: Any, width: float) -> float:
-    """Draw one legend of what the axes have names for, each once; return its height (inches), 0 of none."""
+    """Give a figure its title above all panels, and between them one legend of what its axes name, each once."""
     named: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             named.setdefault(label, handle)
-    if not named:
-        return 0.0
-    letters = np.array([len(name) for name in named])
-    for columns in range(min(len(named), _COLUMNS), 0, -1):
-        parts = np.array_split(letters, columns)
-        if sum(_KEY + LETTER * part.max() for part in parts) < width:
-            break
-    figure.legend(list(named.values()), list(named), ncols=columns, loc="lower center")
-    return _BESIDE + _LINE * len(parts[0])
+    width, height = figure.get_size_inches().tolist()
+    room = _HEADING * any(axes.get_title() for axes in figure.axes) + 0.5 * _LINE
+    if named:
+        columns = int(np.clip(width / (_KEY + LETTER * max(map(len, named))), 1, min(len(named), _COLUMNS)))
+        place = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0 + room / height), "borderaxespad": 0}
+        figure.legend(list(named.values()), list(named), ncols=columns, **place)
+        room += _LINE * (0.5 - len(named) // -columns)
+    figure.suptitle(figure.get_suptitle(), y=1.0 + room / height, va="bottom")
 
 
 def shades() -> Any:

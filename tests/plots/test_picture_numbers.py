@@ -6,9 +6,8 @@ import pytest
 from scipy import stats
 
 from musatpy.geometry.collinearity import attitude_matrix, image
-from musatpy.plots.correlations import correlated, joined
+from musatpy.plots.exposures import correlated, joined
 from musatpy.plots.maps import confidence_ellipses, free_sides, largest_of_cells, spacing, view_of
-from musatpy.plots.normalised import thinned
 from musatpy.plots.plane import footprints, frames, plane_of, turned
 from musatpy.plots.point_quality import graded, steps
 from musatpy.plots.profile import along, half_corridor, strips
@@ -140,14 +139,6 @@ def test_chance_puts_one_cell_in_twenty_beyond_its_limit() -> None:
     assert 0.02 < chance.beyond.sum() / chance.drawn.sum() < 0.09  # 384 cells: 0.05 -+ 0.011
     biased = cell_means(xy, noise + np.array([1.0, 0.0]), sigma, corners, "dry points")
     assert biased.beyond.sum() > 0.9 * biased.drawn.sum()
-
-
-@pytest.mark.parametrize("number", [3, 200, 201, 100_000])
-def test_thinned_quantiles_keep_the_ends(number: int) -> None:
-    rows = thinned(number)
-    assert rows[0] == 0 and rows[-1] == number - 1 and len(rows) <= 200 and (np.diff(rows) > 0).all()
-    ends = min(20, number)
-    np.testing.assert_array_equal(rows[:ends], np.arange(ends))
 
 
 def test_places_along_a_bent_line() -> None:

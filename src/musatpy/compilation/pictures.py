@@ -33,7 +33,7 @@ def contour_pictures(compiled: Compiled, bottom: Bottom) -> dict[str, bytes]:
         _draw_models(axes, compiled, surface)
     if shown:
         slope = max(float(np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())) for axes in figure.axes)
-        axes.get_gridspec().set_height_ratios([_PANEL * min(slope, 1.5)])
+        figure.set_figheight(_PANEL * min(slope, 1.5))
         add_bar(axes, shade, f"{bottom.of}, m")
     lay_out(figure)
     return {kind: image_of(figure, kind) for kind in ("png", "pdf")}

@@ -12,8 +12,8 @@ from musatpy.model import Grade
 from musatpy.page.cells import count_of, number_text
 from musatpy.page.page_tables import PageReport, chapters_of, tables_of
 from musatpy.page.rendering import Fact, Facts, Page, Part, anchor_of
+from musatpy.plots.compiled_pictures import differences_of
 from musatpy.plots.picture import NothingToShowError
-from musatpy.plots.sounded import differences_of
 from musatpy.records.tables import Tables
 from musatpy.reports import soundings
 from musatpy.reports.answer import USE

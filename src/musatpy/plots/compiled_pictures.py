@@ -1,4 +1,4 @@
-"""Pictures of a compilation alone: depths where they were read, and y-parallaxes."""
+"""Pictures of a compilation alone, depths where they were read and y-parallaxes; and of a sounded bottom."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.figures import GREY, add_bar, shades
-from musatpy.plots import corrections, normalised, point_quality, profile
+from musatpy.plots import corrections, point_quality, profile, residuals
 from musatpy.plots.maps import PointMap, dot_size, name_places, new_maps, point_map
-from musatpy.plots.normalised import Residuals
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
+from musatpy.plots.residuals import Residuals
 from musatpy.records.tables import Tables, numbers, part, texts
+from musatpy.soundings.differences import DepthDifferences, median_and_spread, order_shares
+from musatpy.soundings.pictures import difference_figure
 
 _POINTS_NEED = ("job", "points")
 _CLASSES = {"G": ("o", "points"), "P": ("s", "profiles"), "S": ("^", "shoreline"), "R": ("D", "points of the run")}
@@ -80,7 +82,7 @@ def _depth_figure(data: CompiledDepths) -> Any:
 def _parallaxes(tables: Tables) -> list[Residuals]:
     test = numbers(part(tables, "points"), "y_parallax_test")
     test = np.sort(test[np.isfinite(test)])
-    if len(test) < normalised.LEAST:
+    if len(test) < residuals.LEAST_RESIDUALS:
         raise NothingToShowError("fewer than three y-parallaxes are tested")
     return [Residuals(kind="y-parallax", values=test)]
 
@@ -103,6 +105,65 @@ PARALLAXES = Picture(
     title="Y-parallaxes",
     needs=("points",),
     numbers=_parallaxes,
-    figure=normalised.figure,
-    words=normalised.sentence,
+    figure=residuals.normalised_figure,
+    words=residuals.normalised_sentence,
+)
+
+
+# --- compiled and sounded depths ---
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SoundedPlan:
+    """Differences of k soundings, and where these are."""
+
+    differences: DepthDifferences
+    places: FloatArray  # (k, 2) m
+
+
+def differences_of(tables: Tables) -> DepthDifferences:
+    """Return the differences of a comparison. Raises `NothingToShowError` where there are none."""
+    table = part(tables, "differences")
+    data = DepthDifferences(
+        names=texts(table, "sounding"),
+        compiled=numbers(table, "compiled"),
+        sounded=numbers(table, "sounded"),
+        sigma=numbers(table, "sigma"),
+    )
+    if not len(data.names):
+        raise NothingToShowError("no sounding meets the bottom")
+    return data
+
+
+def sounded_plan(tables: Tables) -> SoundedPlan:
+    """Return the differences with their places. Raises `NothingToShowError` where there are none."""
+    places = numbers(part(tables, "differences"), "place", 2)
+    return SoundedPlan(differences=differences_of(tables), places=places)
+
+
+def _sounded_sentence(data: SoundedPlan) -> str:
+    """Return what the picture says."""
+    differences = data.differences
+    good = ~differences.blunders
+    middle, spread = median_and_spread(differences.difference[good])
+    shares = ", ".join(f"{order.share:.0%} {order.name}" for order in order_shares(differences))
+    return (
+        f"Compiled less sounded depths at {counted(len(differences.names), 'sounding')}, "
+        f"{counted(int(np.count_nonzero(~good)), 'blunder')} among them: median {measure(middle, 'm')}, scaled "
+        f"median deviation {measure(spread, 'm')}; within the orders of S-44: {shares}."
+    )
+
+
+def _sounded_figure(data: SoundedPlan) -> Any:
+    """Return the figure of differences. Raises `MusatError` where matplotlib is missing."""
+    return difference_figure(data.differences, data.places, "Compiled and sounded depths")
+
+
+SOUNDINGS = Picture(
+    name="soundings",
+    title="Compiled and sounded depths",
+    needs=("differences",),
+    numbers=sounded_plan,
+    figure=_sounded_figure,
+    words=_sounded_sentence,
 )

@@ -1,20 +1,111 @@
-"""What refraction moved: from where straight rays meet to the true bottom."""
+"""Submerged points of a run or a compilation: where straight rays meet, and what refraction moved."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.figures import LIGHT, add_bar, shades
-from musatpy.plots.bottom_points import BottomPoints, submerged_points
 from musatpy.plots.maps import add_arrows, dot_size, name_places, new_maps, view_of
-from musatpy.plots.picture import Picture, counted, measure
+from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
+from musatpy.plots.plane import MapPlane, is_compilation, plane_of
+from musatpy.records.tables import Tables, flags, numbers, part, rows_of, texts
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlottedPoints:
+    """n points on a plane, m; NaN where one has no place, or is not submerged."""
+
+    plane: MapPlane
+    ids: TextArray
+    submerged: BoolArray  # (n,)
+    places: FloatArray  # (n, 3) corrected
+    apparent: FloatArray  # (n, 3) where straight rays meet
+    sigma: FloatArray  # (n,) of the height
+    water: FloatArray  # (n,) mean height of the water, over the photos that give the point
+    depth: FloatArray  # (n,) below that
+    depth_sigma: FloatArray  # (n,)
+
+    @property
+    def shift(self) -> FloatArray:
+        """(n, 3) corrected minus apparent."""
+        return self.places - self.apparent
+
+    @property
+    def factor(self) -> FloatArray:
+        """(n,) corrected over apparent depth, NaN where the latter is none."""
+        apparent = self.depth + self.shift[:, 2]
+        return self.depth / np.where(apparent > 0.0, apparent, np.nan)
+
+
+def bottom_points(tables: Tables) -> PlottedPoints:
+    """Return the points of a record with what is known of those below the water.
+
+    Raises `NothingToShowError` where the system of the job is not known.
+    """
+    return _of_compilation(tables) if is_compilation(tables) else _of_run(tables)
+
+
+def submerged_points(tables: Tables) -> PlottedPoints:
+    """Return `bottom_points`. Raises `NothingToShowError` too where none is submerged and has an apparent place."""
+    data = bottom_points(tables)
+    if not data.submerged.any():
+        raise NothingToShowError("no point is submerged")
+    if not np.isfinite(data.shift[data.submerged]).all(axis=1).any():
+        raise NothingToShowError("no submerged point has an apparent place")
+    return data
+
+
+def _of_run(tables: Tables) -> PlottedPoints:
+    plane, points, wet = plane_of(tables), part(tables, "points"), part(tables, "bathymetric_points")
+    ids, position = texts(points, "point"), numbers(points, "position", 3)
+    row = rows_of(ids, texts(wet, "point"))
+
+    def spread(values: FloatArray) -> FloatArray:
+        out = np.full((len(ids), *values.shape[1:]), np.nan)
+        out[row[row >= 0]] = values[row >= 0]
+        return out
+
+    apparent = plane.places_of_xyz(numbers(wet, "no_refraction", 3))
+    return PlottedPoints(
+        plane=plane,
+        ids=ids,
+        submerged=flags(points, "bathymetric"),
+        places=plane.places(position),
+        apparent=spread(apparent),
+        sigma=numbers(points, "sigma", 3)[:, 2],
+        water=plane.heights(position, spread(numbers(wet, "water_level"))),
+        depth=spread(numbers(wet, "depth")),
+        depth_sigma=spread(numbers(wet, "depth_sigma")),
+    )
+
+
+def _of_compilation(tables: Tables) -> PlottedPoints:
+    points = part(tables, "points")
+    plane, position = plane_of(tables), numbers(points, "position", 3)
+    return PlottedPoints(
+        plane=plane,
+        ids=texts(points, "point"),
+        submerged=flags(points, "submerged"),
+        places=plane.places(position),
+        apparent=plane.places(numbers(points, "apparent", 3)),
+        sigma=numbers(points, "sigma", 3)[:, 2],
+        water=plane.heights(position, numbers(points, "water_level")),
+        depth=numbers(points, "depth"),
+        depth_sigma=numbers(points, "depth_sigma"),
+    )
+
+
+# --- the map ---
+
 
 _NAMED = 25  # points whose corrections are written
 
 
-def sentence(data: BottomPoints) -> str:
+def sentence(data: PlottedPoints) -> str:
     """Return what the map says."""
     known = data.submerged & np.isfinite(data.shift).all(axis=1)
     fall, side = -data.shift[known, 2], np.linalg.norm(data.shift[known, :2], axis=1)
@@ -30,7 +121,7 @@ def sentence(data: BottomPoints) -> str:
     return text + "."
 
 
-def figure(data: BottomPoints) -> Any:
+def figure(data: PlottedPoints) -> Any:
     """Return the figure of corrections. Raises `MusatError` where matplotlib is missing."""
     rows = data.submerged & np.isfinite(data.shift).all(axis=1)
     places, shift, number = data.places[rows, :2], data.shift[rows], int(rows.sum())

@@ -1,19 +1,31 @@
-"""The files of pictures: of a record, beside it or in a folder."""
+"""The files of pictures, of a record, beside it or in a folder; lines and soundings given for a profile."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from musatpy.errors import MusatError
+import numpy as np
+import pyproj
+
+from musatpy.arrays import FloatArray
+from musatpy.errors import MusatError, Problem, ProblemsError, SoundingError
 from musatpy.files import real_path, write_files
+from musatpy.geometry.projected import crs_of
+from musatpy.interchange.any_file import TEXTS, read_layers
+from musatpy.interchange.layers import Lines, Points
 from musatpy.plots.gallery import KINDS, read_tables, rendered
-from musatpy.plots.given_lines import given_line, given_soundings
 from musatpy.plots.picture import Picture
-from musatpy.plots.profile import Profile, profile_picture
+from musatpy.plots.plane import MapPlane
+from musatpy.plots.profile import DepthProfile, ProfileLine, SoundedPlaces, profile_picture
+from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, Wanted
+from musatpy.pointfiles.point_tables import read_table
 from musatpy.records.tables import Tables
+from musatpy.soundings.sounding_files import job_places, read_soundings
+from musatpy.units import DEGREE
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +64,7 @@ def check_stems(records: Sequence[Path], out_dir: Path | None = None) -> None:
 
 def profile_of(
     line: Path | None, soundings: Path | None, crs: str = "", datum: float = 0.0, within: float | None = None
-) -> Picture[Profile]:
+) -> Picture[DepthProfile]:
     """Return the picture of the profile along the line of a file, with soundings of another, `within` metres of it.
 
     Raises `ProblemsError` where a file cannot be used, and `OSError`.
@@ -84,7 +96,10 @@ def pictures_of(
 
 
 def drawn(
-    record: Path, out_dir: Path | None = None, names: Sequence[str] = (), profile: Picture[Profile] | None = None
+    record: Path,
+    out_dir: Path | None = None,
+    names: Sequence[str] = (),
+    profile: Picture[DepthProfile] | None = None,
 ) -> Drawn:
     """Draw the pictures of a record, or those that are named, beside it or in a folder.
 
@@ -101,3 +116,68 @@ def drawn(
         write_files(files)
     lacking = {name: f"is no picture of a {kind.what}" for name in names if name not in {p.name for p in wanted}}
     return Drawn(files=tuple(files), sentences=tuple(sentences), reasons={**reasons, **lacking})
+
+
+# --- what is given for a profile ---
+
+
+def given_line(path: Path, crs: str = "") -> Callable[[MapPlane], ProfileLine]:
+    """Return the line of a file, on any plane: the points of a CSV file, or the first line of another format.
+
+    `crs` is the system of x and y that a file does not say. Raises `ProblemsError` for a file that cannot be used,
+    and the line does on a plane that it cannot be brought to; `OSError`.
+    """
+    stated = crs_of(crs) if crs else None
+    if path.suffix.lower() in TEXTS:
+        return partial(_line_on, path, *_of_csv(path), stated)
+    layers = list(read_layers(path, stated).values())
+    vertices = [layer.paths()[0] for layer in layers if isinstance(layer, Lines)]
+    vertices += [layer.xyz for layer in layers if isinstance(layer, Points)]
+    if not vertices:
+        raise ProblemsError([Problem(file=str(path), message="has no line and no points")])
+    return partial(_line_on, path, vertices[0][:, :2], False, layers[0].crs or stated)
+
+
+def given_soundings(path: Path, crs: str = "", datum: float = 0.0) -> Callable[[MapPlane], SoundedPlaces]:
+    """Return the soundings of a file, on any plane; `datum` is the height (m) from which depths count.
+
+    Raises as `given_line`.
+    """
+    return partial(_soundings_on, path, crs, datum)
+
+
+def _line_on(path: Path, xy: FloatArray, angular: bool, crs: pyproj.CRS | None, plane: MapPlane) -> ProfileLine:
+    places = _on_plane(path, xy, angular, crs, plane)
+    apart = np.append(True, np.linalg.norm(np.diff(places, axis=0), axis=1) > 0.0)
+    if apart.sum() < 2:
+        raise ProblemsError([Problem(file=str(path), message="a line needs two points in different places")])
+    return ProfileLine(name=path.name, vertices=places[apart])
+
+
+def _soundings_on(path: Path, crs: str, datum: float, plane: MapPlane) -> SoundedPlaces:
+    soundings = read_soundings(path, plane.system.ellipsoid, crs="" if plane.own and not crs else crs)
+    places = _on_plane(path, soundings.place, soundings.angular, None, plane)
+    return SoundedPlaces(places=places, height=datum - soundings.depth, sigma=soundings.sigma)
+
+
+def _on_plane(path: Path, xy: FloatArray, angular: bool, crs: pyproj.CRS | None, plane: MapPlane) -> FloatArray:
+    """Return places (n, 2) m of latitude and longitude (rad), or x and y of a system. Raises `SoundingError`."""
+    ellipsoid = plane.system.ellipsoid
+    if angular and ellipsoid is None:
+        raise SoundingError(
+            [Problem(file=str(path), message="latitudes and longitudes, and the job is a local one")]
+        )
+    if not angular:
+        if plane.own and crs is None:
+            return xy
+        xy = job_places(path, xy, crs, ellipsoid)
+    return plane.places_of_level(np.column_stack([xy, np.zeros(len(xy))]))[:, :2]
+
+
+def _of_csv(path: Path) -> tuple[FloatArray, bool]:
+    """Return the points (v, 2) of a table, rad or m, and whether they are latitude and longitude."""
+    table = read_table(path, Wanted(columns=MAP_PLACES, forms=(LON_LAT, PLAN)))
+    table.require(ProblemsError)
+    if table.has("lat"):
+        return table.numbers("lat", "lon") * DEGREE, True
+    return table.numbers(*PLAN), False

@@ -12,16 +12,12 @@ from musatpy.errors import Problem, RecordError
 from musatpy.figures import image_of
 from musatpy.plots import compiled_pictures
 from musatpy.plots.corrections import CORRECTIONS
-from musatpy.plots.correlations import CORRELATIONS
-from musatpy.plots.gnss import GNSS
-from musatpy.plots.normalised import NORMALISED
+from musatpy.plots.exposures import CORRELATIONS, GNSS, TIDES
 from musatpy.plots.picture import Picture
 from musatpy.plots.plan import PLAN
 from musatpy.plots.point_quality import REDUNDANCY, SIGMAS
 from musatpy.plots.profile import PROFILE
-from musatpy.plots.residuals import MEANS, PHOTOS
-from musatpy.plots.sounded import SOUNDINGS
-from musatpy.plots.tides import TIDES
+from musatpy.plots.residuals import MEANS, NORMALISED, PHOTOS
 from musatpy.records.json_files import Schema, read_record
 from musatpy.records.tables import Tables
 
@@ -46,7 +42,7 @@ COMPILED: tuple[Picture[Any], ...] = (
     compiled_pictures.CORRECTIONS,
     compiled_pictures.PARALLAXES,
 )
-SOUNDED: tuple[Picture[Any], ...] = (SOUNDINGS,)
+SOUNDED: tuple[Picture[Any], ...] = (compiled_pictures.SOUNDINGS,)
 
 MOST_MARKS = 2000  # of a picture that is SVG: 10,000 ellipses are 7.1 MB, and 0.5 MB as PNG
 _VERSION = re.compile(rb'\s*\{\s*"(\w+)_version"')  # the first field of a record, of whichever kind

@@ -10,8 +10,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.figures import INK, LETTER, LIGHT, new_panels, shades, size_of, write_beside
-from musatpy.plots.bottom_points import as_run, is_compilation
-from musatpy.plots.plane import Plane, ground_of, outlines, plane_of
+from musatpy.plots.plane import MapPlane, ground_of, is_compilation, outlines, plane_of
 from musatpy.records.tables import Tables, numbers, part
 from musatpy.statistics.analyses import ellipses
 
@@ -114,7 +113,7 @@ def view_of(core: FloatArray, others: FloatArray, keys: bool = False) -> tuple[F
     return np.array([low - 0.5 * lacking, high + 0.5 * lacking]), seen
 
 
-def new_maps(bounds: FloatArray, plane: Plane, title: str, panels: Sequence[str] = ("",)) -> tuple[Any, Any]:
+def new_maps(bounds: FloatArray, plane: MapPlane, title: str, panels: Sequence[str] = ("",)) -> tuple[Any, Any]:
     """Return a figure with maps of bounds (2, 2) m side by side, each with a title of its own.
 
     Raises `MusatError` where matplotlib is missing.
@@ -128,7 +127,7 @@ def new_maps(bounds: FloatArray, plane: Plane, title: str, panels: Sequence[str]
     return figure, maps
 
 
-def dress(axes: Any, bounds: FloatArray, plane: Plane) -> None:
+def dress(axes: Any, bounds: FloatArray, plane: MapPlane) -> None:
     """Give axes the bounds (2, 2) m, labels with units, a scale bar at the lower right, and north."""
     axes.set(xlim=bounds[:, 0], ylim=bounds[:, 1], xlabel=plane.labels[0], ylabel=plane.labels[1], aspect="equal")
     axes.locator_params(nbins=5)
@@ -233,7 +232,7 @@ def name_places(
 class PointMap:
     """The points of a block on its plane, m, with what is drawn under them."""
 
-    plane: Plane
+    plane: MapPlane
     stations: FloatArray  # (k, 2)
     outlines: FloatArray  # (k, 4, 2)
     places: FloatArray  # (n, 2)
@@ -246,12 +245,10 @@ def point_map(tables: Tables) -> PointMap:
 
     Raises `NothingToShowError` where the system of the job is not known.
     """
-    position = numbers(part(tables, "points"), "position", 3)
+    plane, position = plane_of(tables), numbers(part(tables, "points"), "position", 3)
     if is_compilation(tables):
-        plane = plane_of(as_run(tables))
         stations, around = np.empty((0, 2)), np.empty((0, 4, 2))
     else:
-        plane = plane_of(tables)
         stations = plane.places(numbers(part(tables, "stations"), "position", 3))[:, :2]
         around = outlines(tables, plane, ground_of(plane.places(position)))
     places = plane.places(position)[:, :2]

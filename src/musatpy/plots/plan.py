@@ -25,7 +25,7 @@ from musatpy.plots.maps import (
     view_of,
 )
 from musatpy.plots.picture import Picture, counted, measure
-from musatpy.plots.plane import Plane, ground_of, outlines, plane_of, turned
+from musatpy.plots.plane import MapPlane, ground_of, outlines, plane_of, turned
 from musatpy.records.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
 
 CONTROL_MARKERS = {"full": "^", "horizontal": "s", "vertical": "D", "check": "P"}  # kind of control -> marker
@@ -35,7 +35,7 @@ CONTROL_MARKERS = {"full": "^", "horizontal": "s", "vertical": "D", "check": "P"
 class BlockPlan:
     """What the plan of a block shows, on its plane, m."""
 
-    plane: Plane
+    plane: MapPlane
     photos: TextArray  # (n,)
     stations: FloatArray  # (n, 2)
     outlines: FloatArray  # (n, 4, 2)

@@ -22,11 +22,12 @@ from musatpy.records.tables import Tables, numbers, part, rows_of, texts
 _FARTHEST = 1e6  # m from the middle of the stations, of what has a place
 _CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 _LOWEST = -0.1  # cosine from straight up of a ray that still goes down
+_ABOUT = {"name": "GRS80", "semi_major_axis": None, "inverse_flattening": None}  # of plans of older compilations
 _BORDER = 1.05  # of what was measured, where a camera has no format
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Plane:
+class MapPlane:
     """Where positions of a record are drawn: x and y in metres, and heights."""
 
     system: System
@@ -90,18 +91,43 @@ def _kept(positions: FloatArray, distance: FloatArray) -> FloatArray:
     return np.where((distance < _FARTHEST)[:, None], positions, np.nan)
 
 
-def plane_of(tables: Tables) -> Plane:
+def plane_of(tables: Tables) -> MapPlane:
     """Return the plane of a record. Raises `NothingToShowError` where its system, or a station, is not there."""
+    if is_compilation(tables):
+        tables = _as_run(tables)
     system, middle = _system_and_middle(tables)
     if system.ellipsoid is None:
-        return Plane(system=system, middle=middle, tables=tables, labels=("X, m", "Y, m"), north="Y", own=True)
+        return MapPlane(system=system, middle=middle, tables=tables, labels=("X, m", "Y, m"), north="Y", own=True)
     if system.plane and isinstance(system, Projected | TangentPlane) and system.units[0] == "m":
         x, y = system.names[:2]
-        return Plane(system=system, middle=middle, tables=tables, labels=(f"{x}, m", f"{y}, m"), north=y, own=True)
+        return MapPlane(
+            system=system, middle=middle, tables=tables, labels=(f"{x}, m", f"{y}, m"), north=y, own=True
+        )
     return map_about(tables)
 
 
-def map_about(tables: Tables) -> Plane:
+def is_compilation(tables: Tables) -> bool:
+    """Tell whether tables are of the record of a compilation, and not of a run."""
+    return "job" in tables
+
+
+def _as_run(tables: Tables) -> Tables:
+    """Return what a compilation says of its system as the record of a run does, about its points.
+
+    Raises `NothingToShowError` for a geocentric job whose ellipsoid the record does not say.
+    """
+    job = part(tables, "job")
+    system, ellipsoid = job.get("system"), job.get("ellipsoid")
+    if system == "GEOC" and ellipsoid is None:
+        raise NothingToShowError("the record of a geocentric job does not say its ellipsoid")
+    return {
+        "options": {"system": system},
+        "ellipsoid": None if system == "LOCL" else ellipsoid or _ABOUT,
+        "stations": {"position": part(tables, "points").get("position", ())},
+    }
+
+
+def map_about(tables: Tables) -> MapPlane:
     """Return a map about the stations of a job on an ellipsoid, the plane of a local one. Raises as `plane_of`."""
     system, middle = _system_and_middle(tables)
     if system.ellipsoid is None:
@@ -109,7 +135,7 @@ def map_about(tables: Tables) -> Plane:
     latitude, longitude = np.degrees(middle[:2]).tolist()
     labels = (f"east of {_angle(longitude, 'EW')}, m", f"north of {_angle(latitude, 'NS')}, m")
     about = local_map(system.ellipsoid, middle)
-    return Plane(system=about, middle=middle, tables=tables, labels=labels, north="N", own=False)
+    return MapPlane(system=about, middle=middle, tables=tables, labels=labels, north="N", own=False)
 
 
 def _system_and_middle(tables: Tables) -> tuple[System, FloatArray]:
@@ -177,7 +203,7 @@ def ground_of(places: FloatArray) -> float:
     return float(np.median(heights)) if len(heights) else 0.0
 
 
-def outlines(tables: Tables, plane: Plane, ground: float) -> FloatArray:
+def outlines(tables: Tables, plane: MapPlane, ground: float) -> FloatArray:
     """Return the corners (n, 4, 2) m on the plane of what each photo shows at a height; NaN where it has none."""
     stations = part(tables, "stations")
     position = numbers(stations, "position", 3)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.plots.bottom_points import bottom_points
+from musatpy.plots.corrections import bottom_points
 from musatpy.plots.maps import CONFIDENCE, ELLIPSE, MAPS_NEED, NORMAL, PointMap, class_maps, point_map
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
 from musatpy.records.tables import Tables, flags, numbers, part, texts

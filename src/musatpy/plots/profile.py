@@ -13,11 +13,10 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.figures import BAND, DRY, GREY, INK, WATER, WET, new_panels, write_beside
 from musatpy.geometry.collinearity import wrapped
-from musatpy.plots.bottom_points import BottomPoints, submerged_points
-from musatpy.plots.corrections import CORRECTIONS
+from musatpy.plots.corrections import CORRECTIONS, PlottedPoints, submerged_points
 from musatpy.plots.maps import NORMAL
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
-from musatpy.plots.plane import Plane
+from musatpy.plots.plane import MapPlane
 from musatpy.records.tables import Tables, numbers, part, texts
 
 _WANTED = 12  # submerged points of a profile, where there are as many
@@ -40,7 +39,7 @@ class SoundedPlaces:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Line:
+class ProfileLine:
     """Where a profile runs: vertices (v, 2) m on the plane."""
 
     name: str
@@ -48,10 +47,10 @@ class Line:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Profile:
+class DepthProfile:
     """What lies along a line, within half a corridor, in the order of the distance, m."""
 
-    line: Line
+    line: ProfileLine
     half: float
     distance: FloatArray  # (n,) of submerged points
     near: BoolArray  # (n,) those that are joined: within a tenth of the length of the line
@@ -113,10 +112,10 @@ def half_corridor(offset: FloatArray, length: float, wanted: int = _WANTED) -> f
 
 def profile(
     tables: Tables,
-    line: Callable[[Plane], Line] | None = None,
-    soundings: Callable[[Plane], SoundedPlaces] | None = None,
+    line: Callable[[MapPlane], ProfileLine] | None = None,
+    soundings: Callable[[MapPlane], SoundedPlaces] | None = None,
     within: float | None = None,
-) -> Profile:
+) -> DepthProfile:
     """Return the profile along a line; of its own along the strip, or the points, with most of the bottom.
 
     `within` (m) is half the corridor about it; else it is as wide as it must be. Raises `NothingToShowError` where
@@ -140,7 +139,7 @@ def profile(
         sounded = _in_corridor(best, beside, data.places, np.column_stack([data.height, data.sigma]))
     water, photos = _water(tables, bottom, best, rows)
     dry = bottom.places[~bottom.submerged]
-    return Profile(
+    return DepthProfile(
         line=best,
         half=half,
         distance=distance[order],
@@ -157,17 +156,17 @@ def profile(
     )
 
 
-def _length(line: Line) -> float:
+def _length(line: ProfileLine) -> float:
     return float(np.linalg.norm(np.diff(line.vertices, axis=0), axis=1).sum())
 
 
-def _in_corridor(line: Line, half: float, places: FloatArray, values: FloatArray) -> FloatArray:
+def _in_corridor(line: ProfileLine, half: float, places: FloatArray, values: FloatArray) -> FloatArray:
     """Return distance and values (m, 1 + k) of what lies in the corridor, of places (n, 2), values (n, k)."""
     distance, offset = along(line.vertices, places)
     return np.column_stack([distance, values])[offset <= half]
 
 
-def _own_line(tables: Tables, bottom: BottomPoints, wet: FloatArray) -> Line:
+def _own_line(tables: Tables, bottom: PlottedPoints, wet: FloatArray) -> ProfileLine:
     """Return the axis of the strip beside which most submerged points (m, 2) lie, or their own."""
     lines = [_axis("the longest axis of the submerged points", wet, wet)]
     photos = part(tables, "stations")
@@ -182,7 +181,7 @@ def _own_line(tables: Tables, bottom: BottomPoints, wet: FloatArray) -> Line:
     return lines[int(np.argmax(near))]
 
 
-def _axis(name: str, places: FloatArray, wet: FloatArray) -> Line:
+def _axis(name: str, places: FloatArray, wet: FloatArray) -> ProfileLine:
     """Return the line of best fit of places (n, 2), from the first to the last of the points (m, 2) beside it."""
     middle = np.median(places, axis=0)
     axis = np.linalg.svd(places - middle, full_matrices=False)[2][0] if len(places) > 1 else np.array([1.0, 0.0])
@@ -191,10 +190,12 @@ def _axis(name: str, places: FloatArray, wet: FloatArray) -> Line:
     reach = float(np.ptp((places - middle) @ axis))
     beside = s[across <= max(0.5 * reach, across.min())]
     low, high = float(beside.min()) - 1.0, float(beside.max()) + 1.0
-    return Line(name=name, vertices=np.array([middle + low * axis, middle + high * axis]))
+    return ProfileLine(name=name, vertices=np.array([middle + low * axis, middle + high * axis]))
 
 
-def _water(tables: Tables, bottom: BottomPoints, line: Line, rows: IntArray) -> tuple[FloatArray, TextArray]:
+def _water(
+    tables: Tables, bottom: PlottedPoints, line: ProfileLine, rows: IntArray
+) -> tuple[FloatArray, TextArray]:
     """Return where along a line the water of photos stands, or that of points where there are no photos."""
     tide, stations = numbers(part(tables, "adjusted_water"), "tide"), part(tables, "stations")
     if not len(tide) or len(tide) != len(numbers(stations, "position", 3)):
@@ -211,7 +212,7 @@ def _water(tables: Tables, bottom: BottomPoints, line: Line, rows: IntArray) -> 
     return np.column_stack([distance, height])[near], texts(stations, "photo")[near]
 
 
-def sentence(data: Profile) -> str:
+def sentence(data: DepthProfile) -> str:
     """Return what the profile says."""
     fall = data.apparent - data.corrected
     text = (
@@ -227,7 +228,7 @@ def sentence(data: Profile) -> str:
     return text + "."
 
 
-def figure(data: Profile) -> Any:
+def figure(data: DepthProfile) -> Any:
     """Return the figure of a profile. Raises `MusatError` where matplotlib is missing."""
     title = f"Profile along {data.line.name}, points within {measure(data.half, 'm')}"
     figure, ((axes,),) = new_panels([8.5], [3.6], title)
@@ -258,7 +259,7 @@ def figure(data: Profile) -> Any:
     return figure
 
 
-def _heights(data: Profile) -> tuple[float, float]:
+def _heights(data: DepthProfile) -> tuple[float, float]:
     """Return from which height to which the bottom fills the picture: land that is higher is cut off."""
     lowest = data.corrected - NORMAL * np.nan_to_num(data.sigma)
     shown = np.concatenate([data.corrected, lowest, data.apparent, data.water[:, 1], data.sounded[:, 1]])
@@ -267,7 +268,7 @@ def _heights(data: Profile) -> tuple[float, float]:
     return low - border, high + 2.0 * border
 
 
-def _draw_water(axes: Any, data: Profile) -> None:
+def _draw_water(axes: Any, data: DepthProfile) -> None:
     order = np.argsort(data.water[:, 0], kind="stable")
     label = "water, at each photo" if (data.photos != "").any() else "water"
     axes.plot(*data.water[order].T, "-", color=WATER, linewidth=1.2, label=label)
@@ -276,10 +277,10 @@ def _draw_water(axes: Any, data: Profile) -> None:
 
 
 def profile_picture(
-    line: Callable[[Plane], Line] | None = None,
-    soundings: Callable[[Plane], SoundedPlaces] | None = None,
+    line: Callable[[MapPlane], ProfileLine] | None = None,
+    soundings: Callable[[MapPlane], SoundedPlaces] | None = None,
     within: float | None = None,
-) -> Picture[Profile]:
+) -> Picture[DepthProfile]:
     """Return the picture of the profile along a line, with soundings."""
     return Picture(
         name="profile",

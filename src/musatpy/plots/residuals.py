@@ -1,16 +1,17 @@
-"""Residuals of plate coordinates: photo by photo, and what lens and water leave in all photos at the same place."""
+"""Residuals: of plates, by photos and at the same place of all; of all kinds beside the normal distribution."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.figures import DRY, GREY, INK, WET, add_bar, new_panels
-from musatpy.plots.maps import add_key, draw_rings, magnification, quiver, spacing
+from musatpy.plots.maps import NORMAL, add_key, draw_rings, magnification, quiver, spacing
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure, rms
 from musatpy.plots.plane import frames
 from musatpy.records.tables import Tables, flags, numbers, part, rows_of, texts
@@ -29,7 +30,7 @@ NEEDS = ("plates", "stations", "points", "cameras")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PlateResiduals:
+class ImageResiduals:
     """m images with a residual, on n photos."""
 
     photos: TextArray  # (n,)
@@ -51,7 +52,7 @@ class PlateResiduals:
         return np.sqrt(squares / np.where(count, 2.0 * count, np.nan))
 
 
-def plate_residuals(tables: Tables) -> PlateResiduals:
+def plate_residuals(tables: Tables) -> ImageResiduals:
     """Return the residuals of plates. Raises `NothingToShowError` where there are none."""
     plates, stations, points = part(tables, "plates"), part(tables, "stations"), part(tables, "points")
     cameras, photos = part(tables, "cameras"), texts(stations, "photo")
@@ -65,7 +66,7 @@ def plate_residuals(tables: Tables) -> PlateResiduals:
     camera = rows_of(texts(cameras, "camera"), texts(stations, "camera"))
     centre = numbers(cameras, "principal_point", 2)[camera]
     wet = flags(points, "bathymetric")[point]
-    return PlateResiduals(
+    return ImageResiduals(
         photos=photos,
         camera=camera,
         cameras=texts(cameras, "camera"),
@@ -85,7 +86,7 @@ def worst_photos(rms_of_photos: FloatArray, number: int) -> IntArray:
     return np.sort(order[np.isfinite(rms_of_photos[order])])
 
 
-def _of_photos(plates: PlateResiduals) -> str:
+def _of_photos(plates: ImageResiduals) -> str:
     every, wet = plates.residual, plates.submerged
     shown, worst = worst_photos(plates.rms, _PHOTOS), int(np.nanargmax(plates.rms))
     of = "" if len(shown) == len(plates.photos) else f" of the {len(plates.photos):,}, those with the largest"
@@ -100,7 +101,7 @@ def _of_photos(plates: PlateResiduals) -> str:
     )
 
 
-def _draw_photos(plates: PlateResiduals) -> Any:
+def _draw_photos(plates: ImageResiduals) -> Any:
     shown = worst_photos(plates.rms, _PHOTOS)
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
@@ -121,7 +122,7 @@ def _draw_photos(plates: PlateResiduals) -> Any:
     return figure
 
 
-def _draw_images(axes: Any, plates: PlateResiduals, of_photo: BoolArray, factor: float) -> None:
+def _draw_images(axes: Any, plates: ImageResiduals, of_photo: BoolArray, factor: float) -> None:
     """Draw the images of a photo and their residuals, with a key."""
     for wet, used, marker, fill in _KINDS:
         rows = of_photo & (plates.submerged == wet) & (plates.used == used)
@@ -187,20 +188,21 @@ def cell_means(
     means are those given, times the median of residuals over their sigmas, over that of a normal distribution.
     """
     low, high = corners
-    column, row = (np.clip((xy - low) / (high - low) * CELLS, 0, np.array(CELLS) - 1).astype(int)).T
-    cell, number = row * CELLS[0] + column, CELLS[0] * CELLS[1]
-    shape = CELLS[::-1]
-    count = np.bincount(cell, minlength=number)
+    edges = [np.linspace(low[i], high[i], CELLS[i] + 1) for i in (1, 0)]
+    x, y = np.clip(xy, low, high).T
+
+    def sums(values: FloatArray | None = None) -> FloatArray:
+        return np.histogram2d(y, x, edges, weights=values)[0]
+
+    count = sums()
     size = np.where(count > 0, count, np.nan)
-    means = [np.bincount(cell, residual[:, i], number) / size for i in (0, 1)]
     unit = float(np.median(np.abs(residual / sigma))) / _MEDIAN
-    variance = np.square(unit) * np.bincount(cell, np.square(sigma).mean(axis=1), number)
     return CellMeans(
         what=what,
         corners=corners,
-        count=count.reshape(shape),
-        mean=np.stack(means, axis=-1).reshape(*shape, 2),
-        sigma=(np.sqrt(variance) / size).reshape(shape),
+        count=count.astype(int),
+        mean=np.stack([sums(residual[:, i]) / size for i in (0, 1)], axis=-1),
+        sigma=unit * np.sqrt(sums(np.square(sigma).mean(axis=1))) / size,
     )
 
 
@@ -223,7 +225,7 @@ def mean_residuals(tables: Tables) -> list[CellMeans]:
     return means
 
 
-def _of_camera(plates: PlateResiduals, camera: int, name: str, wet: bool) -> CellMeans | None:
+def _of_camera(plates: ImageResiduals, camera: int, name: str, wet: bool) -> CellMeans | None:
     of = plates.camera == camera
     rows = of[plates.photo] & (plates.submerged == wet) & plates.used
     if not rows.any():
@@ -303,4 +305,110 @@ MEANS = Picture(
     numbers=mean_residuals,
     figure=_draw_means,
     words=_of_cells,
+)
+
+
+# --- normalised residuals ---
+
+
+LEAST_RESIDUALS = 3  # of a kind
+_SPAN = 4.5  # sigmas of a histogram; what is beyond counts in its last bars
+_BARS = (9, 36)  # least and most
+_FAR = 3.29  # 99.9 %
+_WIDTH, _HEIGHT = 3.5, 1.7  # inches, of a panel
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Residuals:
+    """The normalised residuals (n,) of a kind of observations, growing."""
+
+    kind: str
+    values: FloatArray
+
+    @property
+    def deviation(self) -> float:
+        """Their root mean square: 1 where the sigmas given are right."""
+        return float(np.sqrt(np.mean(np.square(self.values))))
+
+    def beyond(self, limit: float) -> float:
+        """Return the share that is larger than a limit."""
+        return float(np.mean(np.abs(self.values) > limit))
+
+
+def normal_quantiles(number: int) -> FloatArray:
+    """Return where the values of a standard normal sample, growing, are expected: at (i - 1/2)/n."""
+    normal = NormalDist()  # scipy's would have to be loaded, for this alone
+    return np.array([normal.inv_cdf((row + 0.5) / number) for row in range(number)])
+
+
+def residuals_by_kind(tables: Tables) -> list[Residuals]:
+    """Return the residuals of each kind that has some. Raises `NothingToShowError` where none has."""
+    observed = part(tables, "observations")
+    kind, value = texts(observed, "kind"), numbers(observed, "standardised")
+    known = np.isfinite(value)
+    data = []
+    for name in dict.fromkeys(kind.tolist()):
+        values = value[known & (kind == name)]
+        if len(values) >= LEAST_RESIDUALS:
+            data.append(Residuals(kind=str(name).replace("_", " "), values=np.sort(values)))
+    if not data:
+        raise NothingToShowError("no kind of observation has three checked residuals")
+    return data
+
+
+def normalised_sentence(data: list[Residuals]) -> str:
+    """Return what the histograms say."""
+    parts = [
+        f"{of_kind.kind}: {counted(len(of_kind.values), 'residual')}, root mean square {of_kind.deviation:.2f}, "
+        f"{of_kind.beyond(NORMAL):.1%} beyond {NORMAL:g} (5 % expected), largest {np.abs(of_kind.values).max():.2f}"
+        for of_kind in data
+    ]
+    return "Residuals over their own sigmas; " + "; ".join(parts) + "."
+
+
+def normalised_figure(data: list[Residuals]) -> Any:
+    """Return the figure of all kinds. Raises `MusatError` where matplotlib is missing."""
+    title = "Normalised residuals beside the normal distribution"
+    figure, panels = new_panels([_WIDTH] * 2, [_HEIGHT] * len(data), title, sharex="col")
+    for (bars, dots), of_kind in zip(panels, data, strict=True):
+        _draw_bars(bars, of_kind)
+        _draw_quantiles(dots, of_kind)
+    panels[-1, 0].set_xlabel("residual over its own sigma")
+    panels[-1, 1].set_xlabel("expected of a normal distribution")
+    return figure
+
+
+def _draw_bars(axes: Any, of_kind: Residuals) -> None:
+    bars = int(np.clip(np.sqrt(len(of_kind.values)), *_BARS))
+    edges = np.linspace(-_SPAN, _SPAN, bars + 1)
+    count, _ = np.histogram(np.clip(of_kind.values, -_SPAN, _SPAN), edges)
+    axes.stairs(count, edges, fill=True, facecolor="0.8", edgecolor=INK, linewidth=0.5, label="residuals")
+    x = np.linspace(-_SPAN, _SPAN, 121)
+    curve = len(of_kind.values) * (edges[1] - edges[0]) * np.exp(-0.5 * np.square(x)) / np.sqrt(2.0 * np.pi)
+    axes.plot(x, curve, "-", color=WET, linewidth=1.4, label="normal distribution")
+    for limit in (-_FAR, _FAR):
+        axes.axvline(limit, color=DRY, linestyle="--", label="99.9 %")
+    axes.set_ylabel("residuals")
+    axes.set_title(f"{of_kind.kind}: {len(of_kind.values):,}, RMS {of_kind.deviation:.2f}")
+    axes.locator_params(axis="y", nbins=4, integer=True)
+
+
+def _draw_quantiles(axes: Any, of_kind: Residuals) -> None:
+    expected = normal_quantiles(len(of_kind.values))
+    ends = [expected[0] - 0.3, expected[-1] + 0.3]
+    axes.plot(ends, ends, "-", color=WET, linewidth=1.4)
+    axes.plot(expected, of_kind.values, ".", color=INK, label="quantiles")
+    for limit in (-_FAR, _FAR):
+        axes.axhline(limit, color=DRY, linestyle="--")
+    axes.set_ylabel("residual over sigma")
+    axes.locator_params(nbins=6)
+
+
+NORMALISED = Picture(
+    name="normalised",
+    title="Normalised residuals",
+    needs=("observations",),
+    numbers=residuals_by_kind,
+    figure=normalised_figure,
+    words=normalised_sentence,
 )
