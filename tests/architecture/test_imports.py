@@ -81,7 +81,17 @@ MAY_IMPORT: dict[str, set[str]] = {
     "keypunch": {"formats", "pointfiles"},
     "depth": {"model", "geometry", "refraction", "records", "pointfiles"},
     "sea": {"model", "geometry", "refraction", "systems", "records", "depth", "pointfiles"},
-    "correction": {"model", "geometry", "refraction", "compilation", "depth", "interchange", "pointfiles"},
+    "correction": {
+        "model",
+        "geometry",
+        "refraction",
+        "records",
+        "compilation",
+        "depth",
+        "interchange",
+        "pointfiles",
+        "sea",
+    },
     "point_flags": {"model", "formats", "jobs", "adjustment", "reduction", "statistics"},
     "runs": {
         "memory",

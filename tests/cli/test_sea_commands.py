@@ -1,4 +1,4 @@
-"""`musat sea fit` and `musat sea correct`: what they write, say, and refuse."""
+"""`musat sea fit` and `musat correct --sea`: what they write, say, and refuse."""
 
 import csv
 import json
@@ -30,7 +30,7 @@ def fitted(folder: Path, *options: object) -> Path:
 
 def correct(folder: Path, surface: Path, *options: object, points: Path = SEA / "bottom.csv") -> Result:
     return musat(
-        "sea", "correct", points, "--surface", surface, "--cameras", SEA / "cameras.csv", "--index", 1.34,
+        "correct", points, "--sea", surface, "--stations", SEA / "cameras.csv", "--index", 1.34,
         "-o", folder / "true.csv", *options,
     )  # fmt: skip
 
@@ -75,8 +75,9 @@ def test_waves_of_the_pair_and_its_bottom(tmp_path: Path) -> None:
     ratio, wave = [], []
     for row in rows(tmp_path / "true.csv"):
         error = [float(row[f"true_{axis}"]) - float(truth[row["id"]][axis]) for axis in "xyz"]
-        ratio.append([value / float(row[f"sigma_{axis}"]) for value, axis in zip(error, "xyz", strict=True)])
-        wave.append(float(row["surface_sigma_z"]))
+        sigma = [float(row[f"sigma_{axis}"]) for axis in ("east", "north", "height")]
+        ratio.append(np.array(error) / sigma)
+        wave.append(float(row["sigma_surface"]))
     # 40 points: the root mean square of a deviate is within 3/(2 x 40)^1/2 of 1
     assert (np.abs(np.sqrt(np.mean(np.square(ratio), axis=0)) - 1.0) < 0.34).all()
     assert max(wave) < 0.01
@@ -92,7 +93,7 @@ def test_the_grid_of_the_pair(tmp_path: Path) -> None:
     table = rows(tmp_path / "true.csv")
     left = [row for row in table if row["reason"]]
     assert {row["reason"] for row in left} <= {"the surface is not known where its rays meet the water"}
-    assert all(row["true_z"] == "" and row["sigma_z"] == "" for row in left)
+    assert all(row["true_z"] == "" and row["sigma_height"] == "" for row in left)
     assert f"{len(left)} not: the surface is not known" in result.output
 
 
@@ -145,9 +146,9 @@ def test_coordinates_may_have_other_names(tmp_path: Path) -> None:
     surface = tmp_path / "water.surface.json"
     assert surface.read_bytes() == fitted(tmp_path / "as_given").read_bytes()
     assert correct(tmp_path, surface, *renamed, points=tmp_path / "bottom.csv").exit_code == 0
-    found = (tmp_path / "true.csv").read_bytes()
+    found = rows(tmp_path / "true.csv")
     assert correct(tmp_path, surface).exit_code == 0
-    assert found == (tmp_path / "true.csv").read_bytes()
+    assert [row["true_z"] for row in found] == [row["true_z"] for row in rows(tmp_path / "true.csv")]
 
 
 def test_quiet_commands_say_nothing(tmp_path: Path) -> None:
@@ -158,7 +159,7 @@ def test_quiet_commands_say_nothing(tmp_path: Path) -> None:
     assert len(rows(tmp_path / "true.csv")) == 40
 
 
-_CORRECTING = (("depth", "correct"), ("sea", "fit"), ("sea", "correct"), ("sea", "interpolate"))
+_CORRECTING = (("correct",), ("sea", "fit"), ("sea", "correct"), ("sea", "interpolate"))
 
 
 @pytest.mark.parametrize(
@@ -166,7 +167,7 @@ _CORRECTING = (("depth", "correct"), ("sea", "fit"), ("sea", "correct"), ("sea",
     [("x,y", "three names are needed"), ("x,,z", "three names are needed"), ("x,X,z", "has a name twice")],
 )
 @pytest.mark.parametrize("command", _CORRECTING)
-def test_columns_need_three_names(command: tuple[str, str], columns: str, message: str) -> None:
+def test_columns_need_three_names(command: tuple[str, ...], columns: str, message: str) -> None:
     result = musat(*command, "a", "--columns", columns)
     assert result.exit_code == 2 and message in result.output
 
@@ -304,3 +305,19 @@ def test_files_that_are_not_what_is_asked_for(tmp_path: Path) -> None:
     result = correct(tmp_path, surface, "-o", surface)
     assert result.exit_code == 2 and "would overwrite" in result.output
     assert correct(tmp_path, tmp_path / "none.json").exit_code == 1
+
+
+def test_sigmas_that_no_point_needs_are_an_error(tmp_path: Path) -> None:
+    surface, given = fitted(tmp_path), ("--pointing", 5, "--focal", 152, "--format", "228,228")
+    result = correct(tmp_path, surface, *given)
+    assert result.exit_code == 1 and "no point is without its own" in result.output
+    assert not (tmp_path / "true.csv").exists()
+    lines = (SEA / "bottom.csv").read_text().splitlines()
+    rows_without = [",".join(line.split(",")[:4]) + ",,," for line in lines[1:]]
+    (tmp_path / "some.csv").write_text("\n".join([*lines[:2], *rows_without[1:]]) + "\n")
+    assert correct(tmp_path, surface, *given, points=tmp_path / "some.csv").exit_code == 0
+    old = ("sea", "correct", tmp_path / "some.csv", "--surface", surface, "--cameras", SEA / "cameras.csv")
+    sigmas = ("--index", 1.34, "--image-sigma", 5, "--focal", 152, "--only", "B1*", "-o", tmp_path / "old.csv")
+    assert musat(*old, *sigmas).exit_code == 0
+    named = {row["id"]: row for row in rows(tmp_path / "true.csv") if row["id"].startswith("B1")}
+    assert {row["id"]: row for row in rows(tmp_path / "old.csv")} == named

@@ -1,19 +1,24 @@
-"""`musat sea interpolate`: what it writes, says, and refuses."""
+"""`musat correct --by-control`: what it writes, says, and refuses; its old name has the same numbers."""
 
 import csv
 import json
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import Result
 
 from cli import commands
 from depth import restated
 from musatpy.reports.record import SCHEMA_VERSION
 from record_rows import table_of
 
-musat = partial(commands.musat, "sea", "interpolate")
+
+def musat(points: object, control: object, *options: object) -> Result:
+    """Correct points by their control; `--sigma`, where it is among the options, is that of control."""
+    given = ["--control-sigma" if option == "--sigma" else option for option in options]
+    return commands.musat("correct", points, "--by-control", control, *given)
+
 
 ROOT = Path(__file__).parents[2]
 FAST = ("--function", "gaussian")
@@ -55,13 +60,13 @@ def test_heights_are_corrected_by_control_of_every_form(job: Path, control: str)
     assert "100 points, 100 corrected" in result.output and "the interpolation helps (" in result.output
     rows = table(job / "new" / "out.csv")
     assert [row["id"] for row in rows] == [f"P{row}" for row in range(100)]
-    left = np.array([float(row["z_corrected"]) + 8.0 for row in rows[60:]])
+    left = np.array([float(row["true_z"]) + 8.0 for row in rows[60:]])
     before = np.array([float(row["z"]) + 8.0 for row in rows[60:]])
     assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(before**2))
     for row in rows:
         # four decimals each
-        assert float(row["z_corrected"]) == pytest.approx(float(row["z"]) + float(row["correction"]), abs=2e-4)
-        assert row["reason"] == "" and float(row["sigma"]) > 0.0
+        assert float(row["true_z"]) == pytest.approx(float(row["z"]) + float(row["correction"]), abs=2e-4)
+        assert row["reason"] == "" and float(row["sigma_height"]) > 0.0
     report = (job / "new" / "out.txt").read_text()
     assert f"control {control}" in report and "60 control points, 60 used" in report
 
@@ -81,7 +86,7 @@ def test_what_is_out_of_reach_says_so(job: Path) -> None:
     assert result.exit_code == 0
     rows = {row["id"]: row for row in table(job / "out.csv")}
     assert rows["FAR"]["reason"] == "no control within 30.0 m"
-    assert [rows["FAR"][name] for name in ("z_corrected", "correction", "sigma")] == ["", "", ""]
+    assert [rows["FAR"][name] for name in ("true_z", "correction", "sigma_height")] == ["", "", ""]
     control = np.array([[float(row["x"]), float(row["y"])] for row in table(job / "dz.csv")])
     for row in rows.values():
         distance = np.hypot(*(control - [float(row["x"]), float(row["y"])]).T).min()
@@ -93,8 +98,9 @@ def test_lines_come_out_as_they_were(job: Path) -> None:
     result = musat(job / "odd.csv", job / "dz.csv", "-o", job / "out.csv", "--columns", "East,North,z", *FAST)
     assert result.exit_code == 0, result.output
     lines = (job / "out.csv").read_bytes().splitlines()
-    assert lines[0] == b"note,EAST,north,z,z_corrected,correction,sigma,reason"
-    assert lines[1].startswith(b'"a, b",10.0,20.0,-8,-') and lines[2].startswith(b"\xff,30,40,-8.10,-")
+    assert lines[0] == b"note,EAST,north,z,true_x,true_y,true_z,correction,reason,sigma_height"
+    assert lines[1].startswith(b'"a, b",10.0,20.0,-8,10.0000,20.0000,-')
+    assert lines[2].startswith(b"\xff,30,40,-8.10,30.0000,40.0000,-")
     assert len(lines) == 3
 
 
@@ -103,7 +109,7 @@ def test_it_says_where_it_does_not_help(job: Path) -> None:
     rows = [(f"C{row}", *rng.uniform(0.0, 400.0, 2), rng.normal(0.0, 0.3)) for row in range(40)]
     write(job / "noise.csv", "id,x,y,dz", rows)
     result = musat(job / "mapped.csv", job / "noise.csv", "-o", job / "out.csv", *FAST, "--function", "none")
-    assert result.exit_code == 3
+    assert result.exit_code == 4
     assert "does not help: leave the heights as they are" in result.output
     assert (job / "out.csv").exists() and "does not help" in (job / "out.txt").read_text()
 
@@ -112,7 +118,7 @@ def test_sigmas_are_honest_where_nothing_is_explained(job: Path) -> None:
     """With the trend alone all of the errors stays, and the sigmas say so."""
     musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv", "--function", "none")
     rows = table(job / "out.csv")[60:]
-    ratio = [(float(row["z_corrected"]) + 8.0) / float(row["sigma"]) for row in rows]
+    ratio = [(float(row["true_z"]) + 8.0) / float(row["sigma_height"]) for row in rows]
     # forty points of a field with some ten patches: a fifth of standard error
     assert np.sqrt(np.mean(np.square(ratio))) == pytest.approx(1.0, abs=0.4)
 
@@ -218,7 +224,7 @@ def test_the_record_of_a_run_holds_points_and_control(job: Path) -> None:
     assert rows["P70"]["reason"] == "not under water" and rows["P70"]["x"]
     assert rows["LOST"]["reason"] == "not determined: one ray, not two" and rows["LOST"]["x"] == ""
     assert "101 points, 99 corrected" in result.output
-    assert float(rows["P80"]["z_corrected"]) == pytest.approx(-8.0, abs=0.05)
+    assert float(rows["P80"]["true_z"]) == pytest.approx(-8.0, abs=0.05)
 
 
 def test_records_that_cannot_be_used(job: Path) -> None:
@@ -248,8 +254,8 @@ def test_a_record_on_the_ellipsoid_is_corrected_as_a_local_one(job: Path) -> Non
     rows, wanted = table(job / "out.csv"), table(job / "local.csv")
     assert [row["reason"] for row in rows] == [row["reason"] for row in wanted]
     good = [k for k, row in enumerate(rows) if not row["reason"]]
-    found = np.array([[float(rows[k][name]) for name in ("x", "y", "z_corrected")] for k in good])
-    flat = np.array([[float(wanted[k][name]) for name in ("x", "y", "z_corrected")] for k in good])
+    found = np.array([[float(rows[k][name]) for name in ("true_x", "true_y", "true_z")] for k in good])
+    flat = np.array([[float(wanted[k][name]) for name in ("true_x", "true_y", "true_z")] for k in good])
     # the map is about the middle of the control points: a scale of 1e-9, an azimuth of 1e-5
     np.testing.assert_allclose(restated.restated(found, "EPSG:4326", restated.MAP), flat, atol=1e-3)
 
@@ -264,7 +270,7 @@ def test_points_in_a_system_of_proj(job: Path, system: str) -> None:
     write(job / "bent.csv", "id,x,y,z", [(row["id"], *place) for row, place in zip(rows, places, strict=True)])
     result = musat(job / "bent.csv", job / "true.csv", "-o", job / "out.csv", "--crs", system, *FAST)
     assert result.exit_code == 0, result.output
-    heights = [[float(row["z_corrected"]) for row in table(job / name)] for name in ("out.csv", "local.csv")]
+    heights = [[float(row["true_z"]) for row in table(job / name)] for name in ("out.csv", "local.csv")]
     np.testing.assert_allclose(heights[0], heights[1], atol=1e-3)
 
 
@@ -299,18 +305,19 @@ def test_a_las_file_comes_out_with_extra_dimensions(job: Path) -> None:
     assert "101 points, 100 corrected" in result.output
     cloud = __import__("laspy").read(job / "out.las")
     musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv", *FAST)
-    expected = np.array([float(row["z_corrected"]) for row in table(job / "out.csv")])
+    expected = np.array([float(row["true_z"]) for row in table(job / "out.csv")])
     # the file has heights to a millimetre, out of mapped ones to a millimetre
     assert np.abs(np.asarray(cloud.z)[:100] - expected).max() < 1.1e-3
-    assert cloud.z[100] == cloud["mapped_z"][100] == -8.0
-    assert cloud["reason"].tolist() == [0] * 100 + [1]
-    assert np.abs(np.asarray(cloud.z) - cloud["mapped_z"] - cloud["correction"]).max() < 1e-3
+    assert cloud.z[100] == cloud["apparent_z"][100] == -8.0
+    assert cloud["reason"].tolist() == [0] * 100 + [11]
+    assert np.nanmax(np.abs(np.asarray(cloud.z) - cloud["apparent_z"] - cloud["correction"])) < 1e-3
+    assert np.isnan(cloud["correction"][100])
     assert cloud.intensity.tolist() == list(range(101))
 
 
 @pytest.mark.slow
 def test_las_files_that_cannot_be_used(job: Path) -> None:
     source = las(job)
-    assert musat(source, job / "dz.csv", "-o", job / "out.csv", *FAST).exit_code == 2
+    assert musat(source, job / "dz.csv", "-o", job / "out.csv", *FAST).exit_code == 0
     result = musat(source, job / "true.csv", "-o", job / "out.las", *FAST)
     assert result.exit_code == 2 and "have no ids" in result.output

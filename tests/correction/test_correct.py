@@ -1,6 +1,7 @@
 """`musat correct`: true points with sigmas, by two photographs and by all, in tables and clouds."""
 
 import csv
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -27,13 +28,15 @@ from musatpy.geometry.collinearity import attitude_matrix, image, image_by_vecto
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.projected import crs_of
 from musatpy.interchange import geotiff
-from musatpy.interchange.layers import LOCAL, Grid
+from musatpy.interchange.any_file import read_layers
+from musatpy.interchange.layers import LOCAL, Grid, Points
 from musatpy.refraction.apparent import Stations, true_points
 from musatpy.refraction.flat import incidence
 from musatpy.reports.record import dumps, record
 from musatpy.simulation import simulate
 from musatpy.simulation.simulation_spec import spec_from_table
 
+Method = Callable[[Path], tuple[tuple[float, float, float], tuple[object, ...]]]
 DRAWS, NOISE, CONTROL, TIDE = 300, 0.006, 0.05, 0.04  # mm, m, m
 BOTTOM = np.array([[-400.0, -300.0, -4.0], [0.0, 100.0, -12.0], [300.0, 500.0, -8.0], [500.0, -200.0, -2.0]])
 
@@ -191,7 +194,7 @@ def test_sigmas_from_a_table_of_stations(tmp_path: Path) -> None:
 
 
 def test_a_cloud_has_the_points_of_a_table(tmp_path: Path) -> None:
-    """To a nanometre, in files whose coordinates have ten decimals; lost points stay where they are."""
+    """Of the same sigmas and the same faults; lost points stay where they are."""
     stations, points = written(tmp_path, ".05,.05,.08,.002,.002,.002,.1")
     las = laspy.LasData(laspy.LasHeader(version="1.4", point_format=6))
     las.header.scales, las.header.offsets = np.full(3, 1e-5), np.zeros(3)
@@ -205,11 +208,9 @@ def test_a_cloud_has_the_points_of_a_table(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.asarray(found.xyz)[2:], POINTS[2:], atol=1e-9)
     apparent_xyz = np.column_stack([found.apparent_x, found.apparent_y, found.apparent_z])
     np.testing.assert_allclose(apparent_xyz, POINTS, atol=1e-9)
-    for row, of_cloud in zip(rows[:2], np.asarray(found.xyz), strict=False):  # half a unit of both files
-        np.testing.assert_allclose([float(row[f"true_{axis}"]) for axis in "xyz"], of_cloud, atol=6e-5)
-    for name in ("east", "north", "height", "depth"):
-        of_table = [float(row[f"sigma_{name}"]) for row in rows[:2]]
-        np.testing.assert_allclose(found[f"sigma_{name}"][:2], of_table, atol=6e-5)
+    of_table = [[float(row[f"sigma_{name}"]) for name in ("east", "north", "height", "depth")] for row in rows[:2]]
+    of_cloud = np.column_stack([found[f"sigma_{name}"][:2] for name in ("east", "north", "height", "depth")])
+    np.testing.assert_allclose(of_cloud, of_table, atol=6e-5)  # half a unit of the table
 
 
 def test_a_raster_has_the_points_of_its_posts(tmp_path: Path) -> None:
@@ -231,10 +232,56 @@ def test_a_raster_has_the_points_of_its_posts(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.bands["reason"].ravel(), points.fault)
     assert points.fault.tolist() == [0, 0, 2, 0, 1, 0]
     np.testing.assert_allclose(found.bands["sigma_depth"].ravel(), points.depth_sigma, rtol=1e-12)
-    (tmp_path / "points.csv").write_text("x,y,z\n100,50,-6\n")
-    assert musat("correct", str(tmp_path / "points.csv"), "-o", str(tmp_path / "t.csv"), *options).exit_code == 0
-    row = rows_of(tmp_path / "t.csv")[0]
-    np.testing.assert_allclose([float(row[f"true_{axis}"]) for axis in "xyz"], true[0], atol=6e-5)
+
+
+def pair_through_a_surface(folder: Path) -> tuple[tuple[float, float, float], tuple[object, ...]]:
+    sea = Path(__file__).parents[2] / "fixtures/sea"
+    assert musat("sea", "fit", sea / "water.csv", "-o", folder, "--most", 1).exit_code == 0
+    options = ("--sea", folder / "water.surface.json", "--stations", sea / "cameras.csv", "--index", 1.34)
+    return (5093.25, 2948.0, -5.0), (*options, "--pointing", 5, "--focal", 152, "--format", "228,228")
+
+
+def control(folder: Path) -> tuple[tuple[float, float, float], tuple[object, ...]]:
+    """A dozen points, all mapped 1.2 m too high and some."""
+    errors = np.random.default_rng(1).normal(1.2, 0.05, 12)
+    rows = [f"C{n},{40.0 * (n % 4)},{30.0 * (n // 4)},{error:.3f}" for n, error in enumerate(errors)]
+    (folder / "control.csv").write_text("\n".join(["id,x,y,dz", *rows]) + "\n")
+    return (60.5, 30.0, -7.25), ("--by-control", folder / "control.csv", "--function", "none")
+
+
+def three_stations(folder: Path) -> tuple[tuple[float, float, float], tuple[object, ...]]:
+    stations, _ = written(folder, ".05,.05,.08,.002,.002,.002,.1")
+    return (100.0, 50.5, -4.0), ("--stations", stations, "--index", 1.34, "--pointing", 6, "-j", 1)
+
+
+@pytest.mark.parametrize("method", [three_stations, pair_through_a_surface, control])
+def test_a_point_has_one_true_place(tmp_path: Path, method: Method) -> None:
+    """To 1e-9 m in a table, a cloud and a raster, and with its sigma; a printed one to its last digit."""
+    (x, y, z), options = method(tmp_path)
+    heights = np.full((2, 2), z)
+    geotiff.write(tmp_path / "a.tif", Grid(west=x, south=y, spacing=0.5, bands={"z": heights}, crs=crs_of(LOCAL)))
+    las = laspy.LasData(laspy.LasHeader(version="1.4", point_format=6))
+    las.header.scales, las.header.offsets = np.full(3, 1e-9), np.array([x, y, z])
+    las.x, las.y, las.z = np.array([[x], [y], [z]])
+    las.write(tmp_path / "a.las")
+    (tmp_path / "a.csv").write_text(f"x,y,z\n{x},{y},{z}\n")
+    for source, target in (("a.csv", "t.csv"), ("a.csv", "t.gpkg"), ("a.las", "t.las"), ("a.tif", "t.tif")):
+        result = musat("correct", tmp_path / source, "-o", tmp_path / target, "-q", *options)
+        assert result.exit_code == 0, result.output
+    bands, cloud = geotiff.read(tmp_path / "t.tif").bands, laspy.read(tmp_path / "t.las")
+    true = np.array([bands[f"true_{axis}"][0, 0] for axis in "xyz"])
+    assert 1.0 < abs(true[2] - z) < 2.1
+    np.testing.assert_allclose(np.asarray(cloud.xyz)[0], true, rtol=0.0, atol=1e-9)
+    vector = read_layers(tmp_path / "t.gpkg")["points"]
+    assert isinstance(vector, Points)
+    np.testing.assert_allclose(vector.xyz[0], true, rtol=0.0, atol=1e-9)
+    (row,) = rows_of(tmp_path / "t.csv")
+    assert [row[f"true_{axis}"] for axis in "xyz"] == [f"{value:.4f}" for value in true]
+    sigma = bands["sigma_height"][0, 0]
+    assert row["sigma_height"] == f"{sigma:.4f}" and cloud["sigma_height"][0] == np.float32(sigma)
+    assert vector.columns["sigma_height"].values[0] == pytest.approx(sigma, rel=1e-12)
+    assert vector.columns["apparent_z"].values[0] == cloud["apparent_z"][0] == bands["apparent"][0, 0] == z
+    assert (row["reason"], cloud["reason"][0], bands["reason"][0, 0]) == ("", 0, 0)
 
 
 def test_one_model_of_many_photographs(tmp_path: Path) -> None:

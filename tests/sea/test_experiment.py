@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from musatpy.refraction.surface import Plane
 from musatpy.refraction.waves import sinusoidal
-from musatpy.sea.experiment import Experiment, histogram, intersect, run, spread, verdict
+from musatpy.sea.experiment import Experiment, histogram, intersect, run, spread
 from musatpy.sea.theory import linear_wave, shoaling
-from studies.crossing import crossing
 
 PRINTED = Path(__file__).parents[2] / "fixtures" / "okamoto" / "tables1to3.csv"
 G = 9.8  # the paper's
@@ -201,8 +200,8 @@ def test_histograms_count_every_point_once() -> None:
 
 def test_the_verdict_is_on_parts_of_the_flying_height() -> None:
     """1/10,000 and 1/5,000: 0.05 m and 0.10 m from 500 m, 0.15 m and 0.30 m from 1500 m, as the paper has them."""
-    np.testing.assert_allclose(verdict(np.zeros(3), 500.0).allowed, [0.05, 0.05, 0.10])
-    found = verdict(np.array([0.14, 0.16, 0.29]), 1500.0)
+    np.testing.assert_allclose(spread(np.zeros((1, 3)), 500.0).allowed, [0.05, 0.05, 0.10])
+    found = spread(np.array([[0.14, 0.16, 0.29]]), 1500.0)
     np.testing.assert_allclose(found.allowed, [0.15, 0.15, 0.30])
     assert list(found.kept) == [True, False, True]
 
@@ -213,14 +212,3 @@ def test_what_cannot_be_mapped_is_refused() -> None:
     across = np.array([[10.0, -80.0, 500.0], [10.0, 80.0, 500.0]])
     with pytest.raises(ValueError, match="no component along x"):
         run(replace(CALM, cameras=across, points=POINTS[:1] * [0.0, 1.0, 1.0] + [10.0, 0.0, 0.0]))
-
-
-def test_a_section_shows_every_ray() -> None:
-    waves = sinusoidal(amplitude=[0.35, 0.14], length=[7.0, 2.5], azimuth=0.3)
-    direction = np.array([np.cos(0.3), np.sin(0.3)])
-    camera, ground = np.array([*(-60.0 * direction), 480.0]), np.array([0.0, 0.0, -20.0])
-    found = crossing(waves, camera, ground, 1.333, 8.0)
-    assert len(found.place) == 5 and list(found.minimum) == [True, True, False, True, False]
-    surface = np.interp(found.place[:, 0], found.along, found.height)
-    np.testing.assert_allclose(found.place[:, 1], surface, atol=1e-4)  # linear between places 2 cm apart
-    np.testing.assert_allclose(found.ground, [0.0, -20.0], atol=1e-12)

@@ -73,30 +73,6 @@ def test_noise_alone_is_no_wave() -> None:
     assert sum(one.count for one in found if isinstance(one, FourierSurface)) <= 1
 
 
-def test_least_squares_agree_with_scipy() -> None:
-    from scipy.optimize import curve_fit
-
-    points = points_on(SEA, 120, noise=1.0)
-    fit = fit_fourier(points)
-    assert isinstance(fit.fitted, FourierSurface) and fit.factor >= 1.0
-    xy = points.position[:, :2] - fit.fitted.origin
-
-    def model(at: np.ndarray, level: float, *waves: float) -> np.ndarray:
-        z = np.full(at.shape[1], level)
-        for a, b, kx, ky in np.reshape(waves, (-1, 4)):
-            z = z + a * np.cos(kx * at[0] + ky * at[1]) + b * np.sin(kx * at[0] + ky * at[1])
-        return z
-
-    sigma = np.sqrt(points.height_variance(fit.fitted.surface.relief(xy).gradient))
-    start = fit.fitted.parameters * 1.001
-    kept = fit.kept
-    q, C = curve_fit(model, xy[kept].T, points.position[kept, 2], start, sigma[kept], absolute_sigma=True)
-    sizes = np.sqrt(np.diag(C))
-    # scipy stops at 1e-8 of the sum of squares, which is 1e-4 sigma; its Jacobian is by forward differences
-    assert (np.abs(q - fit.fitted.parameters) < 1e-3 * sizes).all()
-    np.testing.assert_allclose(fit.fitted.covariance / fit.factor**2, C, atol=1e-3 * np.outer(sizes, sizes).max())
-
-
 def test_partials_of_the_waves() -> None:
     q = np.array([0.2, 0.3, -0.2, 0.06, 0.03, 0.1, 0.15, -0.1, 0.2])
     xy, step = places(6, 3, (-100.0, -100.0), (100.0, 100.0)), 1e-6

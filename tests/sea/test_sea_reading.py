@@ -58,7 +58,8 @@ def test_a_run_on_the_ellipsoid_has_its_points_on_a_map(tmp_path: Path, system: 
     np.testing.assert_allclose(apart, np.linalg.norm(position - position[0], axis=1), rtol=1e-3)
     heights = geographic(ellipsoid, position)[:, 2]
     np.testing.assert_allclose(read.points.position[:, 2], heights, atol=1e-6)
-    back = read.coordinates(read.points.position)
+    assert read.plan is not None
+    back = read.plan.coordinates(read.points.position)
     np.testing.assert_allclose(
         back[:, 2] if system is CoordinateSystem.GEOGRAPHIC else back[:, 0],
         heights if system is CoordinateSystem.GEOGRAPHIC else points[:, 0],
@@ -138,9 +139,9 @@ def test_the_check_points_under_water_of_a_deck_are_control() -> None:
     )
     found = deck_control(block, "job.crd", LocalRectangular())
     ids = block.points.ids[block.control.point].tolist()
-    assert [row.id for row in found.rows] == ids[3:]  # not the full one, the dry one, the one without a height
+    assert list(found.ids) == ids[3:]  # not the full one, the dry one, the one without a height
     assert found.needs_mapped
-    assert found.rows[0].numbers == {"z_true": 11.0, "sigma": 0.5}
+    assert (found.values["z_true"][0], found.values["sigma"][0]) == (11.0, 0.5)
     control = control_of(found, dict.fromkeys(ids, (1.0, 2.0, 10.0)), "mapped.csv", default_sigma=0.2)
     assert control.observed.value[0] == -1.0
     assert control.observed.sigma.tolist() == [0.5, *[0.2] * (len(ids) - 4)]

@@ -1,6 +1,6 @@
 """Points below an estimated surface: true places again, partials, and sigmas by simulation."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -10,15 +10,8 @@ from musatpy.refraction import fermat
 from musatpy.refraction.apparent import Stations, true_points
 from musatpy.refraction.surface import Plane, Surface
 from musatpy.sea.stereo.estimate import fit_fourier, fit_grid
-from musatpy.sea.stereo.surface_points import SurfacePoints, intersection_covariance
-from musatpy.sea.stereo.through import (
-    REASONS,
-    Fault,
-    correct,
-    intersect_rays,
-    true_points_of_apparent,
-    true_points_of_rays,
-)
+from musatpy.sea.stereo.surface_points import intersection_covariance
+from musatpy.sea.stereo.through import REASONS, WaterFault, correct, true_points_of_apparent
 from refraction.seas import CHOP, SEAS, Tilted
 from studies.stereo import METHODS, Setup, run, simulate, through
 
@@ -54,15 +47,15 @@ def apparent_of(rays: np.ndarray) -> np.ndarray:
     return nearest_point(np.broadcast_to(CAMERAS, rays.shape), rays)
 
 
+def apparent_and_zero(sea: Surface) -> tuple[np.ndarray, np.ndarray]:
+    return apparent_of(image_rays(sea)), np.zeros((len(GROUND), 3, 3))
+
+
 @pytest.mark.parametrize("name", SEAS)
-def test_rays_and_apparent_points_come_back_to_the_ground(name: str) -> None:
-    rays = image_rays(SEAS[name])
-    by_rays = true_points_of_rays(Known(SEAS[name]), CAMERAS, rays, N, 1e-5)
-    assert np.abs(by_rays.position - GROUND).max() < 1e-8  # 1e-10 of 400 m, times the height over the base
-    assert np.abs(by_rays.parallax).max() < 1e-8
-    by_apparent = true_points_of_apparent(Known(SEAS[name]), CAMERAS, apparent_of(rays), np.zeros((3, 3, 3)), N)
-    assert by_apparent.met.all()
-    assert np.abs(by_apparent.position - GROUND).max() < 1e-8
+def test_apparent_points_come_back_to_the_ground(name: str) -> None:
+    found = true_points_of_apparent(Known(SEAS[name]), CAMERAS, *apparent_and_zero(SEAS[name]), N)
+    assert found.met.all()
+    assert np.abs(found.position - GROUND).max() < 1e-8  # 1e-10 of 400 m, times the height over the base
 
 
 def test_on_level_water_it_is_the_correction_of_musat_depth() -> None:
@@ -74,97 +67,23 @@ def test_on_level_water_it_is_the_correction_of_musat_depth() -> None:
     np.testing.assert_allclose(here.position, there.position, atol=1e-3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SEAS)
-def test_partials_by_rays_and_by_apparent_points(name: str) -> None:
-    sea, step = SEAS[name], 1e-6
-    rays = image_rays(sea)
-    found = intersect_rays(sea, CAMERAS, rays, N)
-    for photo in range(2):
-        for axis in range(3):
-            moved = step * np.eye(3)[axis] * (np.arange(2) == photo)[:, None]
-            ends = []
-            for sign in (1.0, -1.0):
-                turned = rays + sign * moved
-                turned = turned / np.linalg.norm(turned, axis=-1, keepdims=True)  # only unit rays are rays
-                ends.append(intersect_rays(sea, CAMERAS, turned, N).position)
-            across = np.eye(3)[axis] - rays[:, photo, axis, None] * rays[:, photo]
-            expected = np.einsum("nij,nj->ni", found.by_ray[:, :, photo], across)
-            # metres per radian, up to 1e4: differences of points that are exact to 1e-11 m, over 2e-6
-            np.testing.assert_allclose((ends[0] - ends[1]) / (2.0 * step), expected, atol=0.02, rtol=1e-6)
-    A, zero, step = apparent_of(rays), np.zeros((3, 3, 3)), 1e-3
-    by_apparent = true_points_of_apparent(Known(sea), CAMERAS, A, zero, N)
-    for axis in range(3):
-        high, low = (
-            true_points_of_apparent(Known(sea), CAMERAS, A + sign * step * np.eye(3)[axis], zero, N).position
-            for sign in (1.0, -1.0)
-        )
-        # 1e-10 m over 2e-3 m, and the third derivative of waves of 13 m over a millimetre
-        np.testing.assert_allclose((high - low) / (2.0 * step), by_apparent.by_given[:, :, axis], atol=2e-6)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["sinusoidal", "superposed", "gridded"])
 def test_partials_by_the_shape_of_the_surface(name: str) -> None:
-    """The surface is raised and tilted where the left ray meets it, then where the right one does."""
-    sea, rays = SEAS[name], image_rays(SEAS[name])
-    A, zero = apparent_of(rays), np.zeros((3, 3, 3))
-    plain = true_points_of_apparent(Known(sea), CAMERAS, A, zero, N)
-    by_rays = intersect_rays(sea, CAMERAS, rays, N)
-    for point in range(3):
-        for photo in range(2):
-            about = by_rays.meeting[point, photo, :2]
-            for kind, step in enumerate((1e-4, 1e-5, 1e-5)):
-                change = step * np.eye(3)[kind]
-                ends = [
-                    _with_bump(sea, sign * change, about, photo, by_rays.meeting[point], rays, A, point)
-                    for sign in (1.0, -1.0)
-                ]
-                for which, partials in enumerate((by_rays.by_shape, plain.by_shape)):
-                    numeric = (ends[0][which] - ends[1][which]) / (2.0 * step)
-                    # metres per unit of slope, some 10: 1e-9 m over 2e-5
-                    np.testing.assert_allclose(numeric, partials[point, :, 3 * photo + kind], atol=2e-3)
-
-
-def _with_bump(sea, change, about, photo, meeting, rays, A, point):
-    """Return one point by rays and by its apparent point, the surface changed on the side of one photo alone."""
-    away = meeting[photo, :2] - meeting[1 - photo, :2]
-    bump = OneSide(
-        plain=sea,
-        tilted=Tilted(surface=sea, about=about, slope=change[1:], level=change[0]),
-        middle=meeting[:, :2].mean(axis=0),
-        side=away,
-    )
-    by_rays = intersect_rays(bump, CAMERAS, rays[point : point + 1], N).position[0]
-    zero = np.zeros((1, 3, 3))
-    return by_rays, true_points_of_apparent(Known(bump), CAMERAS, A[point : point + 1], zero, N).position[0]
-
-
-@dataclass(frozen=True)
-class OneSide:
-    """A surface that is another one on one side of a line."""
-
-    plain: Surface
-    tilted: Tilted
-    middle: np.ndarray
-    side: np.ndarray
-
-    @property
-    def limits(self):
-        return replace(self.plain.limits, highest=self.plain.limits.highest + 0.1)
-
-    def relief(self, xy, time=0.0):
-        here = (xy - self.middle) @ self.side > 0.0
-        first, second = self.plain.relief(xy, time), self.tilted.relief(xy, time)
-        return replace(
-            first,
-            height=np.where(here, second.height, first.height),
-            gradient=np.where(here[..., None], second.gradient, first.gradient),
-            hessian=np.where(here[..., None, None], second.hessian, first.hessian),
-        )
-
-    def covers(self, xy, time=0.0):
-        return self.plain.covers(xy, time)
+    """The surface is raised, and tilted about places left and right: heights and slopes where both rays meet it."""
+    sea, (A, zero) = SEAS[name], apparent_and_zero(SEAS[name])
+    found = true_points_of_apparent(Known(sea), CAMERAS, A, zero, N)
+    for change in ((1e-4, 0.0, 0.0), (0.0, 1e-6, 0.0), (0.0, 0.0, 1e-6)):
+        for about in ([0.0, 0.0], [200.0, 15.0]):
+            ends = []
+            for sign in (1.0, -1.0):
+                level, *slope = sign * np.array(change)
+                moved = Tilted(surface=sea, about=np.array(about), slope=np.array(slope), level=level)
+                ends.append(true_points_of_apparent(Known(moved), CAMERAS, A, zero, N).position)
+            height = change[0] + (found.meeting[..., :2] - about) @ change[1:]
+            shape = np.stack([height, *(np.full(height.shape, value) for value in change[1:])], axis=-1)
+            expected = np.einsum("nij,nj->ni", found.by_shape, shape.reshape(len(A), 6))
+            # changes of 1e-4 m and some: 1e-9 m of rounding
+            np.testing.assert_allclose((ends[0] - ends[1]) / 2.0, expected, atol=5e-9)
 
 
 @pytest.mark.parametrize("model", [fit_fourier, fit_grid])
@@ -199,10 +118,10 @@ def test_covariance_of_apparent_points_through_the_surface() -> None:
 
 
 def test_sigmas_of_surface_and_images_add_up() -> None:
-    C = np.diag([0.01, 1e-4, 1e-4] * 2)
-    rays = image_rays(CHOP)
-    alone = true_points_of_rays(Known(CHOP), CAMERAS, rays, N, 1e-5)
-    both = true_points_of_rays(Known(CHOP, C), CAMERAS, rays, N, 1e-5)
+    C, A = np.diag([0.01, 1e-4, 1e-4] * 2), apparent_of(image_rays(CHOP))
+    images = intersection_covariance(CAMERAS, A, 1e-5)
+    alone = true_points_of_apparent(Known(CHOP), CAMERAS, A, images, N)
+    both = true_points_of_apparent(Known(CHOP, C), CAMERAS, A, images, N)
     assert (alone.surface_covariance == 0.0).all()
     np.testing.assert_allclose(both.covariance, alone.covariance + both.surface_covariance, rtol=1e-12)  # rounding
     assert (both.sigma > alone.sigma).all()
@@ -218,16 +137,15 @@ def test_corrected_points_or_reasons() -> None:
     apparent = nearest_point(np.broadcast_to(setup.cameras, pair.exact.shape), pair.exact)
     odd = np.array([[100.0, 0.0, 3.0], [3000.0, 0.0, -5.0], [100.0, 0.0, 600.0], [1e9, 0.0, -7.0]])
     position = np.concatenate([apparent, odd])
-    ids = tuple(map(str, range(len(position))))
-    given = SurfacePoints(ids=ids, position=position, covariance=np.tile(1e-4 * np.eye(3), (len(ids), 1, 1)))
-    found = correct(fitted, setup.cameras, given, setup.index)
-    assert [REASONS[Fault(fault)] for fault in found.fault[20:]] == [
+    covariance = np.tile(1e-4 * np.eye(3), (len(position), 1, 1))
+    found = correct(fitted, setup.cameras, position, covariance, setup.index)
+    assert [REASONS[WaterFault(fault)] for fault in found.fault[20:]] == [
         "not below the water",
         "the surface is not known where its rays meet the water",
         "not below both cameras",
         "no parallax makes its rays meet under water",
     ]
-    assert (found.fault[:20] == Fault.NONE).all()
+    assert (found.fault[:20] == WaterFault.NONE).all()
     assert np.isnan(found.position[20:]).all() and np.isnan(found.sigma[20:]).all()
     error = found.position[:20] - pair.bottom
     assert np.sqrt(np.mean(error[:, 2] ** 2)) < 0.02  # of 0.11 m that the waves make
@@ -237,10 +155,11 @@ def test_corrected_points_or_reasons() -> None:
 def test_a_camera_in_the_water_is_an_error() -> None:
     pair = simulate(Setup(bottom_points=3))
     fitted = fit_fourier(pair.surface_points).fitted
+    given = pair.surface_points.position, pair.surface_points.covariance
     with pytest.raises(ValueError, match="a camera is not above the water"):
-        correct(fitted, np.array([[0.0, 0.0, 0.2], [264.0, 0.0, 490.0]]), pair.surface_points, N)
+        correct(fitted, np.array([[0.0, 0.0, 0.2], [264.0, 0.0, 490.0]]), *given, N)
     with pytest.raises(ValueError, match="both cameras are at one place"):
-        correct(fitted, np.array([[0.0, 0.0, 490.0], [0.0, 0.0, 490.0]]), pair.surface_points, N)
+        correct(fitted, np.array([[0.0, 0.0, 490.0], [0.0, 0.0, 490.0]]), *given, N)
 
 
 # --- the study ---

@@ -104,8 +104,8 @@ def test_what_is_varied_is_what_a_spec_of_its_own_would_say() -> None:
 def test_accuracy_is_asked_for_in_parts_of_the_height_above_the_bottom() -> None:
     assert flying_height(sea()) == 499.0
     result = study(sea(accuracy={"plan": 1000.0, "height": 499.0}))
-    np.testing.assert_allclose(result.verdict.allowed, [0.499, 0.499, 1.0])
-    assert result.verdict.kept.all()
+    np.testing.assert_allclose(result.spread.allowed, [0.499, 0.499, 1.0])
+    assert result.spread.kept.all()
 
 
 def test_a_trial_that_cannot_be_run_says_why() -> None:

@@ -12,14 +12,15 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.draws import Draws
-from musatpy.geometry.collinearity import cross
+from musatpy.geometry.collinearity import cross, nearest_point
 from musatpy.refraction import fermat
+from musatpy.refraction.bending import refracted_ray
 from musatpy.refraction.surface import Plane, Surface
 from musatpy.refraction.waves import Harmonic, sinusoidal
 from musatpy.sea.stereo.estimate import SurfaceFit, fit_fourier, fit_grid
 from musatpy.sea.stereo.spectrum import mean_spacing
-from musatpy.sea.stereo.surface_points import SurfacePoints, intersected
-from musatpy.sea.stereo.through import Endless, intersect_rays, true_points_of_rays
+from musatpy.sea.stereo.surface_points import SurfacePoints, intersected, intersection_covariance
+from musatpy.sea.stereo.through import intersection, true_points_of_apparent
 from musatpy.sea.theory import linear_wave
 from musatpy.units import DEGREE
 
@@ -191,7 +192,9 @@ def through(
     setup, fitted = simulation.setup, fit.fitted
     shift = np.append(fitted.origin, 0.0)
     rays = simulation.exact if exact else simulation.rays
-    found = true_points_of_rays(Endless(fitted=fitted), setup.cameras - shift, rays, setup.index, setup.angle)
+    apparent = nearest_point(np.broadcast_to(setup.cameras, rays.shape), rays)
+    covariance = intersection_covariance(setup.cameras, apparent, setup.angle)
+    found = true_points_of_apparent(fitted, setup.cameras - shift, apparent - shift, covariance, setup.index)
     return (
         found.position + shift - simulation.bottom,
         found.sigma,
@@ -201,7 +204,8 @@ def through(
 
 def _error(simulation: Simulation, surface: Surface, rays: FloatArray) -> FloatArray:
     setup = simulation.setup
-    return intersect_rays(surface, setup.cameras, rays, setup.index).position - simulation.bottom
+    bent = refracted_ray(surface, setup.cameras, rays, setup.index)
+    return intersection(bent.origin, bent.direction)[0] - simulation.bottom
 
 
 def _rms(values: FloatArray) -> FloatArray:

@@ -27,10 +27,15 @@ from musatpy.cli.options import (
     refuse_overwriting,
     strict_option,
 )
+from musatpy.cli.sea_correct import correct_through
+from musatpy.cli.sea_interpolate import CONTROL_SIGMA, control_options, correct_by_control
+from musatpy.cli.sea_options import pair_by
 
 if TYPE_CHECKING:
     from musatpy.correction.photographs import Photographs
 
+_CONTROL = ("trend", "families", "control_sigma", "no_noise", "keep_outliers", "reach", "plots")
+_STATIONS = ("photos", "pointing", "surface", "index", "temperature", "level", "focal", "angle")
 _TABLES_AND_CLOUDS = (".csv", ".xyz", ".txt", ".las", ".laz")
 correction_options = options_of(
     click.option("-o", "--out", required=True, type=NamedPath(), help="The file of true points."),
@@ -62,9 +67,24 @@ correction_options = options_of(
 @click.argument("points", type=NamedPath())
 @click.option("--run", type=NamedPath(), metavar="RUN.json", help="The record of a run, whose stations they are.")
 @click.option("--stations", type=NamedPath(), metavar="CSV", help="A table of stations, in place of a run.")
+@click.option("--sea", type=NamedPath(), metavar="SURFACE.json", help="By a pair, through a surface of 'sea fit'.")
+@click.option(
+    "--by-control", type=NamedPath(), metavar="CONTROL", help="Heights, by their errors at control points."
+)
+@click.option("--control-sigma", **CONTROL_SIGMA)
+@control_options
 @correction_options
 @click.pass_context
-def command(ctx: click.Context, /, points: Path, run: Path | None, stations: Path | None, **given: Any) -> None:
+def command(
+    ctx: click.Context,
+    /,
+    points: Path,
+    run: Path | None,
+    stations: Path | None,
+    sea: Path | None,
+    by_control: Path | None,
+    **given: Any,
+) -> None:
     """Correct the apparent points of POINTS for refraction, by all photos that see them.
 
     Formats: .csv, .xyz, .las, .laz, .tif; points and 3-D lines of .gpkg, .geojson, .dxf; the suffix of the result
@@ -79,11 +99,45 @@ def command(ctx: click.Context, /, points: Path, run: Path | None, stations: Pat
     there, unless it is above the water. Sigmas are along east, north and up, and of the depth, where the stations
     have any: from the run, or from columns of the table.
 
-    Exit status: 0 corrected, 1 a file cannot be used, 4 no point is corrected (with --strict: or doubtful).
+    With --sea points are those of two stations, seen through an estimated surface of the water. --by-control needs
+    no stations: errors of heights at control points are interpolated by least-squares collocation (with a report,
+    NAME.txt).
+
+    Exit status: 0 corrected, 1 a file cannot be used, 4 no point is corrected, or nothing gained by control points
+    (with --strict: or doubtful).
     """
+    if by_control is not None:
+        if run or stations or sea or any(given[name] for name in _STATIONS):
+            raise click.UsageError("--by-control goes without stations and their options")
+        correct_by_control(ctx, points, by_control, given)
+        return
+    if wrong := [name for name in _CONTROL if given.pop(name) not in (None, False, (), "constant")]:
+        raise click.UsageError(
+            f"--{wrong[0].replace('_', '-').replace('families', 'function')} goes with --by-control"
+        )
     if (run is None) == (stations is None):
         raise click.UsageError("--run or --stations is needed, and not both")
-    correct(ctx, points, run or stations, is_run=run is not None, **given)  # type: ignore[arg-type]
+    source: Any = run or stations
+    if sea is not None:
+        _through_sea(ctx, points, sea, source, given)
+        return
+    correct(ctx, points, source, is_run=run is not None, **given)
+
+
+def _through_sea(ctx: click.Context, points: Path, surface: Path, source: Path, given: dict[str, Any]) -> None:
+    from musatpy.sea.stereo.point_records import PointPrecision
+    from musatpy.units import MICROMETRE
+
+    if wrong := [name for name in ("surface", "level", "angle") if given[name]]:
+        raise click.UsageError(f"--{wrong[0]} does not go with --sea")
+    pair, precision = pair_by(source, given["photos"]), PointPrecision()
+    if given["pointing"] is not None:
+        focal = given["focal"] if pair.camera is None else float(pair.camera[:, 0].mean())
+        if focal is None:
+            raise click.UsageError("--pointing needs the focal length of the stations, or --focal")
+        sigma = given["pointing"] * MICROMETRE / focal
+        precision = PointPrecision(cameras=pair.stations.position, image_sigma=sigma)
+    correct_through(ctx, points, surface, pair, precision, given, source)
 
 
 def correct(

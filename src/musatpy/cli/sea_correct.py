@@ -1,4 +1,4 @@
-"""`musat sea correct`: true points of apparent ones through an estimated surface."""
+"""`musat correct --sea`, through an estimated surface; `musat sea correct` was its name."""
 
 from __future__ import annotations
 
@@ -8,69 +8,91 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from musatpy.cli.depth_options import index_by, index_options, system_options
-from musatpy.cli.messages import name_of, tell
-from musatpy.cli.options import columns_of, refuse_overwriting
-from musatpy.cli.sea_options import pair_by, precision_by, precision_options, sea_system
+from musatpy.cli.messages import complain, name_of, progress_through, tell
+from musatpy.cli.options import NamedPath, columns_of, refuse_overwriting
+from musatpy.cli.sea_options import pair_by, precision_by, precision_options
 
 if TYPE_CHECKING:
-    from musatpy.sea.stereo.through import Corrected
+    from musatpy.correction.sea_points import SeaCorrection
+    from musatpy.depth.cameras import CameraStations
+    from musatpy.sea.stereo.point_records import PointPrecision
 
 
-@click.command(name="correct", short_help="True points of apparent ones through such a surface.")
-@click.argument("points", type=click.Path(path_type=Path))
-@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="The file of true points.")
-@click.option("--surface", required=True, type=click.Path(path_type=Path), help="NAME.surface.json of 'sea fit'.")
-@click.option("--cameras", "stations", required=True, type=click.Path(path_type=Path), help="Its pair of stations.")
+@click.command(name="correct", hidden=True)
+@click.argument("points", type=NamedPath())
+@click.option("-o", "--out", required=True, type=NamedPath(), help="The file of true points.")
+@click.option("--surface", required=True, type=NamedPath(), help="NAME.surface.json of 'sea fit'.")
+@click.option("--cameras", "stations", required=True, type=NamedPath(), help="Its pair of stations.")
 @system_options
 @index_options
 @precision_options
-def command(points: Path, out: Path, surface: Path, stations: Path, quiet: bool, **given: Any) -> None:
-    """Correct the apparent POINTS of the pair of a surface.
+@click.pass_context
+def command(ctx: click.Context, /, points: Path, surface: Path, stations: Path, **given: Any) -> None:
+    """Correct the apparent POINTS of the pair of a surface as `musat correct --sea` does, whose name this was."""
+    pair = pair_by(stations, given["pair"])
+    correct_through(ctx, points, surface, pair, precision_by(given, pair), given, stations)
 
-    They come as CSV (id,x,y,z[,sx,sy,sz]) or in the record of a run (.json), intersected as if there were no water.
-    Every point gets its sigmas, of images and surface together, or the reason why it is not corrected.
-    """
+
+def correct_through(
+    ctx: click.Context,
+    points: Path,
+    surface: Path,
+    pair: CameraStations,
+    precision: PointPrecision,
+    given: dict[str, Any],
+    stations: Path,
+) -> None:
+    """Correct the points of a file through a surface, intersected in air from a pair of stations."""
+    from musatpy.correction.sea_points import ThroughSurface
+    from musatpy.depth.cameras import system_of_points
     from musatpy.errors import Problem, SeaError
-    from musatpy.files import write_files
-    from musatpy.reports.sea import corrected_csv
-    from musatpy.sea.stereo.point_records import read_points
     from musatpy.sea.stereo.surface_file import load_map, load_surface
-    from musatpy.sea.stereo.through import correct
 
-    refuse_overwriting([out], [points, stations, surface])
-    index, fitted, pair = index_by(given), load_surface(surface), pair_by(stations, given)
-    columns = columns_of(points, given["columns"])
-    system, surface_map = sea_system(given, pair), load_map(surface)
-    read = read_points(points, precision_by(given, pair), given["only"], columns, system, surface_map)
-    _require_one_earth(surface, surface_map, read.plan)
-    try:
-        corrected = correct(fitted, pair.stations.position, read.points, index, read.plan)
-    except ValueError as error:
-        raise SeaError([Problem(file=str(stations), message=str(error))]) from error
-    write_files({out: corrected_csv(read, corrected).encode()})
-    if not quiet:
-        _tell(out, corrected, read.left)
-
-
-def _require_one_earth(surface: Path, surface_map: Any, plan: Any) -> None:
-    """Raise `SeaError` unless surface and points stand both on the ellipsoid, or both in local coordinates."""
-    from musatpy.errors import Problem, SeaError
-
-    if (surface_map is None) != (plan is None):
+    refuse_overwriting([given["out"]], [points, stations, surface])
+    index, fitted, surface_map = index_by(given, pair), load_surface(surface), load_map(surface)
+    system = system_of_points(points, pair, given["crs"], given["geoid"])
+    if (surface_map is None) != (system.ellipsoid is None):
         where = ("in local coordinates", "on the ellipsoid")
-        message = f"stands {where[surface_map is not None]}, the points {where[plan is not None]}"
+        message = f"stands {where[surface_map is not None]}, the points {where[system.ellipsoid is not None]}"
         raise SeaError([Problem(file=str(surface), message=message)])
+    correction = ThroughSurface(
+        system=system,
+        fitted=fitted,
+        stations=pair.stations.position,
+        index=index,
+        precision=precision,
+        map=surface_map,
+        source=str(stations),
+    )
+    write_corrected(points, correction, given)
+    if not correction.counts[""]:
+        reject(ctx, points)
 
 
-def _tell(out: Path, corrected: Corrected, left: tuple[str, ...]) -> None:
-    """Print how many points are corrected, and why the others are not."""
-    from musatpy.sea.stereo.through import REASONS, Fault
+def write_corrected(points: Path, correction: SeaCorrection, given: dict[str, Any]) -> None:
+    """Correct the points of a file by their sea, and say what has come of them."""
+    from musatpy.correction.sea_points import correct_by_sea
 
-    good = int((corrected.fault == Fault.NONE).sum())
-    tell(f"{name_of(out)}: {len(corrected.fault)} points, {good} corrected")
-    for fault in Fault:
-        count = int((corrected.fault == fault).sum())
-        if fault != Fault.NONE and count:
-            tell(f"{count} not: {REASONS[fault]}")
-    for line in left:
-        tell(f"left out: {line}")
+    with progress_through(points, given["quiet"]) as progress:
+        correct_by_sea(
+            points,
+            given["out"],
+            correction,
+            columns=columns_of(points, given["columns"]),
+            only=given.get("only", ()),
+            crs=given["crs"],
+            layer=given.get("layer", ""),
+            band=given.get("band", ""),
+            progress=progress,
+        )
+    if not given["quiet"]:
+        first, *more = correction.lines()
+        tell("\n".join([f"{name_of(given['out'])}: {first}", *more]))
+
+
+def reject(ctx: click.Context, points: Path, why: str = "no point is corrected") -> None:
+    """End with the status of a result that is of no use."""
+    from musatpy.runs import ExitStatus
+
+    complain(f"{name_of(points)}: {why}")
+    ctx.exit(ExitStatus.REJECTED)

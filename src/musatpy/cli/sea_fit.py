@@ -10,7 +10,7 @@ import click
 from musatpy.cli.depth_options import POSITIVE, system_options
 from musatpy.cli.messages import count_of, name_of, tell
 from musatpy.cli.options import columns_of, out_option, refuse_overwriting
-from musatpy.cli.sea_options import pair_by, precision_by, precision_options, sea_system
+from musatpy.cli.sea_options import pair_by, precision_by, precision_options
 
 if TYPE_CHECKING:
     from musatpy.sea.stereo.estimate import SurfaceFit
@@ -39,8 +39,9 @@ def command(
 
     They come as CSV (id,x,y,z[,sx,sy,sz]) or in the record of a run (.json), those of one simultaneous pair,
     intersected in air. The report goes to NAME.surface.txt, the
-    surface to NAME.surface.json, which 'musat sea correct' reads.
+    surface to NAME.surface.json, which 'musat correct --sea' reads.
     """
+    from musatpy.depth.cameras import system_alone, system_of_points
     from musatpy.files import write_files
     from musatpy.reports.sea import surface_text
     from musatpy.sea.stereo.point_records import read_points
@@ -50,9 +51,10 @@ def command(
         wrong = [name for name in names if other != model and given[name] is not None]
         if wrong:
             raise click.UsageError(f"--{wrong[0]} is for the model {other}")
-    pair = None if stations is None else pair_by(stations, given)
+    pair = None if stations is None else pair_by(stations, given["pair"])
     columns = columns_of(points, given["columns"])
-    system = sea_system(given, pair)
+    crs, geoid = given["crs"], given["geoid"]
+    system = system_alone(crs, geoid) if pair is None else system_of_points(points, pair, crs, geoid)
     read = read_points(points, precision_by(given, pair), given["only"], columns, system)
     surface_map = read.plan.map if read.plan else None
     result = _fit(points, read.points, model, given)

@@ -1,102 +1,110 @@
-"""`musat sea interpolate`: errors of heights interpolated between control points in the water."""
+"""`musat correct --by-control`: heights by what is wrong at control points, once `musat sea interpolate`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from musatpy.cli.depth_options import POSITIVE, Finite, system_options
-from musatpy.cli.messages import name_of, progress_through, tell
-from musatpy.cli.options import columns_of, columns_option, quiet_option, refuse_overwriting
+from musatpy.cli.messages import name_of, tell
+from musatpy.cli.options import NamedPath, columns_option, options_of, quiet_option, refuse_overwriting
+from musatpy.cli.sea_correct import reject, write_corrected
 
 if TYPE_CHECKING:
-    from musatpy.sea.interpolation.control_tables import Control, ControlTable, RecordPoint
-    from musatpy.sea.interpolation.interpolate import Interpolation
-    from musatpy.sea.interpolation.mapped_points import Progress, Tally
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Job:
-    """The records and the deck among the files, None where they are none, and the system of the points."""
-
-    record: dict[str, Any] | None  # of POINTS
-    known: dict[str, Any] | None  # of CONTROL
-    deck: Any
-    system: Any
-
+    from musatpy.sea.interpolation.control_tables import ControlTable
 
 FAMILIES = ("none", "gaussian", "exponential", "elliptic", "bessel", "swell")
-UNHELPFUL = 3  # exit status where the interpolation does not help
-_RECORD, _TABLES, _LAS = ".json", (".csv", ".txt"), (".las", ".laz")
+UNHELPFUL = 3  # exit status of the old name where the interpolation does not help
+_RECORD, _TABLES, _LAS = ".json", (".csv", ".xyz", ".txt"), (".las", ".laz")
+control_options = options_of(
+    click.option("--trend", type=click.Choice(["constant", "plane"]), default="constant", show_default=True),
+    click.option(
+        "--function",
+        "families",
+        multiple=True,
+        type=click.Choice(FAMILIES),
+        help="A covariance function to be tried; all where not given.",
+    ),
+    click.option("--no-noise", is_flag=True, help="Estimate no noise: the sigmas of the control points say all."),
+    click.option("--keep-outliers", is_flag=True, help="Use control points that contradict the others too."),
+    click.option(
+        "--reach",
+        type=POSITIVE,
+        metavar="M",
+        help="Correct what lies so near to a control point; that of the covariance where not given.",
+    ),
+    click.option("--plots", is_flag=True, help="A picture too (NAME.png); needs the extra 'plots'."),
+)
+CONTROL_SIGMA: Any = {
+    "type": Finite(0.0),
+    "metavar": "M",
+    "help": "Of control points without their own; 0 if not given.",
+}
 
 
-@click.command(name="interpolate", short_help="Correct heights by what is wrong at control points.")
-@click.argument("points", type=click.Path(path_type=Path))
-@click.argument("control", type=click.Path(path_type=Path))
-@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="The file of corrected points.")
+@click.command(name="interpolate", hidden=True)
+@click.argument("points", type=NamedPath())
+@click.argument("control", type=NamedPath())
+@click.option("-o", "--out", required=True, type=NamedPath(), help="The file of corrected points.")
 @columns_option
 @system_options
-@click.option("--trend", type=click.Choice(["constant", "plane"]), default="constant", show_default=True)
-@click.option(
-    "--function",
-    "families",
-    multiple=True,
-    type=click.Choice(FAMILIES),
-    help="A covariance function to be tried; all where not given.",
-)
-@click.option("--sigma", type=Finite(0.0), metavar="M", help="Of control points without their own; 0 if not given.")
-@click.option("--no-noise", is_flag=True, help="Estimate no noise: the sigmas of the control points say all.")
-@click.option("--keep-outliers", is_flag=True, help="Use control points that contradict the others too.")
-@click.option(
-    "--reach",
-    type=POSITIVE,
-    metavar="M",
-    help="Correct what lies so near to a control point; that of the covariance where not given.",
-)
-@click.option("--plots", is_flag=True, help="A picture too (NAME.png); needs the extra 'plots'.")
+@control_options
+@click.option("--sigma", "control_sigma", **CONTROL_SIGMA)
 @quiet_option
-def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -> None:
-    """Correct the heights of POINTS by their errors at CONTROL, interpolated by least-squares collocation.
+@click.pass_context
+def command(ctx: click.Context, /, points: Path, control: Path, **given: Any) -> None:
+    """Correct the heights of POINTS by their errors at CONTROL as `musat correct --by-control` does.
 
-    POINTS are comma-separated values under a line of names, a LAS or LAZ file, or the record NAME.json of a run.
-    CONTROL has columns id,x,y,dz (mapped minus true) or id,x,y,z_mapped,z_true or id,z_true, and sigma where known;
-    or it is a deck or record, whose check points count. The report goes beside the result, NAME.txt. Exit status 3
-    where the interpolation does not help; the files are written all the same.
+    This was its name. Exit status 3 where the interpolation does not help.
     """
+    correct_by_control(ctx, points, control, given, UNHELPFUL)
+
+
+def correct_by_control(
+    ctx: click.Context, points: Path, control: Path, given: dict[str, Any], unhelpful: int | None = None
+) -> None:
+    """Correct heights of points by what is interpolated between control points; `unhelpful`: status if in vain."""
+    from musatpy.correction.sea_points import ByControl
     from musatpy.files import write_files
     from musatpy.reports.sea import collocation_text, verdict_line
-    from musatpy.sea.interpolation.control_tables import on_plan
-    from musatpy.sea.interpolation.interpolate import Benefit, interpolate
-    from musatpy.sea.interpolation.mapped_points import corrected_record
+    from musatpy.sea.interpolation.control_tables import control_of, on_plan
+    from musatpy.sea.interpolation.correlation import SignalKind
+    from musatpy.sea.interpolation.interpolate import Benefit, InterpolationOptions, interpolate
+    from musatpy.sea.interpolation.prediction import Trend
 
-    columns = columns_of(points, given["columns"])
+    out = given["out"]
     report, picture = out.with_suffix(".txt"), out.with_suffix(".png")
-    if (points.suffix.lower() in _LAS) != (out.suffix.lower() in _LAS):
-        raise click.UsageError(f"{name_of(points)} and {name_of(out)} are not of one kind")
     _check_outputs([out, report, *([picture] if given["plots"] else [])], [points, control])
-    job = _of_job(points, control, given)
-    known, mapped = _control(points, control, columns, job, given["sigma"])
-    known, plan = on_plan(known, job.system)
-    result = interpolate(known.observed, _options(given))
+    table, system = _control_table(points, control, given)
+    mapped = _mapped(points, table, given["columns"], system) if table.needs_mapped else {}
+    known, plan = on_plan(control_of(table, mapped, str(points), given["control_sigma"]), system)
+    options = InterpolationOptions(
+        trend=Trend.PLANE if given["trend"] == "plane" else Trend.CONSTANT,
+        families=tuple(kind for kind in SignalKind if not given["families"] or kind in given["families"]),
+        free_noise=not given["no_noise"],
+        reject=not given["keep_outliers"],
+        reach=given["reach"],
+    )
+    result = interpolate(known.observed, options)
     files = {report: collocation_text(result, known.ids, (points.name, control.name)).encode()}
     if given["plots"]:
         from musatpy.sea.pictures import interpolation_picture
 
         files[picture] = interpolation_picture(result)
-    if mapped is None:
-        with progress_through(points, quiet) as progress:
-            tally = _correct(points, out, result, columns, plan, progress)
-    else:
-        tally = corrected_record(out, result, mapped, plan)
+    correction = ByControl(system=system, interpolation=result, plan=plan)
+    write_corrected(points, correction, given)
     write_files(files)
-    if not quiet:
-        tell(f"{name_of(out)}: {tally.in_words()}\n{verdict_line(result)}")
+    if not given["quiet"]:
+        tell(verdict_line(result))
+    if result.verdict == Benefit.NOT and unhelpful:
+        ctx.exit(unhelpful)
     if result.verdict == Benefit.NOT:
-        click.get_current_context().exit(UNHELPFUL)
+        reject(ctx, points, "nothing is gained by its control points")
+    if not correction.counts[""]:
+        reject(ctx, points)
 
 
 def _check_outputs(results: Sequence[Path], inputs: Sequence[Path]) -> None:
@@ -110,78 +118,39 @@ def _check_outputs(results: Sequence[Path], inputs: Sequence[Path]) -> None:
     refuse_overwriting(results, inputs)
 
 
-def _options(given: dict[str, Any]) -> Any:
-    from musatpy.sea.interpolation.correlation import SignalKind
-    from musatpy.sea.interpolation.interpolate import InterpolationOptions
-    from musatpy.sea.interpolation.prediction import Trend
-
-    families = tuple(family for family in SignalKind if not given["families"] or family in given["families"])
-    return InterpolationOptions(
-        trend=Trend.PLANE if given["trend"] == "plane" else Trend.CONSTANT,
-        families=families,
-        free_noise=not given["no_noise"],
-        reject=not given["keep_outliers"],
-        reach=given["reach"],
-    )
-
-
-def _of_job(points: Path, control: Path, given: dict[str, Any]) -> _Job:
-    """Return records and deck among the files, and the system of points: as it is said, else that of the job."""
+def _control_table(points: Path, control: Path, given: dict[str, Any]) -> tuple[ControlTable, Any]:
+    """Return the control points of a table, record or deck, and the system of points: as said, else of the job."""
     from musatpy.depth.cameras import system_alone
     from musatpy.depth.point_positions import LOCAL
     from musatpy.formats.musat import read_deck
-    from musatpy.sea.interpolation.control_tables import deck_system, record_system, run_tables
+    from musatpy.sea.interpolation import control_tables
 
-    record, known = (run_tables(path) if path.suffix.lower() == _RECORD else None for path in (points, control))
-    is_deck = control.suffix.lower() not in (_RECORD, *_TABLES)
-    deck = read_deck(control) if is_deck else None
+    record, known = (
+        control_tables.run_tables(path) if path.suffix.lower() == _RECORD else None for path in (points, control)
+    )
+    deck = None if control.suffix.lower() in (_RECORD, *_TABLES) else read_deck(control)
     system: Any = system_alone(given["crs"], given["geoid"])
     if system is not None and (record is not None or not system.plane_alone):
         why = "a record has its own system" if record is not None else f"{system.text} has no heights"
         raise click.UsageError(f"--crs: {why}")
     if system is None and (record or known):
-        system = record_system(record or known or {})
+        system = control_tables.record_system(record or known or {})
     if system is None:
-        system = LOCAL if deck is None else deck_system(deck)
-    return _Job(record=record, known=known, deck=deck, system=system)
+        system = LOCAL if deck is None else control_tables.deck_system(deck)
+    if known is not None:
+        return control_tables.record_control(known, str(control), system), system
+    if deck is not None:
+        return control_tables.deck_control(deck, str(control), system), system
+    return control_tables.read_control(control, system), system
 
 
-def _control(
-    points: Path, control: Path, columns: Sequence[str], job: _Job, sigma: float | None
-) -> tuple[Control, list[RecordPoint] | None]:
-    """Return the control points, and the points of a record, None where POINTS are none."""
-    from musatpy.sea.interpolation.control_tables import control_of, record_points
-    from musatpy.sea.interpolation.mapped_points import read_mapped
+def _mapped(points: Path, table: ControlTable, columns: tuple[str, ...], system: Any) -> Any:
+    """Return the mapped points of the control points that have true heights alone."""
+    from musatpy.sea.interpolation.control_tables import read_mapped, record_mapped
 
-    mapped = None if job.record is None else record_points(job.record, job.system)
-    table = _control_table(control, job)
-    known: Any = {}
-    if table.needs_mapped and mapped is not None:
-        known = {point.id: point.position for point in mapped if point.position is not None}
-    elif table.needs_mapped and points.suffix.lower() in _LAS:
+    if points.suffix.lower() == _RECORD:
+        return record_mapped(points, system)
+    if points.suffix.lower() not in _TABLES:
         message = f"points of {name_of(points)} have no ids: the control points need x, y and dz, or both heights"
         raise click.UsageError(message)
-    elif table.needs_mapped:
-        known = read_mapped(points, [row.id for row in table.rows], columns, job.system)
-    return control_of(table, known, str(points), sigma), mapped
-
-
-def _control_table(control: Path, job: _Job) -> ControlTable:
-    """Return the control points of a CSV file, or the check points of a record or a deck."""
-    from musatpy.sea.interpolation.control_tables import deck_control, read_control, record_control
-
-    if job.known is not None:
-        return record_control(job.known, str(control), job.system)
-    return (
-        read_control(control, job.system) if job.deck is None else deck_control(job.deck, str(control), job.system)
-    )
-
-
-def _correct(
-    points: Path, out: Path, result: Interpolation, columns: Sequence[str], plan: Any, progress: Progress | None
-) -> Tally:
-    from musatpy.sea.interpolation.mapped_points import correct_csv, correct_las
-
-    if points.suffix.lower() in _LAS:
-        return correct_las(points, out, result, plan=plan, progress=progress)
-    return correct_csv(points, out, result, columns=columns, plan=plan, progress=progress)
+    return read_mapped(points, table.ids, columns, system)

@@ -12,6 +12,7 @@ from musatpy.cli.messages import count_of, name_of
 from musatpy.cli.options import columns_option, options_of, quiet_option
 
 if TYPE_CHECKING:
+    from musatpy.depth.cameras import CameraStations
     from musatpy.sea.stereo.point_records import PointPrecision
 
 
@@ -46,37 +47,25 @@ precision_options = options_of(
 )
 
 
-def pair_by(path: Path, given: dict[str, Any]) -> Any:
+def pair_by(path: Path, chosen: str | None) -> CameraStations:
     """Return the cameras of the two stations of a pair. Raises `DepthError`, `OSError`."""
     from musatpy.depth.cameras import read_cameras
     from musatpy.depth.run_cameras import SUFFIX, read_run
 
     cameras = read_run(path, water=False) if path.suffix.lower() == SUFFIX else read_cameras(path, water=False)
-    if given["pair"] is None:
+    if not chosen:
         if len(cameras.names) != 2:
             raise click.UsageError(
                 f"{count_of(len(cameras.names), 'station')} in {name_of(path)}: --pair says which two"
             )
         return cameras
-    names = [name.strip() for name in given["pair"].split(",")]
+    names = [name.strip() for name in chosen.split(",")]
     if len(names) != 2 or len(set(names)) != 2:
-        raise click.UsageError(f"--pair: two names are needed, not '{given['pair']}'")
+        raise click.UsageError(f"--pair: two names are needed, not '{chosen}'")
     for name in names:
         if name not in cameras.names:
             raise click.UsageError(f"--pair: no station {name} among {', '.join(cameras.names)}")
     return cameras.only([cameras.names.index(name) for name in names])
-
-
-def sea_system(given: dict[str, Any], pair: Any) -> Any:
-    """Return the system of points, None of local ones: that of the options, else that of the run of the pair.
-
-    Raises `SystemsError` and `DepthError`.
-    """
-    from musatpy.depth.cameras import system_alone, system_of_points
-
-    if pair is None:
-        return system_alone(given["crs"], given["geoid"])
-    return system_of_points(Path(), pair, given["crs"], given["geoid"])
 
 
 def precision_by(given: dict[str, Any], pair: Any) -> PointPrecision:

@@ -39,5 +39,5 @@ def command(spec: Path, plots: bool, out_dir: Path | None) -> None:
     refuse_overwriting(files, [spec])
     write_files(files)
     sigma = ", ".join(f"{name} {value:.3f}" for name, value in zip("XYZ", result.spread.sigma, strict=True))
-    says = "kept" if result.verdict.kept.all() else "exceeded"
+    says = "kept" if result.spread.kept.all() else "exceeded"
     tell(f"{name_of(text)}: sigma {sigma} m, accuracy {says}")

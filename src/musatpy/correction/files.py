@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pyproj
 
-from musatpy.correction.layers import correct_layers
+from musatpy.correction.layers import correct_by_photographs
 from musatpy.correction.photographs import Photographs
 from musatpy.correction.rasters import band_of, correct_raster, only_band
 from musatpy.correction.surfaces import correct_surface
@@ -130,7 +130,7 @@ def correct_file(
         written = placed(stand_in) or placed(stated) or _crs_of(system)
         layers = {name: replace(part, crs=written) for name, part in layers.items()}
         numbered = target.suffix.lower() in (*SUFFIXES, *_BARE)
-        true, tally = correct_layers(layers, work(system=system), source, numbered=numbered, jobs=jobs)
+        true, tally = correct_by_photographs(layers, work(system=system), source, numbered=numbered, jobs=jobs)
         write_layers(target, true)
     return CorrectedFile(tally=tally, system=system, photographs=photographs)
 

@@ -7,13 +7,15 @@ where another vertex has no true place.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.depth.correction import NO_POINTS, Correction, CorrectionTally, in_order
 from musatpy.depth.csv_points import SIGMAS
 from musatpy.depth.misplaced_points import attempted, require_sight
@@ -26,30 +28,69 @@ DRY = (Fault.ABOVE_WATER, Fault.BETWEEN_TIDES)
 _CHUNK = 16384  # points at a time
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CorrectedPoints:
+    """What comes of n points: true places (n, 3), NaN where lost, why (n,), and other columns, m or counts."""
+
+    true: FloatArray
+    fault: IntArray
+    columns: Mapping[str, FloatArray | IntArray]
+
+    @property
+    def good(self) -> BoolArray:
+        """(n,) which points are corrected."""
+        return self.fault == Fault.NONE
+
+
 def correct_layers(
-    layers: Layers, correction: Correction, source: Path, *, numbered: bool = False, jobs: int = 1
-) -> tuple[Layers, CorrectionTally]:
+    layers: Layers,
+    correct: Callable[[FloatArray], CorrectedPoints],
+    reasons: Mapping[Any, str] = REASONS,
+    *,
+    numbered: bool = False,
+) -> Layers:
     """Return layers with the true places, the posts of a grid as points; reasons are `numbered`, or texts.
 
-    The heights of a grid are its only band. Raises `DepthError` for points that their system does not reach,
-    and where no camera sees any.
+    The heights of a grid are its only band; `correct` is asked once for each layer.
     """
     true: Layers = {}
-    tally, apparent = NO_POINTS, np.empty((0, 3))
     for name, layer in layers.items():
         part = _posts(layer) if isinstance(layer, Grid) else layer
         apparent = part.xyz if isinstance(part, Points) else np.concatenate(part.vertices)
-        points = _corrected(correction, str(source), apparent, jobs)
-        tally = tally + CorrectionTally.of(points)
-        good = points.fault == Fault.NONE
-        place = np.where(good[:, None], points.position, apparent)
+        points = correct(apparent)
+        place = np.where(points.good[:, None], points.true, apparent)
         if isinstance(part, Points):
-            columns = _columns(apparent, points, numbered, with_sigmas=correction.errors is not None)
-            true["points" if part is not layer else name] = replace(
-                part, xyz=place, columns={**part.columns, **columns}
-            )
+            columns = dict(part.columns) | {
+                f"apparent_{axis}": Column.of(values) for axis, values in zip("xyz", apparent.T, strict=True)
+            }
+            for column, values in points.columns.items():
+                columns[column] = Column.of(values, "m" if values.dtype.kind == "f" else "")
+            faults = points.fault.tolist()
+            columns["reason"] = Column.of(faults if numbered else [reasons[fault] for fault in faults])
+            true["points" if part is not layer else name] = replace(part, xyz=place, columns=columns)
         else:
-            true[name] = _cut(part, place, good | np.isin(points.fault, DRY))
+            true[name] = _cut(part, place, points.good | np.isin(points.fault, DRY))
+    return true
+
+
+def correct_by_photographs(
+    layers: Layers, correction: Correction, source: Path, *, numbered: bool = False, jobs: int = 1
+) -> tuple[Layers, CorrectionTally]:
+    """Return layers with the true places by all photographs that see their points, and what came of these.
+
+    Raises `DepthError` for points that their system does not reach, and where no camera sees any.
+    """
+    tally, apparent = NO_POINTS, np.empty((0, 3))
+
+    def correct(given: FloatArray) -> CorrectedPoints:
+        nonlocal tally, apparent
+        points = _corrected(correction, str(source), given, jobs)
+        tally, apparent = tally + CorrectionTally.of(points), given
+        sigmas = () if correction.errors is None else (*points.sigma.T, points.depth_sigma)
+        columns = {"depth": points.depth, **dict(zip(SIGMAS, sigmas, strict=False)), "cameras": points.cameras}
+        return CorrectedPoints(true=points.position, fault=points.fault.astype(np.int64), columns=columns)
+
+    true = correct_layers(layers, correct, numbered=numbered)
     require_sight(correction, tally, source, apparent)
     return true, tally
 
@@ -68,19 +109,6 @@ def _corrected(correction: Correction, source: str, apparent: FloatArray, jobs: 
             raise DepthError([done])
         parts.append(done[0])
     return TruePoints(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
-
-
-def _columns(apparent: FloatArray, points: TruePoints, numbered: bool, *, with_sigmas: bool) -> dict[str, Column]:
-    """Return what points get, by the names that tables and clouds have."""
-    columns = {f"apparent_{axis}": Column.of(values) for axis, values in zip("xyz", apparent.T, strict=True)}
-    columns["depth"] = Column.of(points.depth, "m")
-    if with_sigmas:
-        sigmas = (*points.sigma.T, points.depth_sigma)
-        columns |= {name: Column.of(values, "m") for name, values in zip(SIGMAS, sigmas, strict=True)}
-    columns["cameras"] = Column.of(points.cameras)
-    faults = points.fault.tolist()
-    columns["reason"] = Column.of(faults if numbered else [REASONS[Fault(fault)] for fault in faults])
-    return columns
 
 
 def _cut(lines: Lines, place: FloatArray, kept: BoolArray) -> Lines:

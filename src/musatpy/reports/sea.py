@@ -18,14 +18,9 @@ from musatpy.sea.interpolation.prediction import Trend
 from musatpy.sea.stereo.estimate import SurfaceFit
 from musatpy.sea.stereo.fourier import FourierSurface
 from musatpy.sea.stereo.grid import GridSurface, Mesh, cell_counts
-from musatpy.sea.stereo.point_records import ReadPoints
 from musatpy.sea.stereo.surface_points import height_sigma
-from musatpy.sea.stereo.through import REASONS, Corrected, Fault
 from musatpy.units import DEGREE
 
-CORRECTED = (
-    "id,x,y,z,true_x,true_y,true_z,sigma_x,sigma_y,sigma_z,surface_sigma_z,parallax,reason"  # columns of the table
-)
 _CORRELATED = 0.5  # correlations below are not listed
 
 
@@ -124,26 +119,6 @@ def _grid(fit: SurfaceFit, fitted: GridSurface) -> list[str]:
         f"Sigma of the height in the middle of known cells: {np.median(sigma):.4f} m by the median, "
         f"{sigma.max():.4f} at most",
     ]
-
-
-def corrected_csv(read: ReadPoints, corrected: Corrected) -> str:
-    """Return apparent and true points as their file has them, with sigmas (m), or the reason why there is none."""
-    good = corrected.fault == Fault.NONE
-    true = np.full(corrected.position.shape, np.nan)
-    true[good] = read.coordinates(corrected.position[good])
-    given, decimals = read.coordinates(read.points.position), read.decimals
-    lines = [CORRECTED]
-    for row, name in enumerate(read.points.ids):
-        sigmas = [*corrected.sigma[row], corrected.surface_sigma[row], corrected.parallax[row]]
-        texts = [*_decimal(true[row], decimals), *(f"{value:.4f}" for value in sigmas)]
-        texts = texts if good[row] else [""] * len(texts)
-        reason = REASONS[Fault(corrected.fault[row])]
-        lines.append(",".join([name, *_decimal(given[row], decimals), *texts, reason]))
-    return "\n".join(lines) + "\n"
-
-
-def _decimal(place: FloatArray, decimals: tuple[int, int, int]) -> list[str]:
-    return [f"{value:.{number}f}" for value, number in zip(place.tolist(), decimals, strict=True)]
 
 
 _SAYS = {
@@ -278,8 +253,8 @@ def waves_text(study: WaveStudy) -> str:
             ("at No.", "I6", study.spread.point + 1),
             ("Mean\nm", "F8.3", study.spread.mean),
             ("Sigma\nm", "F8.3", study.spread.sigma),
-            ("Allowed\nm", "F8.3", study.verdict.allowed),
-            ("Verdict", "A8", np.where(study.verdict.kept, *_KEPT)),
+            ("Allowed\nm", "F8.3", study.spread.allowed),
+            ("Verdict", "A8", np.where(study.spread.kept, *_KEPT)),
         ).text(),
         "",
         f"Allowed are 1/{spec.accuracy.plan:g} of the flying height in plan, 1/{spec.accuracy.height:g} in height",
@@ -331,14 +306,14 @@ def _histograms(study: WaveStudy) -> list[str]:
 
 
 def _trials(trials: Trials) -> list[str]:
-    done = [(trial.value, trial.spread, trial.verdict) for trial in trials.trials if trial.spread and trial.verdict]
-    largest = np.array([spread.largest for _, spread, _ in done]).reshape(-1, 3)
-    sigma = np.array([spread.sigma for _, spread, _ in done]).reshape(-1, 3)
+    done = [(trial.value, trial.spread) for trial in trials.trials if trial.spread]
+    largest = np.array([spread.largest for _, spread in done]).reshape(-1, 3)
+    sigma = np.array([spread.sigma for _, spread in done]).reshape(-1, 3)
     table = sheet(
-        (f"{trials.name}\n{trials.unit}", "F8.2", [value for value, _, _ in done]),
+        (f"{trials.name}\n{trials.unit}", "F8.2", [value for value, _ in done]),
         ([f"Max {name}\nm" for name in _COORDINATES], "F8.3", largest),
         ([f"Sigma {name}\nm" for name in _COORDINATES], "F8.3", sigma),
-        ("Verdict", "A8", np.where([verdict.kept.all() for _, _, verdict in done], *_KEPT)),
+        ("Verdict", "A8", np.where([spread.kept.all() for _, spread in done], *_KEPT)),
     )
     failed = [
         f"note: {trials.name.lower()} {t.value:g} {trials.unit}: {t.reason}" for t in trials.trials if t.reason

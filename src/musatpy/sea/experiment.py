@@ -107,23 +107,36 @@ def intersect(origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, Fl
 class ErrorSizes:
     """Of each coordinate (3,): the signed error that is largest, its point (row), mean, and standard error.
 
-    The standard error is the root of the mean square, as in the paper, not about the mean.
+    The standard error is the root of the mean square, as in the paper, not about the mean. `allowed` (3,) m is the
+    accuracy asked of a map.
     """
 
     largest: FloatArray
     point: IntArray
     mean: FloatArray
     sigma: FloatArray
+    allowed: FloatArray
+
+    @property
+    def kept(self) -> BoolArray:
+        """(3,) whether the standard errors due to waves keep within what is allowed."""
+        return self.sigma < self.allowed
 
 
-def spread(error: FloatArray) -> ErrorSizes:
-    """Return how errors (m, 3) are spread."""
+def spread(
+    error: FloatArray, flying_height: float = np.nan, plan: float = 10000.0, height: float = 5000.0
+) -> ErrorSizes:
+    """Return how errors (m, 3) are spread, of a map from a flying height (m) above the bottom.
+
+    Allowed are 1/`plan` of it in x and y, 1/`height` in z: Okamoto (1982), below Table 6.
+    """
     row = np.argmax(np.abs(error), axis=0)
     return ErrorSizes(
         largest=error[row, np.arange(3)],
         point=row,
         mean=error.mean(axis=0),
         sigma=np.sqrt(np.mean(np.square(error), axis=0)),
+        allowed=flying_height / np.array([plan, plan, height]),
     )
 
 
@@ -143,23 +156,6 @@ def histogram(error: FloatArray, bins: int = 21) -> Histogram:
     return Histogram(edges=edges, count=np.array(count))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AccuracyMet:
-    """The accuracy asked of a map, (3,) m, and whether the standard errors due to waves keep within it."""
-
-    allowed: FloatArray
-    kept: BoolArray
-
-
-def verdict(sigma: FloatArray, flying_height: float, plan: float = 10000.0, height: float = 5000.0) -> AccuracyMet:
-    """Return the verdict on standard errors (3,) m from a flying height (m) above the bottom.
-
-    Allowed are 1/`plan` of it in x and y, 1/`height` in z: Okamoto (1982), below Table 6.
-    """
-    allowed = flying_height / np.array([plan, plan, height])
-    return AccuracyMet(allowed=allowed, kept=sigma < allowed)
-
-
 WIDE = 60.0 * DEGREE  # the corner of a super-wide-angle photograph
 
 
@@ -169,7 +165,6 @@ class Trial:
 
     value: float
     spread: ErrorSizes | None = None
-    verdict: AccuracyMet | None = None
     reason: str = ""
 
 
@@ -193,7 +188,6 @@ class WaveStudy:
     errors: MappingErrors
     spread: ErrorSizes
     histogram: Histogram
-    verdict: AccuracyMet
     studies: tuple[Trials, ...]
     wide: int  # rays, of two per point, that no usual camera has: beyond `WIDE` of the vertical
 
@@ -206,7 +200,6 @@ def study(spec: WaveSpec, file: str | None = None) -> WaveStudy:
         raise SpecError([Problem(file=file, message=str(error))]) from error
     theory = theory_of(spec)
     length, speed = lengths_and_speeds(spec)
-    sizes = spread(errors.error)
     gap = errors.points - np.array(spec.stereo.cameras)[:, None, :]
     wide = np.hypot(gap[..., 0], gap[..., 1]) > -gap[..., 2] * np.tan(WIDE)
     return WaveStudy(
@@ -215,9 +208,8 @@ def study(spec: WaveSpec, file: str | None = None) -> WaveStudy:
         length=length,
         speed=speed,
         errors=errors,
-        spread=sizes,
+        spread=_spread(spec, errors),
         histogram=histogram(errors.error),
-        verdict=_verdict(spec, sizes),
         studies=tuple(_studies(spec)),
         wide=int(np.count_nonzero(wide)),
     )
@@ -284,8 +276,8 @@ def flying_height(spec: WaveSpec) -> float:
     return (spec.stereo.cameras[0][2] + spec.stereo.cameras[1][2]) / 2.0 + spec.water.depth
 
 
-def _verdict(spec: WaveSpec, sizes: ErrorSizes) -> AccuracyMet:
-    return verdict(sizes.sigma, flying_height(spec), spec.accuracy.plan, spec.accuracy.height)
+def _spread(spec: WaveSpec, errors: MappingErrors) -> ErrorSizes:
+    return spread(errors.error, flying_height(spec), spec.accuracy.plan, spec.accuracy.height)
 
 
 def _studies(spec: WaveSpec) -> list[Trials]:
@@ -313,5 +305,4 @@ def _trial(spec: WaveSpec, value: float, start: float = 0.0) -> Trial:
         errors = run(experiment(spec, start))
     except ValueError as error:
         return Trial(value=value, reason=str(error))
-    sizes = spread(errors.error)
-    return Trial(value=value, spread=sizes, verdict=_verdict(spec, sizes))
+    return Trial(value=value, spread=_spread(spec, errors))

@@ -1,14 +1,13 @@
 """Files that are read whole: control points, and mapped points of the record of a run.
 
-Control points are a table with columns `id`, `sigma` (m) where
+ControlErrors points are a table with columns `id`, `sigma` (m) where
 known, and either `dz` or `z_mapped,z_true` with `x,y`, or `z_true` alone, for points that are mapped in another
 file. Errors are mapped minus true.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from musatpy.geometry.crs import LongitudeLatitude, Plan
 from musatpy.geometry.systems import System
 from musatpy.model import Block, ControlKind
 from musatpy.pointfiles.columns import PLAN, Column, Wanted, place_columns
-from musatpy.pointfiles.point_tables import read_table
+from musatpy.pointfiles.point_tables import read_chunks, read_table
 from musatpy.records.json_files import read_record
 from musatpy.records.run_tables import SYSTEM, job_system, level_positions
 from musatpy.records.tables import Tables, flags, numbers, texts
@@ -40,43 +39,27 @@ _FORMS = ((*PLAN, "dz", "z_true"), (*PLAN, "dz"), (*PLAN, "z_mapped", "z_true"),
 Mapped = Mapping[str, tuple[float, float, float]]  # id -> x, y, z as mapped
 
 
-@dataclass(frozen=True, kw_only=True)
-class ControlRow:
-    """A control point as it stands in a file: its numbers by column (m), and its line where it has one."""
-
-    id: str
-    numbers: Mapping[str, float]
-    line: int | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ControlTable:
-    """The control points of a file."""
+    """n control points of a file: ids, numbers (n,) m by column, NaN where not given, and their lines if any."""
 
     source: str
-    rows: tuple[ControlRow, ...]
+    ids: tuple[str, ...]
+    values: Mapping[str, FloatArray]
+    lines: Sequence[int] | None = None
 
     @property
     def needs_mapped(self) -> bool:
         """True where only true heights are given: the mapped points stand in another file."""
-        return bool(self.rows) and not {"dz", "z_mapped"} & self.rows[0].numbers.keys()
+        return not {"dz", "z_mapped"} & self.values.keys()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Control:
+class ControlErrors:
     """Control points with the errors of their mapped heights."""
 
     ids: tuple[str, ...]
     observed: Observed
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecordPoint:
-    """A point of the record of a run; `reason` says why it is not one to be corrected."""
-
-    id: str
-    position: tuple[float, float, float] | None
-    reason: str = ""
 
 
 def read_control(path: Path, system: System) -> ControlTable:
@@ -87,49 +70,37 @@ def read_control(path: Path, system: System) -> ControlTable:
     columns = (*_HEIGHTS, *place_columns(units=system.units)[:2])
     table = read_table(path, Wanted(columns=columns, forms=_FORMS))
     table.require(CollocationError, empty="no control point")
-    numbers = [dict(zip(table.values, row, strict=True)) for row in zip(*table.values.values(), strict=True)]
-    rows = [
-        ControlRow(
-            id=name, numbers={key: float(value) for key, value in of.items() if not math.isnan(value)}, line=line
-        )
-        for name, of, line in zip(table.texts("id"), numbers, table.lines, strict=True)
-    ]
-    return ControlTable(source=str(path), rows=tuple(rows))
+    return ControlTable(source=str(path), ids=tuple(table.texts("id")), values=table.values, lines=table.lines)
 
 
 def control_of(
     table: ControlTable, mapped: Mapped, mapped_in: str = "", default_sigma: float | None = None
-) -> Control:
+) -> ControlErrors:
     """Return control points with their errors, mapped minus true.
 
     `mapped` has those that the file gives true heights of; `default_sigma` (m) is that of points without, 0 where
     not given. Raises `CollocationError` with every point that is not there, and where a sigma is given for none.
     """
-    if default_sigma is not None and table.rows and all("sigma" in row.numbers for row in table.rows):
+    values = table.values
+    sigma = values.get("sigma", np.full(len(table.ids), np.nan))
+    if default_sigma is not None and len(sigma) and np.isfinite(sigma).all():
         message = "there are sigmas, and one is given too: no control point is without its own"
         raise CollocationError([Problem(file=table.source, message=message)])
     if table.needs_mapped:
+        lines: Sequence[int | None] = table.lines or [None] * len(table.ids)
         problems = [
-            Problem(file=table.source, line=row.line, field="id", message=f"no point '{row.id}' in {mapped_in}")
-            for row in table.rows
-            if row.id not in mapped
+            Problem(file=table.source, line=line, field="id", message=f"no point '{name}' in {mapped_in}")
+            for name, line in zip(table.ids, lines, strict=True)
+            if name not in mapped
         ]
         if problems:
             raise CollocationError(problems)
-    place, value = [], []
-    for row in table.rows:
-        x, y, z = mapped[row.id] if table.needs_mapped else (row.numbers["x"], row.numbers["y"], 0.0)
-        place.append((x, y))
-        value.append(_error(row.numbers, z))
-    sigma = [row.numbers.get("sigma", default_sigma or 0.0) for row in table.rows]
-    observed = Observed(place=np.array(place), value=np.array(value), sigma=np.array(sigma))
-    return Control(ids=tuple(row.id for row in table.rows), observed=observed)
-
-
-def _error(numbers: Mapping[str, float], z: float) -> float:
-    if "dz" in numbers:
-        return numbers["dz"]
-    return numbers.get("z_mapped", z) - numbers["z_true"]
+        x, y, z = np.array([mapped[name] for name in table.ids]).reshape(-1, 3).T
+    else:
+        x, y, z = values["x"], values["y"], values.get("z_mapped", np.full(len(sigma), np.nan))
+    value = values["dz"] if "dz" in values else z - values["z_true"]
+    known = np.where(np.isnan(sigma), default_sigma or 0.0, sigma)
+    return ControlErrors(ids=table.ids, observed=Observed(place=np.column_stack([x, y]), value=value, sigma=known))
 
 
 def run_tables(path: Path) -> dict[str, Any]:
@@ -148,20 +119,35 @@ def record_system(record: Tables) -> System:
     return LongitudeLatitude(system.ellipsoid)
 
 
-def record_points(record: Tables, system: System) -> list[RecordPoint]:
-    """Return the points of a record in a system: those with a position under water are to be corrected."""
-    table, points = record["points"], []
+def record_mapped(path: Path, system: System) -> Mapped:
+    """Return the points of a record with their places in a system."""
+    record = run_tables(path)
+    table = record["points"]
     position = numbers(table, "position", 3)
-    known = np.isfinite(position[:, 0])
-    places = iter(system.coordinates(level_positions(record, position[known])).tolist())
-    columns = (table[name] for name in ("point", "bathymetric", "reason"))
-    for name, submerged, why, is_known in zip(*columns, known.tolist(), strict=True):
-        if not is_known:
-            points.append(RecordPoint(id=name, position=None, reason=f"not determined: {why or 'no position'}"))
-        else:
-            x, y, z = next(places)
-            points.append(RecordPoint(id=name, position=(x, y, z), reason="" if submerged else "not under water"))
-    return points
+    known = np.isfinite(position).all(axis=1)
+    places = system.coordinates(level_positions(record, position[known])).tolist()
+    names = [name for name, is_known in zip(table["point"], known.tolist(), strict=True) if is_known]
+    return {name: (x, y, z) for name, (x, y, z) in zip(names, places, strict=True)}
+
+
+def read_mapped(path: Path, wanted: Iterable[str], columns: Sequence[str], system: System) -> Mapped:
+    """Return the mapped points of a table with the wanted ids, places in a system.
+
+    Raises `CollocationError` with every line that cannot be read, or has such an id a second time; `OSError`.
+    """
+    looked_for, mapped = set(wanted), dict[str, tuple[float, float, float]]()
+    places = place_columns(columns, system.units)
+    names = Column(name="id", kind="text", blank=True)
+    for table in read_chunks(path, Wanted(columns=(names, *places)), CollocationError):
+        points = table.numbers(*(place.name for place in places)).tolist()
+        for row, name in enumerate(table.texts("id")):
+            if name in mapped:
+                table.refuse(f"control point '{name}' is there a second time", row, "id")
+            elif name in looked_for:
+                x, y, z = points[row]
+                mapped[name] = (x, y, z)
+        table.require(CollocationError)
+    return mapped
 
 
 def record_control(record: Tables, source: str, system: System) -> ControlTable:
@@ -171,7 +157,7 @@ def record_control(record: Tables, source: str, system: System) -> ControlTable:
     rows = (texts(control, "kind") == "check") & np.isin(names, wet)
     given, sigma = (numbers(control, name, 3)[rows] for name in ("given_position", "given_sigma"))
     heights = _heights(level_positions(record, given), system)
-    return _checks(names[rows].tolist(), heights, sigma[:, 2].tolist(), source)
+    return _checks(names[rows].tolist(), heights, sigma[:, 2], source)
 
 
 def deck_system(block: Block) -> System:
@@ -189,7 +175,7 @@ def deck_control(block: Block, source: str, system: System) -> ControlTable:
     rows = np.flatnonzero((control.kind == ControlKind.CHECK) & block.points.bathymetric[control.point])
     heights = _heights(level_of(own_statement(block).system, control.position[rows]), system)
     ids = block.points.ids[control.point[rows]].tolist()
-    return _checks(ids, heights, control.sigma[rows, 2].tolist(), source)
+    return _checks(ids, heights, control.sigma[rows, 2], source)
 
 
 def _heights(level: FloatArray, system: System) -> FloatArray:
@@ -202,18 +188,15 @@ def _heights(level: FloatArray, system: System) -> FloatArray:
     return out
 
 
-def _checks(ids: Sequence[str], heights: FloatArray, sigmas: Sequence[float], source: str) -> ControlTable:
-    rows = [
-        ControlRow(id=str(name), numbers={"z_true": z} | ({} if math.isnan(sigma) else {"sigma": sigma}))
-        for name, z, sigma in zip(ids, heights.tolist(), sigmas, strict=True)
-        if math.isfinite(z)
-    ]
-    if not rows:
+def _checks(ids: Sequence[str], heights: FloatArray, sigma: FloatArray, source: str) -> ControlTable:
+    known = np.isfinite(heights)
+    if not known.any():
         raise CollocationError([Problem(file=source, message="no check point under water has a height")])
-    return ControlTable(source=source, rows=tuple(rows))
+    names = tuple(str(name) for name, is_known in zip(ids, known.tolist(), strict=True) if is_known)
+    return ControlTable(source=source, ids=names, values={"z_true": heights[known], "sigma": sigma[known]})
 
 
-def on_plan(control: Control, system: System) -> tuple[Control, Plan | None]:
+def on_plan(control: ControlErrors, system: System) -> tuple[ControlErrors, Plan | None]:
     """Return control points with their places on a map, and the plan of it; on no ellipsoid as they are.
 
     Raises `SystemsError` where the system does not reach one.

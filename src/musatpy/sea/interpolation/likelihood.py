@@ -19,21 +19,6 @@ BLOCK = 200  # control points: up to so many the likelihood is exact
 IMPOSSIBLE = 1e12  # of covariances that cannot be factorised: an optimiser turns back there
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Block:
-    """Neighbours: lags (b, b, 2) m, rows of the trend (b, u), values (b,) m, variances (b,) m2 of their sigmas."""
-
-    lag: FloatArray
-    A: FloatArray
-    value: FloatArray
-    variance: FloatArray
-
-    @classmethod
-    def of(cls, observed: Observed, trend: Trend) -> _Block:
-        lag, A = lags(observed.place, observed.place), observed.trend_rows(trend)
-        return cls(lag=lag, A=A, value=observed.value, variance=observed.sigma**2)
-
-
 class Likelihood:
     """-ln of the restricted likelihood of a family, with its partials.
 
@@ -44,7 +29,8 @@ class Likelihood:
     def __init__(self, observed: Observed, trend: Trend, family: SignalKind, *, free_noise: bool) -> None:
         self.family, self.free_noise = family, free_noise
         self.has_signal = family != SignalKind.NONE
-        self._blocks = [_Block.of(observed.rows(rows), trend) for rows in neighbours(observed.place)]
+        parts = [observed.rows(rows) for rows in neighbours(observed.place)]
+        self._blocks = [(part, lags(part.place, part.place), part.trend_rows(trend)) for part in parts]
 
     def covariance(self, unknowns: FloatArray) -> Covariance:
         """Return the covariance that unknowns stand for."""
@@ -60,28 +46,30 @@ class Likelihood:
         total, slope = 0.0, np.zeros(len(unknowns))
         for block in self._blocks:
             try:
-                value, partials = self._of(block, covariance)
+                value, partials = self._of(*block, covariance)
             except np.linalg.LinAlgError:
                 return IMPOSSIBLE, np.zeros(len(unknowns))
             total, slope = total + value, slope + partials
         return total, slope
 
-    def _of(self, block: _Block, covariance: Covariance) -> tuple[float, FloatArray]:
+    def _of(
+        self, observed: Observed, lag: FloatArray, A: FloatArray, covariance: Covariance
+    ) -> tuple[float, FloatArray]:
         from scipy.linalg import cho_factor, cho_solve
 
-        count, unknowns = block.A.shape
-        R, partials = covariance.correlation.with_partials(block.lag)
+        count, unknowns = A.shape
+        R, partials = covariance.correlation.with_partials(lag)
         C = covariance.signal * R
         diagonal = np.diag_indices(count)
-        C[diagonal] += covariance.noise + block.variance + JITTER * covariance.signal
+        C[diagonal] += covariance.noise + observed.sigma**2 + JITTER * covariance.signal
         factor = cho_factor(C, lower=True, check_finite=False)
         inverse = cho_solve(factor, np.eye(count), overwrite_b=True, check_finite=False)
-        B = inverse @ block.A
-        N = block.A.T @ B
+        B = inverse @ A
+        N = A.T @ B
         P = inverse - B @ np.linalg.solve(N, B.T)
-        weights = P @ block.value
+        weights = P @ observed.value
         logs = 2.0 * np.log(np.diag(factor[0])).sum() + np.linalg.slogdet(N)[1]
-        total = 0.5 * (logs + block.value @ weights + (count - unknowns) * np.log(2.0 * np.pi))
+        total = 0.5 * (logs + observed.value @ weights + (count - unknowns) * np.log(2.0 * np.pi))
         G = 0.5 * (P - np.outer(weights, weights))  # partials of the total by the elements of C
         slope = []
         if self.has_signal:
@@ -106,9 +94,6 @@ def neighbours(place: FloatArray, most: int = BLOCK) -> list[IntArray]:
     return blocks
 
 
-_FLAT = 1.0  # 1/second derivative of ln of a parameter: beyond, the likelihood does not tell it, nor does it matter
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Uncertain:
     """A collocation with others, one each way along each direction (k) in which the covariance is uncertain.
@@ -122,15 +107,10 @@ class Uncertain:
     def predict(self, place: FloatArray) -> Prediction:
         """Return the prediction at places (m, 2), its sigma with that of the covariance."""
         plain = self.collocation.predict(place)
-        added = [self._added(part) for part in self.collocation.parts(place)]
-        variance = plain.sigma**2 + np.concatenate([np.empty(0), *added])
-        return Prediction(value=plain.value, sigma=np.sqrt(variance), distance=plain.distance)
-
-    def _added(self, place: FloatArray) -> FloatArray:
-        variance = np.zeros(len(place))
+        variance = plain.sigma**2
         for more, less in self.pairs:
             variance += np.square((more.value(place) - less.value(place)) / 2.0)
-        return variance
+        return Prediction(value=plain.value, sigma=np.sqrt(variance), distance=plain.distance)
 
 
 def unknowns_of(covariance: Covariance, free_noise: bool) -> FloatArray:
@@ -159,7 +139,7 @@ def uncertain(collocation: Collocation, free_noise: bool) -> Uncertain:
     size, axes = np.linalg.eigh(H)
     pairs = []
     for value, axis in zip(size, axes.T, strict=True):
-        if value * _FLAT <= 1.0:
+        if value <= 1.0:  # the likelihood does not tell such a parameter, nor does it matter
             continue
         step = np.concatenate([np.zeros(first), scale * axis / np.sqrt(value)])
         more, less = (likelihood.covariance(unknowns + sign * step) for sign in (1.0, -1.0))

@@ -140,19 +140,21 @@ class Collocation:
 
     def predict(self, place: FloatArray) -> Prediction:
         """Return value and sigma of trend and signal at places (m, 2), in blocks of bounded memory."""
-        blocks = [self._block(part) for part in self.parts(place)]
+        blocks = [self._block(part) for part in self._parts(place)]
         value, sigma, distance = np.concatenate([np.empty((3, 0)), *blocks], axis=1)
         return Prediction(value=value, sigma=sigma, distance=distance)
 
-    def parts(self, place: FloatArray) -> list[FloatArray]:
-        """Return places (m, 2) in parts whose covariances fit the memory."""
+    def _parts(self, place: FloatArray) -> list[FloatArray]:
         step = max(1, _BLOCK // len(self.observed.value))
         return [place[start : start + step] for start in range(0, len(place), step)]
 
     def value(self, place: FloatArray) -> FloatArray:
-        """Return the value alone at places (m, 2), one of the `parts`."""
-        c = self.covariance.signal * self.covariance.correlation(lags(self.observed.place, place))
-        return self.observed.trend_rows(self.trend, place) @ self.coefficients + self._weights @ c
+        """Return the value alone at places (m, 2)."""
+        values = [np.empty(0)]
+        for part in self._parts(place):
+            c = self.covariance.signal * self.covariance.correlation(lags(self.observed.place, part))
+            values.append(self.observed.trend_rows(self.trend, part) @ self.coefficients + self._weights @ c)
+        return np.concatenate(values)
 
     def _block(self, place: FloatArray) -> FloatArray:
         """Return value, sigma and distance (3, m)."""

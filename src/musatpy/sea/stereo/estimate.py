@@ -11,7 +11,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.similarity import spread
 from musatpy.sea.stereo import fourier, grid
-from musatpy.sea.stereo.fourier import FourierSurface, WaveSearch, WaveTrial
+from musatpy.sea.stereo.fourier import FourierSurface, WaveTrial
 from musatpy.sea.stereo.grid import GridSurface, Mesh
 from musatpy.sea.stereo.spectrum import Band, band, lattice, mean_spacing, nearest_spacing
 from musatpy.sea.stereo.surface_points import CRITICAL, KeptPoints, Misfits, SurfacePoints, misfits, scale_of, snoop
@@ -127,13 +127,12 @@ def fit_fourier(
     points, impossible = on_water(points)
     origin = _origin(points)
     waves = band(points.position[:, :2], shortest, longest)
-    search = WaveSearch(waves=waves, most=most, risk=risk)
     judged = KeptPoints.everyone(len(points.ids))
-    q, steps = fourier.find_waves(points, origin, search)
+    q, steps = fourier.find_waves(points, origin, waves, most, risk)
     for _ in range(_ROUNDS):
         before = judged.kept
         judged = snoop(points, partial(_fourier_of, points, origin, q), judged, critical)
-        q, more = fourier.find_waves(some(points, judged.kept), origin, search, q)
+        q, more = fourier.find_waves(some(points, judged.kept), origin, waves, most, risk, q)
         steps = [step for step in steps if step.is_taken] + more
         if not any(step.is_taken for step in more) and (judged.kept == before).all():
             break

@@ -19,7 +19,6 @@ from musatpy.sea.stereo.surface_points import SurfacePoints
 
 PER_WAVE = 4
 RISK = 0.01  # of taking noise for a wave, over all wave vectors tried
-_MAX_STEPS = 60
 _WEIGHT_PASSES = 3  # weights depend on the slope, which hardly changes
 _SET_ASIDE = 4.0  # deviations, by the median, beyond which a point has no say in the search for waves
 
@@ -41,14 +40,17 @@ class FourierSurface:
         """How many waves there are."""
         return (len(self.parameters) - 1) // PER_WAVE
 
+    @property
+    def level(self) -> float:
+        """Mean height, m."""
+        return float(self.parameters[0])
+
     @cached_property
     def surface(self) -> Harmonic:
         """The surface, about the origin, standing still."""
         amplitude, phase, vector = _polar(self.parameters)
         zero = np.zeros(len(amplitude))
-        return Harmonic(
-            level=float(self.parameters[0]), amplitude=amplitude, vector=vector, frequency=zero, phase=phase
-        )
+        return Harmonic(level=self.level, amplitude=amplitude, vector=vector, frequency=zero, phase=phase)
 
     @property
     def described(self) -> tuple[FloatArray, FloatArray]:
@@ -61,13 +63,9 @@ class FourierSurface:
         number = np.linalg.norm(vector, axis=1)
         values = [amplitude, 2.0 * np.pi / number, np.arctan2(vector[:, 1], vector[:, 0]), phase]
         T = self._described_partials()
-        variance = np.einsum("kij,kjl,kil->ki", T, self._blocks(), T)
-        return np.stack(values, axis=1), np.sqrt(variance)
-
-    def _blocks(self) -> FloatArray:
-        """Return (k, 4, 4) the covariance of a, b, kx, ky of each wave."""
         rows = 1 + PER_WAVE * np.arange(self.count)[:, None] + np.arange(PER_WAVE)
-        return self.covariance[rows[:, :, None], rows[:, None, :]]
+        variance = np.einsum("kij,kjl,kil->ki", T, self.covariance[rows[:, :, None], rows[:, None, :]], T)
+        return np.stack(values, axis=1), np.sqrt(variance)
 
     def _described_partials(self) -> FloatArray:
         """Return (k, 4, 4) amplitude, length, azimuth, phase by a, b, kx, ky."""
@@ -150,28 +148,20 @@ class WaveTrial:
         return not self.reason
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WaveSearch:
-    """How waves are looked for: in which band, how many at most, and the risk that noise is taken for one."""
-
-    waves: Band
-    most: int = 8
-    risk: float = RISK
-
-
 def find_waves(
-    points: SurfacePoints, origin: FloatArray, search: WaveSearch, start: FloatArray | None = None
+    points: SurfacePoints, origin: FloatArray, waves: Band, most: int, risk: float, start: FloatArray | None = None
 ) -> tuple[FloatArray, list[WaveTrial]]:
-    """Return the parameters (p,) of the waves in points, and every step of the search (matching pursuit).
+    """Return the parameters (p,) of at most so many waves of a band in points, and every step (matching pursuit).
 
     The wave of the highest peak of the spectrum of the residuals joins the model, all parameters are estimated
-    anew, and an F-test says whether that is worth four parameters; the first one that is not ends the search.
+    anew, and an F-test says whether that is worth four parameters; the first one that is not ends the search. The
+    `risk` is that noise is taken for a wave.
     """
     xy, z = points.position[:, :2] - origin, points.position[:, 2]
     q = np.array([float(np.median(z))]) if start is None else start
     steps: list[WaveTrial] = []
-    while (len(q) - 1) // PER_WAVE < search.most:
-        trial, step = _one_more(points, xy, z, q, search)
+    while (len(q) - 1) // PER_WAVE < most:
+        trial, step = _one_more(points, xy, z, q, waves, risk)
         steps.append(step)
         if not step.is_taken:
             break
@@ -180,14 +170,14 @@ def find_waves(
 
 
 def _one_more(
-    points: SurfacePoints, xy: FloatArray, z: FloatArray, q: FloatArray, search: WaveSearch
+    points: SurfacePoints, xy: FloatArray, z: FloatArray, q: FloatArray, waves: Band, risk: float
 ) -> tuple[FloatArray, WaveTrial]:
     from scipy.special import fdtri  # heavy
 
     height, gradient = height_and_gradient(q, xy)
     weight, residual = 1.0 / points.height_variance(gradient), z - height
     heard = np.abs(residual) <= _SET_ASIDE * spread(np.abs(residual), 1e-12)
-    peak, power = spectrum(xy[heard], residual[heard], weight[heard], search.waves).peak
+    peak, power = spectrum(xy[heard], residual[heard], weight[heard], waves).peak
     number, azimuth = float(np.linalg.norm(peak)), float(np.arctan2(peak[1], peak[0]))
     length = 2.0 * np.pi / number if number else np.inf
     freedom = int(heard.sum()) - len(q) - PER_WAVE
@@ -204,9 +194,9 @@ def _one_more(
     step = replace(
         step,
         ratio=(old - new) / PER_WAVE / max(new / freedom, rounding, 1e-300),
-        critical=float(fdtri(PER_WAVE, freedom, 1.0 - search.risk / search.waves.trials)),
+        critical=float(fdtri(PER_WAVE, freedom, 1.0 - risk / waves.trials)),
     )
-    return after, replace(step, reason=_why_not(after, xy[heard], weight[heard], step, search.waves))
+    return after, replace(step, reason=_why_not(after, xy[heard], weight[heard], step, waves))
 
 
 def _why_not(q: FloatArray, xy: FloatArray, weight: FloatArray, step: WaveTrial, waves: Band) -> str:
@@ -234,24 +224,18 @@ def least_squares(q: FloatArray, xy: FloatArray, z: FloatArray, weight: FloatArr
 
     Heights z (n,) m at places (n, 2) m about the origin, with weights (n,). The waves are turned to kx > 0.
     """
-    damping, total = 1e-3, _sum_of_squares(q, xy, z, weight)
-    for _ in range(_MAX_STEPS):
-        design = shape_partials(q, xy)[:, 0]
-        normal = design.T @ (design * weight[:, None])
-        right = design.T @ (weight * (z - height_and_gradient(q, xy)[0]))
-        size = np.sqrt(np.diag(normal)) + 1e-300
-        for _ in range(_MAX_STEPS):
-            move = np.linalg.solve(normal / size[:, None] / size + damping * np.eye(len(q)), right / size) / size
-            trial = _sum_of_squares(q + move, xy, z, weight)
-            if trial <= total:
-                break
-            damping *= 10.0
-        else:
-            break
-        q, gain, total, damping = q + move, total - trial, trial, max(damping / 10.0, 1e-14)
-        if gain <= 1e-14 * total and np.max(np.abs(move * size)) <= 1e-7:  # in sigmas
-            break
-    return _turned(q)
+    from scipy.optimize import least_squares  # heavy
+
+    root = np.sqrt(weight)
+
+    def misfit(p: FloatArray) -> FloatArray:
+        return root * (height_and_gradient(p, xy)[0] - z)
+
+    def partials(p: FloatArray) -> FloatArray:
+        return root[:, None] * shape_partials(p, xy)[:, 0]
+
+    found = least_squares(misfit, q, jac=partials, method="lm", x_scale="jac", xtol=1e-12, ftol=1e-14, gtol=1e-14)
+    return _turned(np.asarray(found.x, dtype=float))
 
 
 def _sum_of_squares(q: FloatArray, xy: FloatArray, z: FloatArray, weight: FloatArray) -> float:

@@ -7,7 +7,7 @@ as the one under which the heights are most likely (restricted maximum likelihoo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -87,15 +87,12 @@ _SIGMAS = (-4.0, 1.0)  # decades of curvature that are searched, as parts of tha
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class KnownGrid(Gridded):
-    """A gridded surface that is known over some of its cells, `known` (nx - 1, ny - 1)."""
-
-    known: BoolArray
+class EndlessGrid(Gridded):
+    """A gridded surface that answers everywhere: where it is known is asked of its `GridSurface`."""
 
     def covers(self, xy: FloatArray, time: ArrayLike = 0.0) -> BoolArray:
-        """Tell where (...) it is known."""
-        i, j = (_cell(nodes, xy[..., axis]) for axis, nodes in enumerate((self.x, self.y)))
-        return super().covers(xy, time) & self.known[i, j]
+        """Tell of every place (...) that it is known."""
+        return np.ones(xy.shape[:-1], dtype=bool)
 
 
 def _cell(nodes: FloatArray, at: FloatArray) -> IntArray:
@@ -118,12 +115,17 @@ class GridSurface:
     known: BoolArray
     curvature: float
 
+    @property
+    def level(self) -> float:
+        """Mean height of the nodes, m."""
+        return float(self.surface.height.mean())
+
     @cached_property
-    def surface(self) -> KnownGrid:
+    def surface(self) -> EndlessGrid:
         """The surface, about the origin."""
         nodes = rows(self.x, self.y, node_places(self.x, self.y))
         height = np.sum(nodes.factor * self.coefficients[nodes.index], axis=1)
-        return KnownGrid(x=self.x, y=self.y, height=height.reshape(len(self.x), len(self.y)), known=self.known)
+        return EndlessGrid(x=self.x, y=self.y, height=height.reshape(len(self.x), len(self.y)))
 
     @cached_property
     def covariance(self) -> FloatArray:
@@ -135,7 +137,9 @@ class GridSurface:
 
     def covers(self, xy: FloatArray) -> BoolArray:
         """Tell which places (..., 2) m about the origin lie in cells that are known."""
-        return self.surface.covers(xy)
+        i, j = (_cell(nodes, xy[..., axis]) for axis, nodes in enumerate((self.x, self.y)))
+        inside = [(xy[..., k] >= n[0]) & (xy[..., k] <= n[-1]) for k, n in enumerate((self.x, self.y))]
+        return inside[0] & inside[1] & self.known[i, j]
 
     def shape_covariance(self, xy: FloatArray) -> FloatArray:
         """Return (n, 3k, 3k) the joint covariance of height and gradient at places (n, k, 2) m about the origin."""
@@ -163,7 +167,6 @@ class Mesh:
     x: FloatArray
     y: FloatArray
     curvature: float | None = None
-    _shape: dict[str, Any] = field(default_factory=dict)
 
     @property
     def spacing(self) -> float:
@@ -175,17 +178,15 @@ class Mesh:
         """How many nodes there are."""
         return len(self.x) * len(self.y)
 
-    @property
-    def stiffness(self) -> Any:
-        """(nodes, nodes) the normals of the observations of curvature, their sigma 1."""
-        if "stiffness" not in self._shape:
-            nodes = node_places(self.x, self.y)
-            total: Any = 0.0
-            for order, times in (((2, 0), 1.0), ((0, 2), 1.0), ((1, 1), 2.0)):
-                matrix = rows(self.x, self.y, nodes, *order).matrix(self.count)
-                total = total + times * (matrix.T @ matrix)
-            self._shape["stiffness"] = banded(total.tocsr(), bandwidth(len(self.y)))
-        return self._shape["stiffness"]
+    @cached_property
+    def stiffness(self) -> FloatArray:
+        """Lower bands of the normals of the observations of curvature, their sigma 1."""
+        nodes = node_places(self.x, self.y)
+        total: Any = 0.0
+        for order, times in (((2, 0), 1.0), ((0, 2), 1.0), ((1, 1), 2.0)):
+            matrix = rows(self.x, self.y, nodes, *order).matrix(self.count)
+            total = total + times * (matrix.T @ matrix)
+        return banded(total.tocsr(), bandwidth(len(self.y)))
 
 
 def mesh(xy: FloatArray, spacing: float | None = None, curvature: float | None = None) -> Mesh:
@@ -227,32 +228,23 @@ def known_cells(count: IntArray) -> BoolArray:
 class _Normals:
     """Normal equations of the heights alone, in bands, and what they leave at zero."""
 
+    grid: Mesh
     bands: FloatArray
     right: FloatArray
     total: float
 
-    @classmethod
-    def of(cls, at: SplineRows, z: FloatArray, weight: FloatArray, grid: Mesh) -> _Normals:
-        matrix = at.matrix(grid.count)
-        weighted = matrix.multiply(weight[:, None]).tocsr()
-        return cls(
-            bands=banded((matrix.T @ weighted).tocsr(), bandwidth(len(grid.y))),
-            right=np.asarray(weighted.T @ z),
-            total=float(weight @ np.square(z)),
-        )
-
-    def solve(self, grid: Mesh, curvature: float) -> tuple[FloatArray, FloatArray, float]:
+    def solve(self, curvature: float) -> tuple[FloatArray, FloatArray, float]:
         """Return the coefficients, the normals with curvature, and -2 log likelihood but for a constant."""
         from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded  # heavy
 
-        N = self.bands + grid.stiffness / curvature**2
+        N, count = self.bands + self.grid.stiffness / curvature**2, self.grid.count
         try:
             factor = cholesky_banded(N, lower=True)
         except LinAlgError:
-            return np.zeros(grid.count), N, np.inf
+            return np.zeros(count), N, np.inf
         c = cho_solve_banded((factor, True), self.right)
         left = self.total - float(self.right @ c)
-        likelihood = left + 2.0 * float(np.sum(np.log(factor[0]))) + 2.0 * (grid.count - _FREE) * np.log(curvature)
+        likelihood = left + 2.0 * float(np.sum(np.log(factor[0]))) + 2.0 * (count - _FREE) * np.log(curvature)
         return c, N, likelihood
 
 
@@ -264,9 +256,16 @@ def estimate(points: SurfacePoints, origin: FloatArray, grid: Mesh) -> GridSurfa
     gradient = np.zeros((len(z), 2))
     for _ in range(_WEIGHT_PASSES):
         weight = 1.0 / points.height_variance(gradient)
-        normals = _Normals.of(at, z - level, weight, grid)  # about a level, lest large heights lose digits
-        curvature = _likeliest(normals, grid) if grid.curvature is None else grid.curvature
-        c, N, _ = normals.solve(grid, curvature)
+        matrix, above = at.matrix(grid.count), z - level  # about a level, lest large heights lose digits
+        weighted = matrix.multiply(weight[:, None]).tocsr()
+        normals = _Normals(
+            grid=grid,
+            bands=banded((matrix.T @ weighted).tocsr(), bandwidth(len(grid.y))),
+            right=np.asarray(weighted.T @ above),
+            total=float(weight @ np.square(above)),
+        )
+        curvature = _likeliest(normals) if grid.curvature is None else grid.curvature
+        c, N, _ = normals.solve(curvature)
         gradient = np.column_stack([np.sum(slope.factor * c[slope.index], axis=1) for slope in slopes])
     return GridSurface(
         origin=origin,
@@ -279,14 +278,16 @@ def estimate(points: SurfacePoints, origin: FloatArray, grid: Mesh) -> GridSurfa
     )
 
 
-def _likeliest(normals: _Normals, grid: Mesh) -> float:
+def _likeliest(normals: _Normals) -> float:
     """Return the sigma of curvature under which the heights are most likely."""
     from scipy.optimize import minimize_scalar  # heavy
 
     def minus_log(decade: float) -> float:
-        return normals.solve(grid, 10.0**decade)[2]
+        return normals.solve(10.0**decade)[2]
 
-    scale = -np.log10(grid.spacing)  # a wave of one spacing, a thousandth of it high, has a curvature of that order
+    scale = -np.log10(
+        normals.grid.spacing
+    )  # a wave of one spacing, a thousandth of it high, has a curvature of that order
     coarse = np.arange(_SIGMAS[0], _SIGMAS[1] + 0.1, 0.5) + scale
     best = int(np.argmin([minus_log(decade) for decade in coarse]))
     low, high = coarse[max(best - 1, 0)], coarse[min(best + 1, len(coarse) - 1)]

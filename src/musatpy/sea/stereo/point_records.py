@@ -14,10 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SeaError
 from musatpy.geometry.crs import Plan
-from musatpy.geometry.projected import Projected
 from musatpy.geometry.systems import System
 from musatpy.pointfiles.columns import ABOVE_ZERO, AXES, Column, Wanted, place_columns
 from musatpy.pointfiles.point_tables import read_table
@@ -26,9 +25,9 @@ from musatpy.records.run_tables import SYSTEM, job_system, level_positions
 from musatpy.records.tables import numbers
 from musatpy.sea.stereo.surface_points import SurfacePoints, intersection_covariance
 
-_SIGMA = ("sx", "sy", "sz")
-_ID = Column(name="id", kind="text", unique=True, expected="a name")
-_SIGMAS = tuple(
+SIGMA = ("sx", "sy", "sz")
+ID = Column(name="id", kind="text", unique=True, expected="a name")
+SIGMA_COLUMNS = tuple(
     Column(
         name=name,
         unit="m",
@@ -37,7 +36,7 @@ _SIGMAS = tuple(
         least=ABOVE_ZERO,
         expected="a number greater than zero, or nothing",
     )
-    for name in _SIGMA
+    for name in SIGMA
 )
 
 
@@ -72,15 +71,6 @@ class ReadPoints:
     left: tuple[str, ...] = ()
     plan: Plan | None = None  # of points on the ellipsoid: they stand on its map
 
-    def coordinates(self, places: FloatArray) -> FloatArray:
-        """Return places (n, 3) in the system of the file."""
-        return places if self.plan is None else self.plan.coordinates(places)
-
-    @property
-    def decimals(self) -> tuple[int, int, int]:
-        """How many decimals of these coordinates are worth writing."""
-        return (4, 4, 4) if self.plan is None else self.plan.system.decimals
-
 
 def read_points(
     path: Path,
@@ -88,38 +78,36 @@ def read_points(
     only: Sequence[str] = (),
     columns: Sequence[str] = AXES,
     system: System | None = None,
-    surface_map: Projected | None = None,
 ) -> ReadPoints:
     """Return the points of a file (.json: the record of a run), those whose id fits one of the patterns `only`.
 
     `columns` are the names of the three coordinates in a CSV file, in any case, `system` is theirs. Points
-    on the ellipsoid come on `surface_map`, or on a map about their middle. Raises `SeaError` with every line that
+    on the ellipsoid come on a map about their middle. Raises `SeaError` with every line that
     cannot be used, and where a precision is given that no point needs; `SystemsError`, `OSError`.
     """
     if path.suffix.lower() == ".json":
-        return _read_record(path, precision, only, surface_map)
+        return _read_record(path, precision, only)
     places = place_columns(columns, ("m", "m", "m") if system is None else system.units)
     place_names = [place.name for place in places]
-    wanted = (_ID, *places, *_SIGMAS)
-    table = read_table(path, Wanted(columns=wanted, together=(_SIGMA,), bare=("id", *place_names), closed=True))
-    for name in {*place_names} & {"id", *_SIGMA}:
+    wanted = (ID, *places, *SIGMA_COLUMNS)
+    table = read_table(path, Wanted(columns=wanted, together=(SIGMA,), bare=("id", *place_names), closed=True))
+    for name in {*place_names} & {"id", *SIGMA}:
         table.refuse(f"column {name} is none of coordinates")
-    sigma = table.numbers(*_SIGMA)
+    sigma = table.numbers(*SIGMA)
     given = np.isfinite(sigma)
-    if not table.has(*_SIGMA) and not precision.is_known:
+    if not table.has(*SIGMA) and not precision.is_known:
         table.refuse("no columns sx, sy, sz, and no sigmas are given: how precise the points are is not known")
-    for row in np.flatnonzero(~given.all(axis=1)).tolist() if table.has(*_SIGMA) else ():
+    for row in np.flatnonzero(~given.all(axis=1)).tolist() if table.has(*SIGMA) else ():
         if given[row].any():
-            name = _SIGMA[int(np.argmin(given[row]))]
-            table.refuse(f"{', '.join(_SIGMA)} go together", row, name)
+            table.refuse(f"{', '.join(SIGMA)} go together", row, SIGMA[int(np.argmin(given[row]))])
         elif not precision.is_known:
-            table.refuse("no sigmas here, and none are given for points without", row, _SIGMA[0])
+            table.refuse("no sigmas here, and none are given for points without", row, SIGMA[0])
     table.require(SeaError)
     names = table.texts("id")
-    kept = [row for row, name in enumerate(names) if _wanted(name, only)]
+    kept = [row for row, name in enumerate(names) if is_wanted(name, only)]
     _check_any(path, len(kept), only)
     position = table.numbers(*place_names)[kept]
-    plan = _plan(system, position, surface_map)
+    plan = None if system is None or system.ellipsoid is None else Plan.about(system, position)
     position = position if plan is None else plan.places(position)
     known = given[kept, 0]
     if known.all() and precision.is_known:
@@ -127,21 +115,13 @@ def read_points(
         raise SeaError([Problem(file=str(path), message=message)])
     covariance = np.square(sigma[kept])[:, :, None] * np.eye(3)
     if not known.all():
-        others = precision.covariance(position[~known], plan)
-        assert others is not None  # header and rows were checked
-        covariance[~known] = others
+        covariance[~known] = precision.covariance(position[~known], plan)
     points = SurfacePoints(ids=tuple(names[row] for row in kept), position=position, covariance=covariance)
     return ReadPoints(points=points, plan=plan)
 
 
-def _plan(system: System | None, coordinates: FloatArray, surface_map: Projected | None) -> Plan | None:
-    """Return the plan of points (n, 3) on the ellipsoid, None of others."""
-    if system is None or system.ellipsoid is None:
-        return None
-    return Plan.about(system, coordinates) if surface_map is None else Plan(system=system, map=surface_map)
-
-
-def _wanted(name: str, only: Sequence[str]) -> bool:
+def is_wanted(name: str, only: Sequence[str]) -> bool:
+    """Tell whether an id fits one of some patterns, or there are none."""
     return not only or any(fnmatchcase(name, pattern) for pattern in only)
 
 
@@ -151,17 +131,17 @@ def _check_any(path: Path, count: int, only: Sequence[str]) -> None:
         raise SeaError([Problem(file=str(path), message=message)])
 
 
-def _read_record(
-    path: Path, precision: PointPrecision, only: Sequence[str], surface_map: Projected | None
-) -> ReadPoints:
+def _read_record(path: Path, precision: PointPrecision, only: Sequence[str]) -> ReadPoints:
     if precision.is_known:
         message = "the record of a run has covariances, and sigmas are given too: one or the other"
         raise SeaError([Problem(file=str(path), message=message)])
     tables = read_record(path, (*SYSTEM, "points"))
     system, points = job_system(tables), tables["points"]
-    wanted = [row for row, name in enumerate(points["point"]) if _wanted(name, only)]
+    wanted = [row for row, name in enumerate(points["point"]) if is_wanted(name, only)]
     positions, covariances = numbers(points, "position", 3), numbers(points, "covariance", 3, 3)
-    usable = _are_usable(positions, covariances)
+    # one that is held fixed has no covariance
+    usable = np.logical_and(np.isfinite(positions).all(axis=1), np.isfinite(covariances).all(axis=(1, 2)))
+    usable[usable] = np.linalg.eigvalsh(covariances[usable])[:, 0] > 0.0
     rows = [row for row in wanted if usable[row]]
     left = [f"point {points['point'][row]}: no position with a covariance" for row in wanted if not usable[row]]
     _check_any(path, len(rows), only)
@@ -169,8 +149,7 @@ def _read_record(
     plan = None
     if system.ellipsoid is not None:
         level = level_positions(tables, position)
-        plan = _plan(system, system.coordinates(level), surface_map)
-        assert plan is not None
+        plan = Plan.about(system, system.coordinates(level))
         position = plan.map.coordinates(level)
     try:
         known = SurfacePoints(
@@ -179,10 +158,3 @@ def _read_record(
     except ValueError as error:
         raise SeaError([Problem(file=str(path), message=str(error))]) from error
     return ReadPoints(points=known, left=tuple(left), plan=plan)
-
-
-def _are_usable(position: FloatArray, covariance: FloatArray) -> BoolArray:
-    """Tell which points (n,) have a position, and a covariance that is one: not one that is held fixed."""
-    usable = np.logical_and(np.isfinite(position).all(axis=1), np.isfinite(covariance).all(axis=(1, 2)))
-    usable[usable] = np.linalg.eigvalsh(covariance[usable])[:, 0] > 0.0
-    return usable

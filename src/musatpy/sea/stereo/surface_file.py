@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,38 +19,28 @@ from musatpy.sea.stereo.fourier import PER_WAVE, FourierSurface
 from musatpy.sea.stereo.grid import GridSurface, bandwidth
 
 VERSION = "1.1"
+_TABLES = {
+    "fourier": ("area", "parameters", "covariance"),
+    "grid": ("x", "y", "curvature", "known", "coefficients", "normal"),
+}
 _LEAST_NODES = 4
 
 
 def dumps(fit: SurfaceFit, surface_map: Projected | None = None) -> str:
     """Return the file of an estimate; `surface_map` is that of its axes on the ellipsoid."""
-    fitted = fit.fitted
-    record: dict[str, Any] = {
+    fitted, model = fit.fitted, "fourier" if isinstance(fit.fitted, FourierSurface) else "grid"
+    record = {
         "schema_version": VERSION,
         "program": {"name": "musatpy", "version": musatpy.__version__},
         "units": {"length": "m", "angle": "rad"},
-        "model": "fourier" if isinstance(fitted, FourierSurface) else "grid",
+        "model": model,
         "points": int(fit.kept.sum()),
         "rejected": len(fit.rejected),
         "sigma0": fit.sigma0,
         "map": None if surface_map is None else surface_map.definition,
         "origin": fitted.origin.tolist(),
+        model: {name: (1 * np.asarray(getattr(fitted, name))).tolist() for name in _TABLES[model]},  # truth is 0, 1
     }
-    if isinstance(fitted, FourierSurface):
-        record["fourier"] = {
-            "area": fitted.area.tolist(),
-            "parameters": fitted.parameters.tolist(),
-            "covariance": fitted.covariance.tolist(),
-        }
-    else:
-        record["grid"] = {
-            "x": fitted.x.tolist(),
-            "y": fitted.y.tolist(),
-            "curvature": fitted.curvature,
-            "known": fitted.known.astype(int).tolist(),
-            "coefficients": fitted.coefficients.tolist(),
-            "normal": fitted.normal.tolist(),
-        }
     return json.dumps(record, indent=1) + "\n"
 
 
@@ -62,9 +51,9 @@ def load_surface(path: Path) -> FourierSurface | GridSurface:
         if str(record["schema_version"]).split(".")[0] != VERSION.split(".")[0]:
             message = f"is of version {record['schema_version']}, and this program reads {VERSION}"
             raise SeaError([Problem(file=str(path), message=message)])
-        if record["model"] not in _MODELS:
+        if record["model"] not in _TABLES:
             raise ValueError(f"unknown model '{record['model']}'")
-        fitted: FourierSurface | GridSurface = _MODELS[record["model"]](record)
+        fitted = _surface(record)
         np.linalg.cholesky(fitted.covariance)  # one that is not positive has no sigmas
         sigma = np.sqrt(np.diag(fitted.covariance))
         if not np.allclose((fitted.covariance - fitted.covariance.T) / sigma / sigma[:, None], 0.0, atol=1e-6):
@@ -95,35 +84,23 @@ def _array(table: dict[str, Any], name: str, *shape: int) -> FloatArray:
     return values
 
 
-def _fourier(record: dict[str, Any]) -> FourierSurface:
-    table = record["fourier"]
-    count = len(table["parameters"])
-    if count % PER_WAVE != 1:
-        raise ValueError(f"{count} parameters are no level and waves")
-    return FourierSurface(
-        origin=_array(record, "origin", 2),
-        parameters=_array(table, "parameters", count),
-        covariance=_array(table, "covariance", count, count),
-        area=_array(table, "area", 2, 2),
-    )
-
-
-def _grid(record: dict[str, Any]) -> GridSurface:
-    table = record["grid"]
+def _surface(record: dict[str, Any]) -> FourierSurface | GridSurface:
+    """Return the surface of a record. Raises `KeyError`, `TypeError` and `ValueError` where it is none."""
+    table, origin = record[record["model"]], _array(record, "origin", 2)
+    if record["model"] == "fourier":
+        count = len(table["parameters"])
+        if count % PER_WAVE != 1:
+            raise ValueError(f"{count} parameters are no level and waves")
+        shapes: dict[str, tuple[int, ...]] = {"parameters": (count,), "covariance": (count, count), "area": (2, 2)}
+        return FourierSurface(
+            origin=origin, **{name: _array(table, name, *shape) for name, shape in shapes.items()}
+        )
     nx, ny = len(table["x"]), len(table["y"])
-    for name, count in (("x", nx), ("y", ny)):
-        step = np.diff(_array(table, name, count))
-        if count < _LEAST_NODES or not (step > 0.0).all() or np.ptp(step) > 1e-6 * step[0]:
+    shapes = {"x": (nx,), "y": (ny,), "coefficients": (nx * ny,), "normal": (bandwidth(ny) + 1, nx * ny)}
+    arrays = {name: _array(table, name, *shape) for name, shape in shapes.items()}
+    for name in ("x", "y"):
+        step = np.diff(arrays[name])
+        if len(step) < _LEAST_NODES - 1 or not (step > 0.0).all() or np.ptp(step) > 1e-6 * step[0]:
             raise ValueError(f"{name} are not evenly spaced nodes, {_LEAST_NODES} or more")
-    return GridSurface(
-        origin=_array(record, "origin", 2),
-        x=_array(table, "x", nx),
-        y=_array(table, "y", ny),
-        coefficients=_array(table, "coefficients", nx * ny),
-        normal=_array(table, "normal", bandwidth(ny) + 1, nx * ny),
-        known=_array(table, "known", nx - 1, ny - 1) > 0.0,
-        curvature=float(table["curvature"]),
-    )
-
-
-_MODELS: dict[str, Callable[[dict[str, Any]], FourierSurface | GridSurface]] = {"fourier": _fourier, "grid": _grid}
+    known = _array(table, "known", nx - 1, ny - 1) > 0.0
+    return GridSurface(origin=origin, known=known, curvature=float(table["curvature"]), **arrays)

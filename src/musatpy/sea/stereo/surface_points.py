@@ -70,6 +70,11 @@ class FittedSurface(Protocol):
         ...
 
     @property
+    def level(self) -> float:
+        """Mean height, m."""
+        ...
+
+    @property
     def surface(self) -> Surface:
         """The surface, about the origin."""
         ...
