@@ -13,10 +13,13 @@ import sea_fixtures
 from cli.commands import musat
 from json_schema import load_schema, violations
 from musatpy.cli.options import columns_of
-from musatpy.reports.record import SCHEMA_VERSION
+from musatpy.model import CoordinateSystem
+from musatpy.reports.record import dumps
+from musatpy.reports.record import record as record_of_run
 from musatpy.sea.stereo import surface_file
 from musatpy.sea.stereo.grid import GridSurface
-from record_rows import table_of
+from record_rows import with_columns, with_rows
+from sample_solutions import sample_solution
 
 SEA = sea_fixtures.SEA
 SCHEMA = Path(surface_file.__file__).with_name("surface.schema.json")
@@ -193,12 +196,10 @@ def test_the_record_of_a_run_is_read(tmp_path: Path) -> None:
     lost = {"point": "W999", "position": [None] * 3, "covariance": [[None] * 3] * 3}
     path = tmp_path / "job.json"
     fixed = {**points[0], "point": "W998", "covariance": np.zeros((3, 3)).tolist()}
-    record = {
-        "schema_version": SCHEMA_VERSION,
-        "options": {"system": "LOCL"},
-        "points": table_of([*points, lost, fixed, {**points[0], "point": "LAND"}]),
-    }
-    path.write_text(json.dumps(record))
+    run = with_rows(json.loads(dumps(record_of_run(sample_solution(CoordinateSystem.LOCAL)))))
+    named = [*points, lost, fixed, {**points[0], "point": "LAND"}]
+    run["points"] = [run["points"][0] | row for row in named]
+    path.write_text(json.dumps(with_columns(run)))
     assert musat("sea", "fit", path, "--only", "W*").exit_code == 0
     text = (tmp_path / "job.surface.txt").read_text()
     assert "from 400 points, 2 rejected" in text

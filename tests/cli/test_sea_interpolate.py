@@ -10,8 +10,11 @@ from click.testing import Result
 
 from cli import commands
 from depth import restated
-from musatpy.reports.record import SCHEMA_VERSION
-from record_rows import table_of
+from musatpy.model import CoordinateSystem
+from musatpy.reports.record import dumps
+from musatpy.reports.record import record as record_of_run
+from record_rows import with_columns, with_rows
+from sample_solutions import sample_solution
 
 
 def musat(points: object, control: object, *options: object) -> Result:
@@ -209,9 +212,11 @@ def record(job: Path, system: str = "LOCL") -> Path:
         for no in range(65)
     ]
     path = job / f"run_{system}.json"
-    tables = {"points": table_of(points), "control": table_of(control)}
-    run = {"schema_version": SCHEMA_VERSION, "options": {"system": system}, **tables}
-    path.write_text(json.dumps(run))
+    run = with_rows(json.loads(dumps(record_of_run(sample_solution(CoordinateSystem.LOCAL)))))
+    run["points"] = [run["points"][0] | row for row in points]
+    run["control"] = [run["control"][0] | row for row in control]
+    run["options"]["system"], run["stated"] = system, None
+    path.write_text(json.dumps(with_columns(run)))
     return path
 
 
@@ -231,7 +236,8 @@ def test_records_that_cannot_be_used(job: Path) -> None:
     geographic = record(job, "GEOG")
     assert "a GEOG job needs an ellipsoid" in musat(geographic, geographic, "-o", job / "out.csv").output
     run = record(job)
-    bare = json.loads(run.read_text()) | {"control": table_of([], "point", "kind", "given_position", "given_sigma")}
+    bare = json.loads(run.read_text())
+    bare["control"] = {name: [] for name in bare["control"]}
     run.write_text(json.dumps(bare))
     assert "no check point under water has a height" in musat(run, run, "-o", job / "out.csv").output
 

@@ -1,4 +1,4 @@
-"""`musat sea`: what waves do to a map, estimated and taken away; its commands are loaded when used."""
+"""`musat sea`: the surface of the water; its commands are loaded when used."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ COMMANDS = {
 }
 
 
-@click.group(name="sea", cls=LazyGroup, modules=COMMANDS, short_help="Take away what waves do to a map.")
+@click.group(name="sea", cls=LazyGroup, modules=COMMANDS, short_help="The surface of the water from points on it.")
 def command() -> None:
-    """Estimate what waves do to a map, and take it away."""
+    """Estimate the surface of the water, through which `musat correct --sea` takes away what waves do to a map."""
