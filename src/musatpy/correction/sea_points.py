@@ -141,7 +141,7 @@ class ThroughSurface(SeaCorrection):
         plan = None if self.map is None else Plan(system=self.system, map=self.map)
         apparent = points if plan is None else plan.places(points)
         unknown = np.isnan(covariance[:, 0, 0])
-        self.lacking.append(np.count_nonzero(unknown))
+        self.lacking.append(int(np.count_nonzero(unknown)))
         given = self.precision.covariance(apparent[unknown], plan)
         covariance[unknown] = np.nan if given is None else given
         try:

@@ -126,7 +126,7 @@ def record_mapped(path: Path, system: System) -> Mapped:
     position = numbers(table, "position", 3)
     known = np.isfinite(position).all(axis=1)
     places = system.coordinates(level_positions(record, position[known])).tolist()
-    names = [name for name, is_known in zip(table["point"], known.tolist(), strict=True) if is_known]
+    names = [table["point"][row] for row in np.flatnonzero(known).tolist()]
     return {name: (x, y, z) for name, (x, y, z) in zip(names, places, strict=True)}
 
 
