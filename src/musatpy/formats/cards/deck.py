@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,11 @@ from musatpy.formats.cards.codec import (
     strays,
 )
 from musatpy.formats.cards.foreign import foreign
-from musatpy.formats.cards.spec import CARD_WIDTH, END_MNEMONIC, CardSpec, Family
+from musatpy.formats.cards.spec import CARD_WIDTH, DATA_COLUMNS, END_MNEMONIC, CardSpec, Family
 
 _CHUNK = 4096  # cards decoded in one go: the numbers of a field stay in the cache
 _UNKNOWN = -1
+_MOVES = (1, -1, 2, -2, 3, -3)  # columns to the left
 _END_OF_FILE = b"\x1a"
 _LF, _TAB = b"\n\t"
 _SUBSTITUTE = ord("?")  # in place of characters that no card has
@@ -160,7 +162,42 @@ class _DeckReader:
                         name, why = (given_up, f": {instead}") if first <= column <= last else (name, why)
                     place = {"columns": (column, column + len(found) - 1), "card": spec.mnemonic, "field": name}
                     self._add(line, message=f"'{found}'{why}", found=found, **place)
+        wrong = {problem.line for problem in self.problems if problem.card == spec.mnemonic}
+        at = np.flatnonzero(np.isin(rows + 1, [line for line in wrong if line is not None]))
+        if at.size:
+            self._try_moved(spec, at, columns)
         return columns
+
+    def _try_moved(self, spec: CardSpec, at: IntArray, columns: Columns) -> None:
+        """Say of cards that read in other columns how far they are moved, not what is wrong in each of these.
+
+        `at` (k,): rows of the columns; there are the values of the moved cards then, so that no other card misses
+        them.
+        """
+        body, lines, moved_lines = DATA_COLUMNS[0] - 1, self.rows[spec.mnemonic][at] + 1, set[int]()
+        for move, end in product(
+            _MOVES, (CARD_WIDTH, DATA_COLUMNS[1])
+        ):  # with the number of the sequence, or without
+            left = np.flatnonzero(~np.isin(lines, list(moved_lines)))
+            cards = self.images.cards[lines[left] - 1]
+            text = cards[:, body:end]
+            lost = text[:, :move] if move > 0 else text[:, move:]
+            moved = np.full_like(cards, ord(" "))
+            moved[:, :body] = cards[:, :body]
+            moved[:, max(body, body - move) : end - max(move, 0)] = text[
+                :, max(move, 0) : len(text.T) + min(move, 0)
+            ]
+            read = {field.name: empty_column(field, len(left)) for field in spec.fields}
+            bad = {row for f in spec.fields for row, _ in decode_column(f, moved, read[f.name])}
+            bad |= {row for row, _, _ in strays(spec, moved)} | {*np.flatnonzero((lost != ord(" ")).any(axis=1))}
+            good = [row for row in range(len(left)) if row not in bad]
+            by = f"{abs(move)} column{'s' * (abs(move) > 1)} to the {'left' if move > 0 else 'right'}"
+            self.problems = [problem for problem in self.problems if problem.line not in {*lines[left[good]]}]
+            for row in good:
+                self._add(int(lines[left[row]]), message=f"the card reads if it is moved {by}", card=spec.mnemonic)
+            for name, values in read.items():
+                columns[name][at[left[good]]] = values[good]
+            moved_lines.update(lines[left[good]].tolist())
 
     # --- problems ---
 

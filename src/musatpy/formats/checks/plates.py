@@ -17,6 +17,7 @@ from musatpy.formats.job_tables import ROLES
 from musatpy.model import Atmosphere, CoordinateSystem, Curvature, Refused, Transformation
 
 _SOME, _SMALL = 3, 0.01  # images of a camera, and the share of its format in which all of them do not lie
+_MICROMETRES = 500.0  # of a format in mm: half of it in the smaller unit
 _FOCAL_LENGTHS_OFF = 5.0  # 79 degrees off the axis: no frame camera has images farther out
 _NEAR = 30.0  # mm: so well the images of another photo say where one is
 _AROUND = 3.0  # extents of all other positions, beyond which zeros are no position
@@ -45,6 +46,17 @@ def plate_coordinates(draft: Draft) -> Iterator[Problem]:
     reach = np.where(focal > 0, _FOCAL_LENGTHS_OFF * focal, np.inf)[:, np.newaxis]
     far = np.abs(xy) > np.where(known, size, np.where(np.isnan(size), reach, np.inf))
     outside = known & (np.abs(xy) > size / 2) | far
+    for link in np.unique(camera[far.any(axis=1)]).tolist():
+        of_camera = camera == link
+        out = np.flatnonzero(of_camera & far.any(axis=1))
+        if of_camera.sum() >= _SOME and 2 * len(out) > of_camera.sum():
+            in_um = (np.abs(xy[of_camera]) <= _MICROMETRES * np.maximum(size[of_camera], 1.0)).all()
+            message = (
+                f"{len(out)} of the {of_camera.sum()} images of camera {draft.camera_ids[link]} lie far outside "
+                f"its format: millimetres are needed{', these look like micrometres' if in_um else ''}"
+            )
+            yield draft.problem("plates", int(out[0]), message, path="plates.xy")
+            outside[of_camera] = False
     for component, name in enumerate("xy"):
         for row in np.flatnonzero(outside[:, component]).tolist():
             what = f"{name} = {xy[row, component]:g} mm lies"
