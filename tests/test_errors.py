@@ -73,6 +73,18 @@ def test_of_a_kind_a_hundred_are_printed_and_the_others_counted():
     assert shown[100:] == [other.headline(), "PLT: warning: ... and 50 more of this kind"]
 
 
+def test_of_a_kind_three_lines_are_printed_and_the_others_named():
+    bad = [
+        Problem(file="a.crd", line=line, card="PLT", field="x", found="z", expected="F12.7") for line in range(9)
+    ]
+    *shown, more = [one.headline() for one in of_each_kind(bad[:5] + bad[6:])]
+    assert shown == [one.headline() for one in bad[:3]]
+    assert more == "a.crd PLT.x: ... and 5 more of this kind, on lines 3-4, 6-8"
+    *_, more = [one.headline() for one in of_each_kind(replace(bad[0], line=2 * n) for n in range(100))]
+    first = ", ".join(str(2 * n) for n in range(3, 23))
+    assert more.endswith(f"97 more of this kind, on lines {first}, ..., 198")
+
+
 def test_problems_of_other_fields_are_of_another_kind():
     unread = [
         Problem(card="PLT", field=field, found="x", expected="F10.3") for field in ("x", "y") for _ in range(100)

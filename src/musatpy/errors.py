@@ -11,7 +11,8 @@ from typing import Literal
 
 _RULER = "".join(f"----+----{tens}" for tens in range(1, 9))
 _SHOWN = 120  # columns of a card: a file without line ends is not printed whole
-_OF_A_KIND = 100  # problems that are printed, and how many more there are
+_OF_A_KIND, _ON_LINES = 100, 3  # problems that are printed, and how many more there are
+_MOST_RANGES = 20  # of lines that are named
 _QUOTED = re.compile(r"(?<!\w)'([^']{80})[^']+'")  # what is quoted from a file: where it begins says enough
 _LONGEST = 2000  # characters of a message
 _LIKE = 0.6  # of the letters of both: names that are taken for each other
@@ -212,17 +213,38 @@ def in_order(problems: Iterable[Problem]) -> tuple[Problem, ...]:
 
 
 def of_each_kind(problems: Iterable[Problem]) -> Iterator[Problem]:
-    """Yield the first hundred problems of every kind, and after them how many more of it there are."""
+    """Yield the first problems of every kind, and after them how many more of it there are, and on which lines.
+
+    Three where they stand on lines, else a hundred, whose names stand nowhere else.
+    """
     every = tuple(problems)
     totals, printed = Counter(problem.kind for problem in every), Counter[tuple[str, str | None, str | None, str]]()
+    lines: dict[tuple[str, str | None, str | None, str], list[int]] = {}
     for problem in every:
-        printed[problem.kind] += 1
-        if printed[problem.kind] <= _OF_A_KIND:
+        kind, most = problem.kind, _OF_A_KIND if problem.line is None else _ON_LINES
+        printed[kind] += 1
+        if printed[kind] <= most:
             yield problem
-        elif printed[problem.kind] == totals[problem.kind]:
-            more = totals[problem.kind] - _OF_A_KIND
-            message = f"... and {more:,} more of this kind"
+            continue
+        if problem.line is not None:
+            lines.setdefault(kind, []).append(problem.line)
+        if printed[kind] == totals[kind]:
+            where = f", on line{'s' * (len(lines[kind]) > 1)} {_ranges(lines[kind])}" if kind in lines else ""
+            message = f"... and {totals[kind] - most:,} more of this kind{where}"
             yield replace(problem, message=message, line=None, columns=None, found=None, expected=None, text=None)
+
+
+def _ranges(lines: Iterable[int]) -> str:
+    """Return numbers as people write them: 3, 5-9, 12; of many the first ones and the last."""
+    every = sorted(set(lines))
+    starts = [
+        line for line, before in zip(every, [None, *every], strict=False) if before is None or line > before + 1
+    ]
+    ends = [
+        line for line, after in zip(every, [*every[1:], None], strict=True) if after is None or after > line + 1
+    ]
+    parts = [f"{first}-{last}" if last > first else f"{first}" for first, last in zip(starts, ends, strict=True)]
+    return ", ".join(parts if len(parts) <= _MOST_RANGES else [*parts[:_MOST_RANGES], "...", parts[-1]])
 
 
 def and_warnings(problems: Iterable[Problem], texts: Iterable[str]) -> list[Problem]:
