@@ -11,10 +11,10 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
-from musatpy.model import AirBases, ControlKind, CoordinateSystem
+from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.mistakes import drawn_sizes, gross_control
-from musatpy.simulation.simulation_spec import ControlKeys, DistanceKeys, SimulationSpec
+from musatpy.simulation.simulation_spec import AirBaseKeys, ControlKeys, DistanceKeys, SimulationSpec
 from musatpy.simulation.terrain import GIVEN, TrueGround, inside, spread
 from musatpy.simulation.true_images import TrueImages
 from musatpy.simulation.world import ATTITUDE_DECIMALS, METRE_DECIMALS, World, on_grid
@@ -260,30 +260,27 @@ def _kept_out(
 
 @dataclass(frozen=True, kw_only=True)
 class Ties:
-    """Measurements (d,) between two points: as the deck gives them, and as they are."""
+    """Measurements (d,) between two points, or photos: as the deck gives them, and as they are."""
 
-    point: IntArray  # (d, 2) rows of the ground
+    point: IntArray  # (d, 2) rows of the ground, of air bases those of the flight
     given: FloatArray  # (d,) m
     true: FloatArray  # (d,) m
     sigma: FloatArray  # (d,) m
 
 
-def air_bases(spec: SimulationSpec, flight: TrueFlight, draws: Draws) -> tuple[AirBases, FloatArray]:
-    """Return the given air bases and the true lengths (b,). Raises `SpecError` where a photo is unknown."""
+def air_bases(spec: SimulationSpec, flight: TrueFlight, draws: Draws) -> Ties:
+    """Return the air bases, between rows of the photos. Raises `SpecError` where a photo is unknown."""
     rows = {name: row for row, name in enumerate(flight.ids)}
     unknown = [name for base in spec.air_base for name in base.photos if name not in rows]
     if unknown:
         raise SpecError([Problem(field="air_base", message=f"unknown photos: {', '.join(unknown)}")])
     photo = np.array([[rows[name] for name in base.photos] for base in spec.air_base], dtype=int).reshape(-1, 2)
-    ends = flight.stations.xyz[photo]
-    true = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    error = draws.normal("air bases", len(photo)) * np.array([base.error for base in spec.air_base])
-    bases = AirBases(
-        photo=photo,
-        length=np.round(true + error, METRE_DECIMALS),
-        sigma=np.array([base.sigma for base in spec.air_base]),
-    )
-    return bases, true
+    true = _lengths(flight.stations.xyz[photo])
+    return _measured("air bases", spec.air_base, photo, np.arange(len(photo)), true, draws)
+
+
+def _lengths(ends: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
 
 
 def distances(
@@ -291,9 +288,7 @@ def distances(
 ) -> Ties:
     """Return the distances between points. Raises `SpecError` as `_pairs` does."""
     point, table = _pairs("distance", spec.distance, names, usable, draws)
-    ends = ground.places.xyz[point]
-    true = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    return _measured("distance", spec.distance, point, table, true, draws)
+    return _measured("distance errors", spec.distance, point, table, _lengths(ground.places.xyz[point]), draws)
 
 
 def height_differences(
@@ -302,7 +297,9 @@ def height_differences(
     """Return the height differences, second point minus first. Raises `SpecError` as `_pairs` does."""
     point, table = _pairs("height_difference", spec.height_difference, names, usable, draws)
     height = ground.places.natural[point, 2]
-    return _measured("height_difference", spec.height_difference, point, table, height[:, 1] - height[:, 0], draws)
+    return _measured(
+        "height_difference errors", spec.height_difference, point, table, height[:, 1] - height[:, 0], draws
+    )
 
 
 def _pairs(
@@ -342,9 +339,14 @@ def _random_pairs(field: str, stream: str, number: int, usable: IntArray, draws:
 
 
 def _measured(
-    field: str, tables: Sequence[DistanceKeys], point: IntArray, table: IntArray, true: FloatArray, draws: Draws
+    stream: str,
+    tables: Sequence[DistanceKeys | AirBaseKeys],
+    point: IntArray,
+    table: IntArray,
+    true: FloatArray,
+    draws: Draws,
 ) -> Ties:
     """Return measurements of the `true` values (d,), each with the errors of its table."""
     size, sigma = np.array([[keys.error, keys.sigma] for keys in tables]).reshape(-1, 2)[table].T
-    given = np.round(true + draws.normal(f"{field} errors", len(point)) * size, METRE_DECIMALS)
+    given = np.round(true + draws.normal(stream, len(point)) * size, METRE_DECIMALS)
     return Ties(point=point, given=given, true=true, sigma=sigma)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -32,25 +30,13 @@ from musatpy.simulation.measure import (
     state_stations,
 )
 from musatpy.simulation.mistakes import Names, mixed_names
-from musatpy.simulation.simulation_spec import SimulationSpec, load_spec
+from musatpy.simulation.simulation_spec import OptionKeys, SimulationSpec, load_spec
 from musatpy.simulation.terrain import TrueGround, lay_ground
 from musatpy.simulation.true_images import TrueImages, take_images
 from musatpy.simulation.true_water import GivenWater, state_water
 from musatpy.simulation.world import TruePlaces, World, world_of
-from musatpy.specs import echoed
+from musatpy.specs import echoed, keys
 from musatpy.units import ARC_SECOND, MICROMETRE
-
-_NAMED: dict[str, Callable[[str], StrEnum]] = {  # what the texts of the options are
-    "refraction": model.Refraction,
-    "weights": model.Weights,
-    "program": model.Program,
-    "initial": model.Initial,
-    "water_level": model.WaterLevel,
-    "water_tilt": model.Treatment,
-    "water_index": model.Treatment,
-    "datum": model.Datum,
-    "editing": model.Editing,
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +103,7 @@ class Given:
     plates: MeasuredPlates
     names: Names
     control: GivenControl
-    bases: model.AirBases
+    bases: Ties
     distances: Ties
     height_differences: Ties
 
@@ -143,49 +129,40 @@ def simulate(spec: SimulationSpec | str | Path, seed: int | None = None) -> Simu
     with np.errstate(over="ignore", invalid="ignore"):  # places beyond all numbers are refused below
         ground = lay_ground(spec, plan, flight, world, draws)
     images = take_images(spec, plan, flight, ground, world)
-    given, base_lengths = _stated(spec, flight, ground, images, world, draws)
+    given = _stated(spec, flight, ground, images, world, draws)
     order = order_of_appearance(given.names.point, len(ground.ids))
     block = assemble(spec, world, flight, ground, given, order)
     return Simulation(
         block=block,
-        truth=_truth(spec, flight, ground, given, order, base_lengths),
+        truth=_truth(spec, flight, ground, given, order),
         compiled=compile_models(spec, plan, flight, ground, world, draws),
     )
 
 
 def _stated(
     spec: SimulationSpec, flight: TrueFlight, ground: TrueGround, images: TrueImages, world: World, draws: Draws
-) -> tuple[Given, FloatArray]:
-    """Return what the deck says of the truth, and the true lengths (b,) m of the air bases."""
+) -> Given:
+    """Return what the deck says of the truth."""
     control = choose_control(spec, ground, images, world, draws)
     plates = measure_plates(spec, flight, ground, control, images, draws)
     sound = plates.triangulated.copy()
     sound[plates.hit] = False
     rays = np.bincount(images.point[plates.triangulated], minlength=len(ground.ids))
     usable = np.flatnonzero(rays >= 2)
-    bases, base_lengths = air_bases(spec, flight, draws)
-    given = Given(
+    return Given(
         water=state_water(spec, flight.tide, draws),
         stations=state_stations(spec, flight, world, draws),
         images=images,
         plates=plates,
         names=mixed_names(spec, images, sound, draws),
         control=control,
-        bases=bases,
+        bases=air_bases(spec, flight, draws),
         distances=distances(spec, ground, control.names, usable, draws),
         height_differences=height_differences(spec, ground, control.names, usable, draws),
     )
-    return given, base_lengths
 
 
-def _truth(
-    spec: SimulationSpec,
-    flight: TrueFlight,
-    ground: TrueGround,
-    given: Given,
-    order: PointOrder,
-    base_lengths: FloatArray,
-) -> Truth:
+def _truth(spec: SimulationSpec, flight: TrueFlight, ground: TrueGround, given: Given, order: PointOrder) -> Truth:
     water, names = spec.water, given.names
     return Truth(
         spec=spec,
@@ -207,7 +184,7 @@ def _truth(
         gross_control=given.control.gross,
         blunders=given.plates.blunders,
         levels=ground.levels,
-        base_lengths=base_lengths,
+        base_lengths=given.bases.true,
         distances=given.distances.true,
         height_differences=given.height_differences.true,
     )
@@ -250,7 +227,7 @@ def assemble(
             sigma=control.sigma,
         ),
         equal_elevations=_equal_elevations(spec, ground, order),
-        air_bases=given.bases,
+        air_bases=model.AirBases(photo=given.bases.point, length=given.bases.given, sigma=given.bases.sigma),
         distances=model.Distances(
             point=order.links[distances.point], length=distances.given, sigma=distances.sigma
         ),
@@ -265,7 +242,9 @@ def assemble(
 def _options(spec: SimulationSpec) -> model.Options:
     """Return the option card's values; the program's own defaults where the spec has none."""
     given: dict[str, Any] = echoed(spec.options)  # without what is absent
-    given |= {name: kind(given[name]) for name, kind in _NAMED.items() if name in given}
+    for name, key in keys(OptionKeys).items():
+        if name in given and key.metadata["choices"]:  # members of an enumeration
+            given[name] = next(choice for choice in key.metadata["choices"] if choice == given[name])
     if "rotation_limit" in given:
         given["rotation_limit"] *= ARC_SECOND
     is_rigorous = given.get("program") is model.Program.IIIA or spec.wave

@@ -31,21 +31,35 @@ def truth_record(simulation: Simulation) -> dict[str, Any]:
     geographic = block.options.system == CoordinateSystem.GEOGRAPHIC
     positions = "latitude degree, longitude degree, height m" if geographic else "X, Y, Z m"
     dry = truth.bathymetric[truth.seen] & ~truth.refracted
+    photos, points = block.photos.ids.tolist(), block.points.ids.tolist()
     record = {
         "musatpy": version("musatpy"),
         "units": {"positions": positions, "angles": "degree", "plates": "mm", "errors": "m"},
         "seed": truth.spec.seed,
         "spec": echoed(truth.spec),
         "index": truth.index,
-        "stations": _stations(simulation),
-        "points": _points(simulation),
-        "control": _control(simulation),
+        "stations": {
+            name: {"position": position, "attitude": _degrees(attitude), "tide": None if tide != tide else tide}
+            for name, position, attitude, tide in zip(
+                photos, _positions(simulation, truth.stations), truth.attitude, truth.tide.tolist(), strict=True
+            )
+        },
+        "points": {
+            name: {"position": position, "bathymetric": wet}
+            for name, position, wet in zip(
+                points, _positions(simulation, truth.points), truth.bathymetric.tolist(), strict=True
+            )
+        },
+        "control": {
+            points[point]: {"kind": ControlKind(kind).name.lower(), "error": _rounded(error, 6)}
+            for point, kind, error in zip(block.control.point, block.control.kind, truth.control_error, strict=True)
+        },
         "equal_elevations": {
             str(name): round(float(level), 4)
             for name, level in zip(block.equal_elevations.ids, truth.levels, strict=True)
         },
         "air_bases": [
-            {"photos": [str(name) for name in block.photos.ids[pair]], "length": round(float(length), 4)}
+            {"photos": block.photos.ids[pair].tolist(), "length": round(float(length), 4)}
             for pair, length in zip(block.air_bases.photo, truth.base_lengths, strict=True)
         ],
         "blunders": [
@@ -53,7 +67,7 @@ def truth_record(simulation: Simulation) -> dict[str, Any]:
             for blunder in truth.blunders
         ],
         "kept_out": [
-            [str(block.photos.ids[block.plates.photo[row]]), str(block.points.ids[block.plates.point[row]])]
+            [_photo(simulation, row), points[block.plates.point[row]]]
             for row in np.flatnonzero(~block.plates.triangulated)
         ],
         # images of bathymetric points that were above the water at that photo
@@ -91,44 +105,6 @@ def _degrees(angles: Any) -> list[float]:
 
 def _rounded(values: Iterable[float], decimals: int) -> list[float]:
     return [round(float(value), decimals) for value in values]
-
-
-def _stations(simulation: Simulation) -> dict[str, Any]:
-    """Return true position, attitude and tide by photo id."""
-    truth = simulation.truth
-    positions = _positions(simulation, truth.stations)
-    rows = zip(simulation.block.photos.ids, positions, truth.attitude, truth.tide, strict=True)
-    return {
-        str(name): {
-            "position": position,
-            "attitude": _degrees(attitude),
-            "tide": None if np.isnan(tide) else float(tide),
-        }
-        for name, position, attitude, tide in rows
-    }
-
-
-def _points(simulation: Simulation) -> dict[str, Any]:
-    """Return true position and kind by point id."""
-    points = simulation.block.points
-    truth = simulation.truth
-    rows = zip(points.ids, _positions(simulation, truth.points), truth.bathymetric, strict=True)
-    return {
-        str(name): {"position": position, "bathymetric": bool(bathymetric)} for name, position, bathymetric in rows
-    }
-
-
-def _control(simulation: Simulation) -> dict[str, Any]:
-    """Return kind and actual error (east, north, up, given minus true, before rounding) by point id."""
-    block = simulation.block
-    rows = zip(block.control.point, block.control.kind, simulation.truth.control_error, strict=True)
-    return {
-        str(block.points.ids[point]): {
-            "kind": ControlKind(kind).name.lower(),
-            "error": _rounded(error, 6),
-        }
-        for point, kind, error in rows
-    }
 
 
 def _photo(simulation: Simulation, row: int) -> str:
