@@ -56,15 +56,13 @@ def check_packages(wanted: Shown) -> None:
 
 def draw_run(result: RunResult) -> Drawn:
     """Draw the pictures of a run beside its listing. Raises `MusatError` without matplotlib, and `OSError`."""
-    from musatpy.plots.files import Drawn, pictures_of
+    from musatpy.plots.files import draw
     from musatpy.plots.gallery import GALLERY, KINDS
 
     kind = KINDS[b"schema"]
     stem, tables = _stem(result), _tables(result, {*kind.required, *kind.optional})
     with numerics(_SHOWN):
-        files, sentences, reasons = pictures_of(tables, GALLERY, stem)
-    write_files(files)
-    return Drawn(files=tuple(files), sentences=tuple(sentences), reasons=reasons)
+        return draw(tables, GALLERY, stem)
 
 
 def write_page(result: RunResult) -> Path:

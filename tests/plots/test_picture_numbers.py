@@ -7,11 +7,11 @@ from scipy import stats
 
 from musatpy.geometry.collinearity import attitude_matrix, image
 from musatpy.plots.exposures import correlated, joined
-from musatpy.plots.maps import confidence_ellipses, free_sides, largest_of_cells, spacing, view_of
+from musatpy.plots.maps import confidence_ellipses, free_sides, largest_of_cells, view_of
 from musatpy.plots.plane import footprints, frames, plane_of, turned
 from musatpy.plots.point_quality import graded, steps
 from musatpy.plots.profile import along, half_corridor, strips
-from musatpy.plots.residuals import CELLS, cell_means, worst_photos
+from musatpy.plots.residuals import CELLS, cell_means
 from musatpy.records.tables import rows_of
 from musatpy.soundings.s44 import orders_met, survey_orders
 
@@ -38,17 +38,6 @@ def test_points_of_an_ellipse_are_as_unlikely_as_it_says() -> None:
     assert (axes[:, 0] >= axes[:, 1]).all()
 
 
-def test_a_direction_is_turned_by_the_angle_of_the_plane() -> None:
-    """True east is grid azimuth 80 degrees where grid north stands 10 degrees clockwise of true north."""
-    x, y = turned(np.array([[1.0, 0.0]]), np.radians([10.0]))[0]
-    assert np.degrees(np.arctan2(x, y)) == pytest.approx(80.0)
-
-
-def test_places_of_a_grid_are_as_far_apart_as_its_cells() -> None:
-    assert spacing(np.array([300.0, 200.0]), 6) == pytest.approx(100.0)
-    assert spacing(np.array([300.0, 0.0]), 6) == pytest.approx(50.0)  # on a line
-
-
 @pytest.mark.parametrize("number", [7, 50, 4000])
 def test_of_many_places_the_largest_of_each_cell_is_kept(number: int) -> None:
     places, sizes = RNG.uniform(0.0, [300.0, 100.0], (number, 2)), RNG.uniform(size=number)
@@ -64,11 +53,6 @@ def test_of_many_places_the_largest_of_each_cell_is_kept(number: int) -> None:
         if cell not in best or sizes[row] > sizes[best[cell]]:
             best[cell] = row
     assert sorted(best.values()) == rows.tolist()
-
-
-def test_places_on_a_line_are_thinned_too() -> None:
-    places = np.column_stack([np.arange(1000.0), np.zeros(1000)])
-    assert 30 <= len(largest_of_cells(places, np.ones(1000), 50)) <= 51
 
 
 def test_names_are_found_in_their_order() -> None:
@@ -197,15 +181,6 @@ def test_correlations_of_stations_with_the_water() -> None:
     for photo in (0, 1):
         rows = np.r_[6 * photo : 6 * photo + 6, 12:14]
         np.testing.assert_allclose(found[photo], expected[np.ix_(rows, rows)])
-
-
-def test_a_quantity_without_variance_is_correlated_with_nothing() -> None:
-    assert np.isnan(correlated(np.zeros((2, 2)))).all()
-
-
-def test_the_worst_photos_stand_in_their_own_order() -> None:
-    rms = np.array([3.0, np.nan, 5.0, 1.0, 4.0])
-    assert worst_photos(rms, 3).tolist() == [0, 2, 4] and worst_photos(rms, 9).tolist() == [0, 2, 3, 4]
 
 
 def test_a_point_that_went_astray_is_out_of_view() -> None:

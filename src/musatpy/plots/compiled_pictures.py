@@ -113,14 +113,6 @@ PARALLAXES = Picture(
 # --- compiled and sounded depths ---
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SoundedPlan:
-    """Differences of k soundings, and where these are."""
-
-    differences: DepthDifferences
-    places: FloatArray  # (k, 2) m
-
-
 def differences_of(tables: Tables) -> DepthDifferences:
     """Return the differences of a comparison. Raises `NothingToShowError` where there are none."""
     table = part(tables, "differences")
@@ -135,15 +127,13 @@ def differences_of(tables: Tables) -> DepthDifferences:
     return data
 
 
-def sounded_plan(tables: Tables) -> SoundedPlan:
-    """Return the differences with their places. Raises `NothingToShowError` where there are none."""
-    places = numbers(part(tables, "differences"), "place", 2)
-    return SoundedPlan(differences=differences_of(tables), places=places)
+def _sounded(tables: Tables) -> tuple[DepthDifferences, FloatArray]:
+    """Return the differences and their places (k, 2) m. Raises `NothingToShowError` where there are none."""
+    return differences_of(tables), numbers(part(tables, "differences"), "place", 2)
 
 
-def _sounded_sentence(data: SoundedPlan) -> str:
-    """Return what the picture says."""
-    differences = data.differences
+def _sounded_sentence(data: tuple[DepthDifferences, FloatArray]) -> str:
+    differences, _ = data
     good = ~differences.blunders
     middle, spread = median_and_spread(differences.difference[good])
     shares = ", ".join(f"{order.share:.0%} {order.name}" for order in order_shares(differences))
@@ -154,16 +144,15 @@ def _sounded_sentence(data: SoundedPlan) -> str:
     )
 
 
-def _sounded_figure(data: SoundedPlan) -> Any:
-    """Return the figure of differences. Raises `MusatError` where matplotlib is missing."""
-    return difference_figure(data.differences, data.places, "Compiled and sounded depths")
+def _sounded_figure(data: tuple[DepthDifferences, FloatArray]) -> Any:
+    return difference_figure(*data, "Compiled and sounded depths")
 
 
 SOUNDINGS = Picture(
     name="soundings",
     title="Compiled and sounded depths",
     needs=("differences",),
-    numbers=sounded_plan,
+    numbers=_sounded,
     figure=_sounded_figure,
     words=_sounded_sentence,
 )

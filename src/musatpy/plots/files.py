@@ -76,12 +76,10 @@ def profile_of(
     )
 
 
-def pictures_of(
-    tables: Tables, pictures: Sequence[Picture[Any]], stem: Path
-) -> tuple[dict[Path, bytes], list[str], dict[str, str]]:
-    """Return the files of pictures, named after `stem`, what each says, and why others are none.
+def draw(tables: Tables, pictures: Sequence[Picture[Any]], stem: Path) -> Drawn:
+    """Write the files of pictures, named after `stem`.
 
-    Raises `MusatError` without matplotlib, and where what is given for a profile cannot be brought there.
+    Raises `OSError`, and `MusatError` without matplotlib or where what is given for a profile is not on its plane.
     """
     files, sentences, reasons = {}, [], {}
     for picture in pictures:
@@ -92,7 +90,9 @@ def pictures_of(
         suffix, data, sentence = found
         files[stem.with_name(f"{stem.name}.{picture.name}.{suffix}")] = data
         sentences.append(sentence)
-    return files, sentences, reasons
+    if files:
+        write_files(files)
+    return Drawn(files=tuple(files), sentences=tuple(sentences), reasons=reasons)
 
 
 def drawn(
@@ -111,11 +111,9 @@ def drawn(
     if profile is not None:
         own = profile.numbers
         wanted = [replace(one, numbers=own) if one.name == profile.name else one for one in wanted]
-    files, sentences, reasons = pictures_of(tables, wanted, stem_of(record, out_dir))
-    if files:
-        write_files(files)
+    pictures = draw(tables, wanted, stem_of(record, out_dir))
     lacking = {name: f"is no picture of a {kind.what}" for name in names if name not in {p.name for p in wanted}}
-    return Drawn(files=tuple(files), sentences=tuple(sentences), reasons={**reasons, **lacking})
+    return replace(pictures, reasons={**pictures.reasons, **lacking})
 
 
 # --- what is given for a profile ---

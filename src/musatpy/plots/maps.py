@@ -129,16 +129,17 @@ def new_maps(bounds: FloatArray, plane: MapPlane, title: str, panels: Sequence[s
 
 def dress(axes: Any, bounds: FloatArray, plane: MapPlane) -> None:
     """Give axes the bounds (2, 2) m, labels with units, a scale bar at the lower right, and north."""
+    from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
+
     axes.set(xlim=bounds[:, 0], ylim=bounds[:, 1], xlabel=plane.labels[0], ylabel=plane.labels[1], aspect="equal")
     axes.locator_params(nbins=5)
     arrow = {"arrowstyle": "-|>", "color": INK, "shrinkA": 0, "shrinkB": 0}
     axes.annotate(plane.north, (0.97, 0.98), (0.97, 0.86), xycoords="axes fraction", ha="center", arrowprops=arrow)
-    width, height = (bounds[1] - bounds[0]).tolist()
-    length = round_length(0.2 * width)
-    right, below = bounds[1, 0] - 0.03 * width, bounds[0, 1] + 0.02 * height
-    axes.plot([right - length, right], [below, below], "-", color=INK, linewidth=3, solid_capstyle="butt")
+    length = round_length(0.2 * float(bounds[1, 0] - bounds[0, 0]))
     text = f"{length:g} m" if length < 1000.0 else f"{length / 1000.0:g} km"
-    axes.annotate(text, (right - 0.5 * length, below), (0, 4), textcoords="offset points", ha="center")
+    axes.add_artist(
+        AnchoredSizeBar(axes.transData, length, text, "lower right", borderpad=0.8, frameon=False, label_top=True)
+    )
 
 
 def add_arrows(

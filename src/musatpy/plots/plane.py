@@ -39,56 +39,47 @@ class MapPlane:
 
     def places(self, positions: FloatArray) -> FloatArray:
         """Return x, y, height (n, 3) m of positions of the record; NaN of what has none, or lies far off."""
-        if self.system.ellipsoid is None:
-            return self._near(positions)
-        return self._on_map(level_positions(self.tables, positions))
+        return self.places_of_level(level_positions(self.tables, positions))
 
     def places_of_xyz(self, positions: FloatArray) -> FloatArray:
         """Return x, y, height (n, 3) m of geocentric positions, those of the job in local ones."""
-        if self.system.ellipsoid is None:
-            return self._near(positions)
-        return self._on_map(geographic(self.system.ellipsoid, positions))
+        ellipsoid = self.system.ellipsoid
+        return self.places_of_level(positions if ellipsoid is None else geographic(ellipsoid, positions))
 
     def places_of_level(self, level: FloatArray) -> FloatArray:
         """Return x, y, height (n, 3) m of latitude, longitude (rad), height; in local jobs of X, Y, Z."""
-        return self._near(level) if self.system.ellipsoid is None else self._on_map(level)
+        near = self._near(level)
+        if self.system.ellipsoid is None:
+            return near
+        out = self.system.coordinates(near)
+        if isinstance(self.system, TangentPlane):  # its Z is no height
+            out[:, 2] = level[:, 2]
+        return out
 
     def heights(self, positions: FloatArray, height: FloatArray) -> FloatArray:
         """Return heights (n,) of the plane at positions (n, 3) of the record, of heights (n,) of the record."""
         if self.system.ellipsoid is None:
             return height
         level = np.column_stack([level_positions(self.tables, positions)[:, :2], height])
-        return self._on_map(level)[:, 2]
+        return self.places_of_level(level)[:, 2]
 
     def turns(self, positions: FloatArray) -> FloatArray:
         """Return by which angle (n,) rad north of the plane stands clockwise of true north at positions."""
         out = np.zeros(len(positions))
         if self.system.ellipsoid is None or not len(positions):
             return out
-        level = self._known(level_positions(self.tables, positions))
+        level = self._near(level_positions(self.tables, positions))
         known = np.isfinite(level).all(axis=1)
         factors = self.system.factors(level[known])
         out[known] = 0.0 if factors is None else factors.convergence
         return out
 
-    def _on_map(self, level: FloatArray) -> FloatArray:
-        out = self.system.coordinates(self._known(level))
-        if isinstance(self.system, TangentPlane):  # its Z is no height
-            out[:, 2] = level[:, 2]
-        return out
-
-    def _known(self, level: FloatArray) -> FloatArray:
+    def _near(self, level: FloatArray) -> FloatArray:
         """Return level coordinates, NaN where they are not those of a place near the stations."""
-        assert self.system.ellipsoid is not None
-        offset = self.system.ellipsoid.geocentric(level) - self.system.ellipsoid.geocentric(self.middle)
-        return _kept(level, np.linalg.norm(offset, axis=1))
-
-    def _near(self, positions: FloatArray) -> FloatArray:
-        return _kept(positions, np.linalg.norm(positions - self.middle, axis=1))
-
-
-def _kept(positions: FloatArray, distance: FloatArray) -> FloatArray:
-    return np.where((distance < _FARTHEST)[:, None], positions, np.nan)
+        ellipsoid = self.system.ellipsoid
+        xyz, middle = (at if ellipsoid is None else ellipsoid.geocentric(at) for at in (level, self.middle))
+        near = np.linalg.norm(xyz - middle, axis=1) < _FARTHEST
+        return np.where(near[:, None], level, np.nan)
 
 
 def plane_of(tables: Tables) -> MapPlane:

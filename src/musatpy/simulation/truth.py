@@ -68,7 +68,7 @@ def truth_record(simulation: Simulation) -> dict[str, Any]:
         ],
         "kept_out": [
             [_photo(simulation, row), points[block.plates.point[row]]]
-            for row in np.flatnonzero(~block.plates.triangulated)
+            for row in np.flatnonzero(~block.plates.triangulated).tolist()
         ],
         # images of bathymetric points that were above the water at that photo
         "dry": [[_photo(simulation, row), _seen(simulation, row)] for row in np.flatnonzero(dry).tolist()],
