@@ -12,9 +12,8 @@ import pytest
 from compilation.scenes import at_depth, curved_images, flat_images, grid, pair, readings_at
 from musatpy.arrays import FloatArray
 from musatpy.compilation.printed import AS_1983, Shortcuts, printed_points, true_coordinates
-from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
+from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.true_points import true_points
-from musatpy.errors import CompilationError
 
 PLACES = grid((200.0, 1600.0), 1700.0)
 
@@ -49,15 +48,6 @@ def test_one_model_point_for_both_rays_is_wrong_by_centimetres() -> None:
     )
 
 
-@pytest.mark.parametrize(("depth", "parallax"), [(1, 1.0), (5, 5.1), (10, 10.1), (20, 20.2), (30, 30.1)])
-def test_the_y_parallax_of_the_apparent_model(depth: float, parallax: float) -> None:
-    """Largest, um in the photo, at the height without x-parallax."""
-    model, _, xy = flat((0.0, 0.0), depth)
-    reach = model.base / (xy[:, 0, 0] - xy[:, 1, 0])
-    off = (xy[:, 0, 1] - xy[:, 1, 1]) * reach * 152.4 / 3000.0
-    assert 1e3 * np.abs(off).max() == pytest.approx(parallax, abs=0.1)
-
-
 def test_a_mean_tide_is_wrong_by_a_decimetre() -> None:
     """Tides of .4 and -.3 m: largest .13, mean .07 m on these places, whatever the depth."""
     for depth in (2.0, 30.0):
@@ -87,28 +77,6 @@ def test_one_vertical_for_a_model_is_wrong_at_its_edge(
         assert np.sqrt(np.mean(np.square(error))) == pytest.approx(rms, rel=0.05)
         image = true_points(model.run, model.photos, readings_at(xy))
         assert np.abs(model.run.frame.working(image.position) - points).max() < 1.3e-4
-
-
-def test_axes_of_a_model() -> None:
-    model = set_up(pair(2400.0, 1500.0, (0.4, -0.3), sphere=True), "1", "2")
-    np.testing.assert_allclose(model.stations[:, 1], 0.0, atol=1e-9)
-    assert model.stations[1, 0] == pytest.approx(-model.stations[0, 0]) and model.stations[0, 0] < 0.0
-    x = np.array([[100.0, -2000.0, 3.0], [5.0, 7.0, -11.0]])
-    np.testing.assert_allclose(model.model(model.working(x)), x, rtol=0.0, atol=1e-9)
-    assert model.run.frame.height(model.origin) == pytest.approx(0.05, abs=1e-6)
-
-
-@pytest.mark.parametrize(("photos", "message"), [(("1", "9"), "no photo 9"), (("1", "1"), "no base across")])
-def test_photos_that_make_no_model(photos: tuple[str, str], message: str) -> None:
-    with pytest.raises(CompilationError, match=message):
-        set_up(pair(3000.0, 1810.0), *photos)
-
-
-def test_readings_off_the_plate() -> None:
-    model = set_up(pair(3000.0, 1810.0), "1", "2")
-    xy = np.zeros((2, 2, 2))
-    xy[1, 0, 1] = -5001.0
-    assert off_plate(model, xy).tolist() == [[False, False], [True, False]]
 
 
 def test_sigmas_of_two_thousand_pointings() -> None:

@@ -206,15 +206,6 @@ def test_points_in_any_system_are_those_of_the_local_job(tmp_path: Path, kind: s
 
 
 @pytest.mark.slow
-def test_a_run_without_a_system_is_taken_in_longitude_and_latitude(tmp_path: Path) -> None:
-    result = correct(points_file(tmp_path, "EPSG:4326"), written(tmp_path, run_on_the_ellipsoid()))
-    assert result.output.splitlines()[-1] == (
-        "points taken as longitude and latitude in degrees, ellipsoidal heights"
-    )
-    assert np.nanmax(np.abs(misses(tmp_path / "true.csv", "EPSG:4326"))) < NEAR
-
-
-@pytest.mark.slow
 def test_the_system_of_the_answer_is_that_of_the_points(tmp_path: Path) -> None:
     """A SYS card of the deck says it for the run, and so for its points."""
     run = run_on_the_ellipsoid()

@@ -63,21 +63,6 @@ def test_rays_of_the_pair_are_near_the_formula() -> None:
     np.testing.assert_allclose(by_rays.factor[middle], by_formula.factor[middle], atol=1e-6)
 
 
-def test_stations_of_unequal_height_and_tide() -> None:
-    """Factors are of heights above the water: moved up with it they stay; a third station changes them."""
-    position = np.array([[0.0, 0.0, 2500.0], [1126.0, 0.0, 2500.0]])
-    level = CameraStations(names=("1", "2"), stations=Stations(position=position, level=np.zeros(2)))
-    high = CameraStations(
-        names=("1", "2"), stations=Stations(position=position + np.array([0.0, 0.0, 7.0]), level=np.full(2, 7.0))
-    )
-    x, y = np.array([200.0, 563.0]), np.array([300.0, 0.0])
-    found, moved = (factors(model_of(cameras, 1.35), x, y, DEPTHS).factor for cameras in (level, high))
-    np.testing.assert_allclose(found, moved, atol=1e-6)  # one step of the iteration
-    third = Stations(position=np.vstack([position, [563.0, 900.0, 2500.0]]), level=np.zeros(3))
-    more = factors(model_of(CameraStations(names=("1", "2", "3"), stations=third), 1.35), x, y, DEPTHS).factor
-    assert (np.abs(more - found) > 1e-3).all()  # another ray, another factor
-
-
 def test_depths_are_those_below_the_tides_of_the_cameras_that_see_a_place() -> None:
     """Two pairs of one shape far from each other, one at high and one at low water, have the same factors."""
     place = np.array([[0.0, 0.0, 2500.0], [1126.0, 0.0, 2500.0]])
