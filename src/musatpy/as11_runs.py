@@ -14,7 +14,6 @@ from musatpy.compilation.against_run import against_run
 from musatpy.compilation.answers import places_of
 from musatpy.compilation.bottom import Bottom, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
-from musatpy.compilation.joined_surfaces import Of
 from musatpy.compilation.profiles import oddities, profiles_of, scans_of
 from musatpy.compilation.run_records import of_record, unadjusted
 from musatpy.compilation.setups import model_set_up
@@ -37,7 +36,6 @@ from musatpy.reports.pages import csv_files
 from musatpy.reports.record import dumps
 from musatpy.runs import ExitStatus, output_paths
 
-_OF = {Of.DEPTH: "contours", Of.HEIGHT: "heights"}  # names of files
 _NAMED = 10  # readings without a position that are told at their cards
 
 
@@ -151,7 +149,7 @@ def _extracts(done: CompilationReport) -> Iterator[tuple[str, bytes]]:
         yield "profiles.csv", profiles_csv(done.profiles, places, datum).encode()
     for bottom in done.bottoms:
         if bottom.sheets:
-            yield f"{_OF[bottom.of]}.csv", contours_csv(bottom, places, datum).encode()
+            yield f"{bottom.of.layer}.csv", contours_csv(bottom, places, datum).encode()
         for grid in bottom.grids:
             yield f"{grid.name}.csv", grid_csv(grid, places, datum).encode()
 
@@ -330,7 +328,7 @@ def _pictures(done: CompilationReport, record: dict[str, Any]) -> Iterator[tuple
             yield f"{picture.name}.{found[0]}", found[1]
     for bottom in done.bottoms:
         for kind, data in contour_pictures(done.compiled, bottom).items():
-            yield f"{_OF[bottom.of]}.{kind}", data
+            yield f"{bottom.of.layer}.{kind}", data
 
 
 @contextmanager

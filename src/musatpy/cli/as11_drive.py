@@ -46,7 +46,7 @@ def command(
     import numpy as np
 
     from musatpy.as11_runs import run_of
-    from musatpy.compilation.loop import Drive, Loop, columns_of, driven, driven_csv, in_model, read_path
+    from musatpy.compilation.loop import Drive, Loop, driven, driven_csv, read_path
     from musatpy.compilation.stereomodels import set_up
     from musatpy.files import write_files
 
@@ -57,9 +57,7 @@ def command(
         complain(f"{name_of(run)}: {triangulation.caution}")
     stereo = set_up(triangulation, left, right)
     loop = Loop(stereo=stereo, drive=Drive.AIR if air else Drive.TRUE)
-    columns = columns_of(stereo, of_job=of_job)
-    marks = read_path(path, columns)
-    result = driven(loop, in_model(stereo, marks, columns) if of_job else marks, rate)
+    result = driven(loop, read_path(path, stereo, of_job=of_job), rate)
     write_files({target: driven_csv(result).encode()})
     if len(off := result.off(loop)):
         cycles = count_of(len(off), "cycle")

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     import pyproj
 
 
-_LAYERS = {Of.DEPTH: "contours", Of.HEIGHT: "heights"}
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Placement:
     """The system of layers, and how positions (k, 3) of the job come into it."""
@@ -77,7 +74,7 @@ def layers_of(compiled: Compiled, bottoms: Sequence[Bottom], crs: str = "") -> d
     layers: dict[str, Points | Lines] = {"points": Points(xyz=xyz, columns=_columns(compiled, known), **place)}
     for bottom in bottoms:
         if any(sheet.contours.lines for sheet in bottom.sheets):
-            layers[_LAYERS[bottom.of]] = _contours(bottom, compiled.datum, at, place)
+            layers[bottom.of.layer] = _contours(bottom, compiled.datum, at, place)
     return layers
 
 

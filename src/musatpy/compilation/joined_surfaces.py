@@ -31,6 +31,11 @@ class Of(StrEnum):
     DEPTH = "depth"  # below the sounding datum
     HEIGHT = "height"  # of the job
 
+    @property
+    def layer(self) -> str:
+        """The name of its contours, in layers and files."""
+        return "contours" if self is Of.DEPTH else "heights"
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EdgeMatch:

@@ -35,8 +35,6 @@ from musatpy.units import DEGREE
 
 _STEPS = 60
 _STILL = 1e-7  # m; what is left after a step of this size is rounding
-IN_MODEL = ("t", "x", "y", "z")
-GEOGRAPHIC = ("t", "lat", "lon", "height")
 _MOST_CYCLES = 1e7  # two days at 50 Hz: more is another unit of time
 
 
@@ -131,10 +129,9 @@ def stages_of(loop: Loop, place: FloatArray, parallax: FloatArray) -> FloatArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Driven:
-    """c cycles: times t (c,) s, marks (c, 3) m in the model, stages xy (c, 2, 2) mm, seconds (c,) of each."""
+    """c cycles: times t (c,) s, stages xy (c, 2, 2) mm, seconds (c,) of each."""
 
     t: FloatArray
-    marks: FloatArray
     xy: FloatArray
     seconds: FloatArray
     rate: float
@@ -156,23 +153,13 @@ class Driven:
         return self.t[off_plate(loop.stereo, self.xy).any(axis=1)]
 
 
-def columns_of(stereo: Stereomodel, *, of_job: bool) -> tuple[str, ...]:
-    """Return the columns of a path in the model, or in the system of the job."""
-    geographic = stereo.run.block.options.system is CoordinateSystem.GEOGRAPHIC
-    return GEOGRAPHIC if of_job and geographic else IN_MODEL
-
-
-def in_model(stereo: Stereomodel, path: FloatArray, columns: tuple[str, ...]) -> FloatArray:
-    """Return a path (r, 4) in the system of the job (degrees, m) as one in the model."""
-    unit = np.array([DEGREE, DEGREE, 1.0]) if columns == GEOGRAPHIC else np.ones(3)
-    return np.column_stack([path[:, 0], stereo.model(stereo.run.frame.working(path[:, 1:] * unit))])
-
-
-def read_path(source: Path, columns: tuple[str, ...] = IN_MODEL) -> FloatArray:
-    """Return the path (r, 4) of a file with these columns: time (s) and the mark.
+def read_path(source: Path, stereo: Stereomodel, *, of_job: bool = False) -> FloatArray:
+    """Return the path (r, 4) of a file: time (s) and the mark in the model, or read in the system of the job.
 
     Raises `CompilationError` with every line that cannot be used, and `OSError`.
     """
+    angular = of_job and stereo.run.block.options.system is CoordinateSystem.GEOGRAPHIC
+    columns = ("t", "lat", "lon", "height") if angular else ("t", "x", "y", "z")
     table = read_table(source, Wanted(columns=tuple(Column(name=name) for name in columns), bare=columns))
     path = table.numbers(*columns)
     for row in np.flatnonzero(np.diff(path[:, 0]) <= 0.0) + 1:
@@ -180,6 +167,9 @@ def read_path(source: Path, columns: tuple[str, ...] = IN_MODEL) -> FloatArray:
     table.require(CompilationError)
     if len(path) < 2:
         raise CompilationError([Problem(file=str(source), message=f"{len(path)} rows: a path has two at least")])
+    if of_job:
+        place = path[:, 1:] * (np.array([DEGREE, DEGREE, 1.0]) if angular else np.ones(3))
+        path = np.column_stack([path[:, 0], stereo.model(stereo.run.frame.working(place))])
     return path
 
 
@@ -200,7 +190,7 @@ def driven(loop: Loop, path: FloatArray, rate: float) -> Driven:
         start = time.perf_counter()
         xy[cycle] = loop.stages(marks[cycle : cycle + 1]).xy[0]
         seconds[cycle] = time.perf_counter() - start
-    return Driven(t=t, marks=marks, xy=xy, seconds=seconds, rate=rate)
+    return Driven(t=t, xy=xy, seconds=seconds, rate=rate)
 
 
 def driven_csv(result: Driven) -> str:

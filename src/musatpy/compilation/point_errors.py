@@ -13,7 +13,7 @@ from musatpy.adjustment.network import group_points
 from musatpy.adjustment.propagation import covariances_with_depths, pieces
 from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.compilation.triangulation import AdjustedRun, joint_covariances, of_block
+from musatpy.compilation.triangulation import AdjustedRun, covariances_in, of_block
 from musatpy.compilation.true_points import in_parts, network_of_plates
 from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.model import (
@@ -62,7 +62,7 @@ class PointSigmas:
         bathymetric = np.ones(len(level), dtype=bool)
         _, network, state = network_of_plates(run, Points(ids=ids, bathymetric=bathymetric), plates)
         network, state = network.with_plates(xy, every), replace(state, ground=run.frame.from_level(level))
-        covariances = joint_covariances(run, network)
+        covariances = covariances_in(run, network.pattern, network.border.size)
         sigma, depth = np.empty((len(level), 3)), np.empty(len(level))
         for group in group_points(network.photo, network.point, every, bathymetric):
             for rows, piece in pieces(network, state, group, covariances):

@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.adjustment.considered import extended
 from musatpy.adjustment.iteration import LEVEL, initial_state, is_considered, water_knowledge
 from musatpy.adjustment.job import build_network
-from musatpy.adjustment.network import Network, job_frame, participation
+from musatpy.adjustment.network import job_frame, participation
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.wavy_water import Sea, sea_of
@@ -275,11 +275,6 @@ def adjusted_water(given: Water | None, found: tuple[float, FloatArray] | None) 
         return given
     index, tilt = found
     return replace(given, index=index, tilt_east=float(tilt[0]), tilt_north=float(tilt[1]))
-
-
-def joint_covariances(run: AdjustedRun, network: Network) -> Cofactors:
-    """Return the covariances of stations and water in the pattern of a network."""
-    return covariances_in(run, network.pattern, network.border.size)
 
 
 def covariances_in(run: AdjustedRun, pattern: Pattern, size: int) -> Cofactors:

@@ -22,7 +22,7 @@ from musatpy.adjustment.result import bathymetric_points
 from musatpy.adjustment.sightings import residuals, straight_rays
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.compilation.triangulation import AdjustedRun, joint_covariances
+from musatpy.compilation.triangulation import AdjustedRun, covariances_in
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, in_front, widest_angle
 from musatpy.model import Block, PlateMeasurements, Points
@@ -206,7 +206,7 @@ def _described(
     line: WaterLine,
     reasons: dict[int, str],
 ) -> CompiledPoints:
-    covariances = joint_covariances(run, network)
+    covariances = covariances_in(run, network.pattern, network.border.size)
     submerged = block.points.bathymetric
     count = len(submerged)
     known = np.asarray(np.isfinite(state.ground).all(axis=1))

@@ -6,7 +6,7 @@ lines lie from others is sampled every metre, both ways, with the area between t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +28,7 @@ from musatpy.units import DEGREE
 _STEP = 1.0  # m
 _MOST = 0.95
 _SAME = 1e-6  # m, of ends that join
+_SUFFIXES = (".gpkg", ".geojson", ".json", ".dxf", ".csv", ".xyz")
 _LEVEL = 1e-3  # m, by which heights along a contour may differ
 _DEPTH, _LINE = "depth", "line"
 _LINE_OF_XYZ = "column4"  # behind x, y, z
@@ -56,50 +57,44 @@ def read_contours(
     coordinates are depths and no heights. Raises `SoundingError` and `InterchangeError` for what cannot be used;
     `OSError`.
     """
-    readers: dict[str, Callable[[], _Content]] = {
-        ".gpkg": lambda: _Content(lines=_require_lines(source, geopackage.read(source, layer)), depths=depths),
-        ".geojson": lambda: _Content(lines=_require_lines(source, geojson.read(source)), depths=depths),
-        ".json": lambda: _Content(lines=_require_lines(source, geojson.read(source)), depths=depths),
-        ".dxf": lambda: _Content(lines=dxf.read(source)[1], depths=depths),
-        ".csv": lambda: _of_table(source),
-        ".xyz": lambda: _Content(lines=_of_numbers(source), depths=depths),
-    }
-    reader = readers.get(source.suffix.lower())
+    kind, angular = source.suffix.lower(), False
     require_content(source)
-    if reader is None:
-        raise _refused(source, f"contours are read from {', '.join(readers)}, not from '{source.suffix}'")
-    content = reader()
-    paths = content.lines.paths()
+    if kind not in _SUFFIXES:
+        raise _refused(source, f"contours are read from {', '.join(_SUFFIXES)}, not from '{source.suffix}'")
+    if kind == ".csv":
+        lines, depths, angular = _of_table(source)
+    elif kind == ".xyz":
+        lines = _of_numbers(source)
+    elif kind == ".dxf":
+        lines = dxf.read(source)[1]
+    else:
+        content = geopackage.read(source, layer) if kind == ".gpkg" else geojson.read(source)
+        if isinstance(content, Points):
+            raise _refused(source, "it has points, and contours are lines")
+        lines = content
+    paths = lines.paths()
     if not paths:
         raise _refused(source, "there are no lines")
-    depth, plan = _depths(source, content, paths), np.concatenate(paths)[:, :2]
-    if content.angular:
+    depth, plan = _depths(source, lines, paths, depths), np.concatenate(paths)[:, :2]
+    if angular:
         places = plan[:, ::-1] * DEGREE
     else:
-        places = job_places(source, plan, content.lines.crs or (crs_of(crs) if crs else None), job)
+        places = job_places(source, plan, lines.crs or (crs_of(crs) if crs else None), job)
     ends = np.cumsum([len(path) for path in paths])[:-1]
-    return ContourLines(
-        places=tuple(np.split(places, ends)), angular=content.angular or job is not None, depth=depth
-    )
+    return ContourLines(places=tuple(np.split(places, ends)), angular=angular or job is not None, depth=depth)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Content:
-    """Lines, in longitude and latitude where `angular`; third coordinates are depths, or else heights."""
+def _depths(source: Path, lines: Lines, paths: list[FloatArray], depths: bool) -> FloatArray:
+    """Return the depth (n,) of each line, by its column or by third coordinates: `depths`, or heights.
 
-    lines: Lines
-    depths: bool
-    angular: bool = False
-
-
-def _depths(source: Path, content: _Content, paths: list[FloatArray]) -> FloatArray:
-    """Return the depth (n,) of each line. Raises `SoundingError` with all lines that have none or more than one."""
-    column = content.lines.columns.get(_DEPTH)
+    Raises `SoundingError` with all lines that have none or more than one.
+    """
+    column = lines.columns.get(_DEPTH)
     if column is not None and not column.is_text:
         depth = column.values.astype(float)
         faults = dict.fromkeys(np.flatnonzero(~np.isfinite(depth)).tolist(), "it has no depth")
     else:
-        depth = np.array([float(path[:, 2].mean()) for path in paths]) * (1.0 if content.depths else -1.0)
+        depth = np.array([float(path[:, 2].mean()) for path in paths]) * (1.0 if depths else -1.0)
         faults = {
             row: f"its third coordinate goes from {path[:, 2].min():g} to {path[:, 2].max():g} m: a contour has one"
             for row, path in enumerate(paths)
@@ -112,16 +107,14 @@ def _depths(source: Path, content: _Content, paths: list[FloatArray]) -> FloatAr
     return depth
 
 
-def _of_table(source: Path) -> _Content:
-    """Return the lines of a table."""
+def _of_table(source: Path) -> tuple[Lines, bool, bool]:
+    """Return the lines of a table, whether third coordinates are depths, and the others longitude and latitude."""
     table = read_table(source, _TABLE)
     table.require(SoundingError, empty="there are no points")
     plan = LON_LAT if table.has("lat") else PLAN
     depths = table.has("depth")
     xyz_of_vertices = table.numbers(*plan, "depth" if depths else "height")
-    return _Content(
-        lines=_joined(source, xyz_of_vertices, table.texts(_LINE)), depths=depths, angular=plan == LON_LAT
-    )
+    return _joined(source, xyz_of_vertices, table.texts(_LINE)), depths, plan == LON_LAT
 
 
 def _of_numbers(source: Path) -> Lines:
@@ -140,12 +133,6 @@ def _joined(source: Path, vertices: FloatArray, line_of: ArrayLike) -> Lines:
     if short:
         raise SoundingError([Problem(file=str(source), message=f"line {row} has one vertex") for row in short])
     return Lines.of_paths(paths)
-
-
-def _require_lines(source: Path, layer: Points | Lines) -> Lines:
-    if isinstance(layer, Points):
-        raise _refused(source, "it has points, and contours are lines")
-    return layer
 
 
 def _refused(source: Path, message: str) -> SoundingError:
