@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pyproj
 
-from musatpy.correction.layers import correct_by_photographs
+from musatpy.correction.layers import BARE, correct_by_photographs, kind_of, read_heights
 from musatpy.correction.photographs import Photographs
-from musatpy.correction.rasters import band_of, correct_raster, only_band
+from musatpy.correction.rasters import band_of, correct_raster
 from musatpy.correction.surfaces import correct_surface
 from musatpy.depth.cameras import system_of_points
 from musatpy.depth.correction import Correction, CorrectionTally, Progress
@@ -25,12 +25,11 @@ from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.projected import crs_of
 from musatpy.geometry.systems import System
 from musatpy.interchange import geotiff
-from musatpy.interchange.any_file import RASTERS, read_layers, write_layers
-from musatpy.interchange.layers import LOCAL, Grid, placed
+from musatpy.interchange.any_file import RASTERS, write_layers
+from musatpy.interchange.layers import LOCAL, placed
 from musatpy.pointfiles.las_files import SUFFIXES
 from musatpy.refraction.apparent import Fault
 
-_NAMED, _BARE = (".csv",), (".xyz", ".txt")  # tables under a line of names, and without
 _DEEPEST = 80.0  # m, beyond what light comes back from in the clearest water
 
 
@@ -93,11 +92,7 @@ def correct_file(
     of a raster. Tables, clouds and rasters that keep their kind may be of any size. Raises `DepthError`,
     `InterchangeError` and `SystemsError` for what cannot be used, and `OSError`; then nothing is written.
     """
-    kinds = [
-        next((kind for kind in (_NAMED, _BARE, SUFFIXES, RASTERS) if path.suffix.lower() in kind), ())
-        for path in (source, target)
-    ]
-    cameras, kind = photographs.cameras, kinds[0] if kinds[0] == kinds[1] else ()
+    cameras, kind = photographs.cameras, kind_of(source, target)
     if surface and kind != RASTERS:
         raise DepthError([Problem(message="a surface is that of a raster, in another raster")])
     work = partial(Correction, cameras=cameras, index=index, errors=photographs.errors, through=photographs.through)
@@ -122,14 +117,11 @@ def correct_file(
         system = system_of_points(source, cameras, crs, geoid)
         tally = correct_csv(source, target, work(system=system), columns=columns, jobs=jobs, progress=progress)
     else:
-        layers = read_layers(source, stand_in, layer, columns)
-        for name, part in layers.items():
-            layers[name] = only_band(source, part, band) if isinstance(part, Grid) else part
-        stated = next((part.crs for part in layers.values() if part.crs is not None), None)
-        system = system_of(placed(stated))
-        written = placed(stand_in) or placed(stated) or _crs_of(system)
+        layers, stated = read_heights(source, stand_in, layer, columns, band)
+        system = system_of(stated)
+        written = placed(stand_in) or stated or _crs_of(system)
         layers = {name: replace(part, crs=written) for name, part in layers.items()}
-        numbered = target.suffix.lower() in (*SUFFIXES, *_BARE)
+        numbered = target.suffix.lower() in (*SUFFIXES, *BARE)
         true, tally = correct_by_photographs(layers, work(system=system), source, numbered=numbered, jobs=jobs)
         write_layers(target, true)
     return CorrectedFile(tally=tally, system=system, photographs=photographs)

@@ -7,25 +7,45 @@ where another vertex has no true place.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyproj
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.correction.rasters import only_band
 from musatpy.depth.correction import NO_POINTS, Correction, CorrectionTally, in_order
 from musatpy.depth.csv_points import SIGMAS
 from musatpy.depth.misplaced_points import attempted, require_sight
 from musatpy.errors import DepthError, Problem
-from musatpy.interchange.any_file import Layers
-from musatpy.interchange.layers import Column, Grid, Lines, Points
+from musatpy.interchange.any_file import RASTERS, Layers, read_layers
+from musatpy.interchange.layers import Column, Grid, Lines, Points, placed
+from musatpy.pointfiles.las_files import SUFFIXES
 from musatpy.refraction.apparent import REASONS, Fault, TruePoints
 
 DRY = (Fault.ABOVE_WATER, Fault.BETWEEN_TIDES)
+NAMED, BARE = (".csv",), (".xyz", ".txt")  # tables under a line of names, and without
 _CHUNK = 16384  # points at a time
+
+
+def kind_of(source: Path, target: Path) -> tuple[str, ...]:
+    """Return the suffixes of the kind that both files are of, none where one format becomes another."""
+    suffixes = {source.suffix.lower(), target.suffix.lower()}
+    return next((kind for kind in (NAMED, BARE, SUFFIXES, RASTERS) if suffixes <= {*kind}), ())
+
+
+def read_heights(
+    source: Path, stand_in: pyproj.CRS | None, layer: str, columns: Sequence[str], band: str
+) -> tuple[Layers, pyproj.CRS | None]:
+    """Return the layers of a file, of a grid the band of heights alone, and what system they state."""
+    layers = read_layers(source, stand_in, layer, columns)
+    for name, part in layers.items():
+        layers[name] = only_band(source, part, band) if isinstance(part, Grid) else part
+    return layers, placed(next((part.crs for part in layers.values() if part.crs is not None), None))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

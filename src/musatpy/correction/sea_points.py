@@ -15,14 +15,13 @@ from typing import ClassVar
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.correction.layers import CorrectedPoints, correct_layers
-from musatpy.correction.rasters import only_band
+from musatpy.correction.layers import BARE, NAMED, CorrectedPoints, correct_layers, kind_of, read_heights
 from musatpy.errors import CollocationError, Problem, ProblemsError, SeaError
 from musatpy.files import whole_file
 from musatpy.geometry.crs import Plan, system_of
 from musatpy.geometry.projected import Projected, crs_of
 from musatpy.geometry.systems import System
-from musatpy.interchange.any_file import RASTERS, TEXTS, read_layers, write_layers
+from musatpy.interchange.any_file import RASTERS, write_layers
 from musatpy.interchange.layers import LOCAL, Grid, placed
 from musatpy.pointfiles.columns import AXES, Wanted, place_columns
 from musatpy.pointfiles.las_files import SUFFIXES, coordinates, rewritten
@@ -211,12 +210,12 @@ def correct_by_sea(
     written as a table. Raises the error of the correction for what cannot be read, `InterchangeError`,
     `SystemsError` and `OSError`; then nothing is written.
     """
-    suffixes = {source.suffix.lower(), target.suffix.lower()}
+    kind = kind_of(source, target)
     if source.suffix.lower() == ".json":
         _correct_record(source, target, correction, only)
-    elif suffixes <= {*SUFFIXES}:
+    elif kind == SUFFIXES:
         _correct_cloud(source, target, correction, progress)
-    elif suffixes <= {*TEXTS}:
+    elif kind in (NAMED, BARE):
         _correct_table(source, target, correction, columns, only, progress)
     else:
         _correct_layers(source, target, correction, columns, crs, layer, band)
@@ -310,13 +309,10 @@ def _correct_layers(
     """Correct what is read whole; a raster becomes one of the true places of its posts, or their points."""
     ellipsoid = correction.system.ellipsoid
     stand_in = crs_of(crs or LOCAL) if crs or ellipsoid is None else None
-    layers = read_layers(source, stand_in, layer, columns)
-    stated = next((placed(part.crs) for part in layers.values() if part.crs is not None), None)
+    layers, stated = read_heights(source, stand_in, layer, columns, band)
     if ellipsoid is not None and stated is not None and not crs:
         correction = replace(correction, system=system_of(stated.to_wkt(), ellipsoid))
-    for name, part in layers.items():
-        whole = only_band(source, part, band) if isinstance(part, Grid) else part
-        layers[name] = replace(whole, crs=placed(stand_in) or stated)
+    layers = {name: replace(part, crs=placed(stand_in) or stated) for name, part in layers.items()}
     grid = next(iter(layers.values()))
     if isinstance(grid, Grid) and target.suffix.lower() in RASTERS:
         (heights,) = grid.bands.values()
@@ -327,7 +323,7 @@ def _correct_layers(
         units = dict.fromkeys(("apparent", *points.columns), "m")
         write_layers(target, {"grid": replace(grid, bands=bands, units=units)})
         return
-    numbered = target.suffix.lower() in (*SUFFIXES, ".xyz", ".txt")
+    numbered = target.suffix.lower() in (*SUFFIXES, *BARE)
     write_layers(
         target, correct_layers(layers, lambda xyz: correction(xyz)[0], correction.reasons, numbered=numbered)
     )
