@@ -115,6 +115,9 @@ def test_it_says_where_it_does_not_help(job: Path) -> None:
     assert result.exit_code == 4
     assert "does not help: leave the heights as they are" in result.output
     assert (job / "out.csv").exists() and "does not help" in (job / "out.txt").read_text()
+    given = (job / "mapped.csv", job / "noise.csv", "-o", job / "old.csv", *FAST, "--function", "none")
+    assert commands.musat("sea", "interpolate", *given).exit_code == 3  # of the old name
+    assert (job / "old.csv").read_bytes() == (job / "out.csv").read_bytes()
 
 
 def test_sigmas_are_honest_where_nothing_is_explained(job: Path) -> None:
