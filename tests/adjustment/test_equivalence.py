@@ -80,7 +80,7 @@ def simulated(plan: Plan) -> Simulated:
 
 @lru_cache
 def reference(plan: Plan) -> dense_bundle.Result:
-    return dense_bundle.solve(simulated(plan).block, refraction=plan.submerged)
+    return dense_bundle.solve(simulated(plan).block, simulated(plan).truth, refraction=plan.submerged)
 
 
 @lru_cache
@@ -190,15 +190,6 @@ def test_legacy_residuals_of_submerged_points_shrink_pass_by_pass() -> None:
     assert rms[-1] < 0.7 * watpt.passes[-1].rms_residual
 
 
-def beside(solution: Solution) -> dense_bundle.Start:
-    """A start for the reference on the solution's side of every tide.
-
-    A point that dries at one tide may have a minimum on either side of it, both of them right.
-    """
-    stations, points = solution.stations, solution.points
-    return dense_bundle.Start(position=stations.position, attitude=stations.attitude, points=points.position)
-
-
 def held_at_the_tide(block: Block, point: int, tide: float) -> Block:
     """The block with the height of a point known to be that of the water."""
     control = block.control
@@ -225,12 +216,12 @@ LONGER = Plan(
 @lru_cache
 def reference_at_the_tide(plan: Plan, name: str, photo: str) -> tuple[int, float, dense_bundle.Result]:
     """Point, tide and bundle of a strip of which the bundle without held points has no smooth minimum."""
-    block = simulated(plan).block
+    block, truth = simulated(plan).block, simulated(plan).truth
     point = int(np.flatnonzero(block.points.ids == name)[0])
     tide = float(block.photos.tide[block.photos.ids == photo][0])
     with pytest.raises(RuntimeError, match="not converged"):
-        dense_bundle.solve(block, refraction=True, max_iterations=12)
-    return point, tide, dense_bundle.solve(held_at_the_tide(block, point, tide), refraction=True)
+        dense_bundle.solve(block, truth, refraction=True, max_iterations=12)
+    return point, tide, dense_bundle.solve(held_at_the_tide(block, point, tide), truth, refraction=True)
 
 
 @pytest.mark.slow
@@ -265,7 +256,7 @@ def test_kept_out_points_are_intersected() -> None:
     out = next(i for i in np.argsort(-rays) if i not in control)
     flagged = altered(block, plates={"triangulated": block.plates.triangulated & (block.plates.point != out)})
     solution = adjust(with_options(flagged, refraction=Refraction.NONE))
-    result = dense_bundle.solve(flagged, refraction=False)
+    result = dense_bundle.solve(flagged, simulated(plan).truth, refraction=False)
     assert_equals_bundle(solution, result)
     assert not solution.plates.triangulated[block.plates.point == out].any()
     residual = solution.plates.residual[block.plates.point == out]

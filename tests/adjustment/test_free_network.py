@@ -53,10 +53,8 @@ def dense_cofactors(solution: model.Solution, defect: int) -> tuple[np.ndarray, 
     """Q under the inner constraints over the points, from the eigenvectors of the dense normal matrix."""
     block = solution.block
     network = dense_bundle.Network(block, refraction=True)
-    stations, points = solution.stations, solution.points
     assert block.options.system is model.CoordinateSystem.LOCAL  # where attitudes need no turning
-    start = dense_bundle.Start(position=stations.position, attitude=stations.attitude, points=points.position)
-    J = network.jacobian(dense_bundle.starting_state(network, start))
+    J = network.jacobian(dense_bundle.starting_state(network, compare.beside(solution)))
     return compare.free_cofactors(J, np.s_[6 * len(block.photos.ids) :], defect), network
 
 

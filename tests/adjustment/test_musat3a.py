@@ -13,7 +13,6 @@ from adjustment.test_equivalence import (
     EVERY,
     assert_covariances_equal,
     assert_equals_bundle,
-    beside,
     simulated,
 )
 from altered import altered, with_options
@@ -51,7 +50,7 @@ def solved(plan: Plan) -> model.Solution:
 def test_equals_the_independent_bundle(plan: Plan) -> None:
     """On the solution's side of every tide: a point at the water line may have a minimum on either side of it."""
     solution = solved(plan)
-    result = dense_bundle.solve(simulated(plan).block, refraction=plan.submerged, start=beside(solution))
+    result = dense_bundle.solve(simulated(plan).block, compare.beside(solution), refraction=plan.submerged)
     assert_equals_bundle(solution, result)
     assert_covariances_equal(solution, result)
 

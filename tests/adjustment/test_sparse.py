@@ -1,32 +1,37 @@
-"""The multifrontal factor and its selected inverse, against dense matrices."""
+"""The multifrontal factor and its selected inverse, against dense matrices; pieces of work on threads."""
 
+import multiprocessing
 import os
+import threading
+import time
 
 import numpy as np
 import pytest
 
 from musatpy.adjustment import kernels
-from musatpy.adjustment.normals import Cofactors, NormalMatrix, factorised
+from musatpy.adjustment.kernels import side_by_side
+from musatpy.adjustment.normals import NormalMatrix, factorised
 from musatpy.adjustment.sparse import Pattern, factorise
 
 
-def cliques_of(strips: int, photos: int, rng: np.random.Generator) -> tuple[int, list[np.ndarray]]:
-    """Return a block of photos in which neighbours along and across the strips meet, numbered at random."""
-    count, cliques, _ = placed_cliques(strips, photos, rng)
-    return count, cliques
+def placed_cliques(
+    strips: int, photos: int, rng: np.random.Generator, blocks: int = 1
+) -> tuple[int, list[np.ndarray], np.ndarray]:
+    """Return a block of photos, or several that do not meet, and their places, in strips that run askew.
 
-
-def placed_cliques(strips: int, photos: int, rng: np.random.Generator) -> tuple[int, list[np.ndarray], np.ndarray]:
-    """Return these with the places of the photos, in strips that run askew."""
-    ids = rng.permutation(strips * photos).reshape(strips, photos)
+    Neighbours along and across the strips meet; photos are numbered at random.
+    """
+    size = strips * photos
+    ids = rng.permutation(size).reshape(strips, photos)
     strip, along = np.divmod(np.argsort(ids.reshape(-1)), photos)
     place = np.stack([along + 0.5 * strip, 2.0 * strip - 0.3 * along, np.full(len(strip), 9.0)], axis=1)
     cliques: dict[int, list[np.ndarray]] = {}
     for s in range(strips):
         for p in range(photos):
             near = ids[s : s + 2, p : p + 3].reshape(-1)
-            cliques.setdefault(len(near), []).append(near)
-    return strips * photos, [np.array(rows) for rows in cliques.values()], place
+            cliques.setdefault(len(near), []).extend(near + size * block for block in range(blocks))
+    places = np.concatenate([np.add(place, [1e3 * block, 0.0, 0.0]) for block in range(blocks)])
+    return size * blocks, [np.array(rows) for rows in cliques.values()], places
 
 
 def matrix_on(pattern: Pattern, cliques: list[np.ndarray], rng: np.random.Generator) -> np.ndarray:
@@ -54,18 +59,20 @@ def dense(pattern: Pattern, blocks: np.ndarray) -> np.ndarray:
     return whole.reshape(n * q, n * q)
 
 
-@pytest.mark.parametrize(("strips", "photos"), [(1, 1), (1, 2), (1, 40), (3, 9), (9, 14)])
+@pytest.mark.parametrize(
+    ("strips", "photos", "parts"), [(1, 1, 1), (1, 2, 1), (1, 40, 1), (3, 9, 1), (9, 14, 1), (2, 20, 2)]
+)
 @pytest.mark.parametrize("size", [6, 7])
 @pytest.mark.parametrize("placed", [False, True])
 @pytest.mark.parametrize("shared", [False, True])
 def test_solution_and_selected_inverse_are_those_of_the_dense_matrix(
-    monkeypatch: pytest.MonkeyPatch, strips: int, photos: int, size: int, placed: bool, shared: bool
+    monkeypatch: pytest.MonkeyPatch, strips: int, photos: int, parts: int, size: int, placed: bool, shared: bool
 ) -> None:
     """Of fronts worked at one after the other, or `shared` by threads."""
     if shared:
         monkeypatch.setattr(kernels, "_FEWEST", 0)
     rng = np.random.default_rng(strips * 100 + photos)
-    count, cliques, place = placed_cliques(strips, photos, rng)
+    count, cliques, place = placed_cliques(strips, photos, rng, parts)
     pattern = Pattern.of(count, size, cliques, place if placed else None)
     blocks = matrix_on(pattern, cliques, rng)
     N = dense(pattern, blocks)
@@ -78,25 +85,6 @@ def test_solution_and_selected_inverse_are_those_of_the_dense_matrix(
     inverse = np.linalg.inv(N).reshape(count, size, count, size)
     i, j = pattern.pairs.T
     np.testing.assert_allclose(factor.selected_inverse(), inverse[i, :, j], atol=1e-12 * np.abs(inverse).max())
-
-
-def test_cofactors_of_photos_in_any_order_are_those_of_the_dense_matrix() -> None:
-    rng = np.random.default_rng(5)
-    count, cliques = cliques_of(3, 6, rng)
-    pattern = Pattern.of(count, 6, cliques)
-    blocks = matrix_on(pattern, cliques, rng)
-    nothing = np.zeros((6 * count, 0))
-    cofactors = Cofactors(pattern=pattern, blocks=blocks, border=nothing, corner=np.zeros((0, 0)))
-    whole = dense(pattern, blocks)
-    for clique in cliques:
-        rows = pattern.rows(clique)
-        of_rows = whole[rows[:, :, None], rows[:, None, :]]
-        np.testing.assert_allclose(cofactors.of_photos(clique), of_rows, rtol=1e-12)
-        partials, index = rng.normal(size=(len(clique), 2, rows.shape[1])), np.zeros((len(clique), 0), dtype=int)
-        expected = partials @ of_rows @ np.swapaxes(partials, 1, 2)
-        for some in (slice(None), slice(0)):  # all points, and none
-            functions = cofactors.cofactors_of(clique[some], index[some], partials[some])
-            np.testing.assert_allclose(functions, expected[some], atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("placed", [False, True])
@@ -116,20 +104,14 @@ def test_cofactors_of_a_bordered_matrix_are_those_of_the_dense_one(placed: bool,
         expected = whole[rows[:, :, None], rows[:, None, :]]
         found = factor.cofactors().with_border(clique, index)
         np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
-
-
-def test_parts_that_do_not_meet_are_factorised_one_by_one() -> None:
-    rng = np.random.default_rng(4)
-    _, first = cliques_of(2, 20, rng)
-    cliques = [*first, *(clique + 40 for clique in first)]
-    pattern = Pattern.of(80, 6, cliques)
-    blocks = matrix_on(pattern, cliques, rng)
-    rhs = rng.normal(size=480)
-    np.testing.assert_allclose(dense(pattern, blocks) @ factorise(pattern, blocks).solve(rhs), rhs, atol=1e-10)
+        partials = rng.normal(size=(len(clique), 2, rows.shape[1]))
+        functions = factor.cofactors().cofactors_of(clique, index, partials)
+        of_them = partials @ expected @ np.swapaxes(partials, 1, 2)
+        np.testing.assert_allclose(functions, of_them, atol=1e-12 * np.abs(of_them).max())
 
 
 def test_a_matrix_that_is_not_positive_definite_is_refused() -> None:
-    count, cliques = cliques_of(2, 30, np.random.default_rng(6))
+    count, cliques, _ = placed_cliques(2, 30, np.random.default_rng(6))
     pattern = Pattern.of(count, 6, cliques)
     blocks = matrix_on(pattern, cliques, np.random.default_rng(7))
     blocks[pattern.find(np.array([17]), np.array([17]))] = -np.eye(6)
@@ -173,3 +155,50 @@ def test_weak_is_what_has_a_smallest_eigenvalue_below_the_limit(exponent: int, l
     factor = factorised(NormalMatrix(pattern=pattern, blocks=blocks, border=np.zeros((len(u), 0)), corner=corner))
     assert factor is not None
     assert factor.is_weak(limit) == (weakest < limit)
+
+
+MANY = 10**6  # rays
+
+
+@pytest.fixture
+def cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+
+
+@pytest.mark.usefixtures("cores")
+def test_a_piece_may_share_its_work_which_its_own_thread_does() -> None:
+    def work(piece: int) -> set[str]:
+        return {threading.current_thread().name, *side_by_side(inner, range(4), MANY)}
+
+    def inner(_: int) -> str:
+        return threading.current_thread().name
+
+    assert all(len(names) == 1 for names in side_by_side(work, range(12), MANY))
+
+
+@pytest.mark.usefixtures("cores")
+def test_what_a_piece_raises_is_raised_when_nothing_runs_any_more() -> None:
+    running: set[int] = set()
+
+    def work(piece: int) -> None:
+        if piece == 1:
+            raise ValueError(piece)
+        running.add(piece)
+        time.sleep(0.02)
+        running.remove(piece)
+
+    with pytest.raises(ValueError, match="1"):
+        list(side_by_side(work, range(20), MANY))
+    assert not running
+
+
+def _sum() -> int:
+    return sum(side_by_side(abs, range(10), MANY))
+
+
+@pytest.mark.usefixtures("cores")
+@pytest.mark.filterwarnings("ignore:.*multi-threaded:DeprecationWarning")
+def test_a_forked_process_has_threads_of_its_own() -> None:
+    assert _sum() == 45
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        assert pool.apply_async(_sum).get(timeout=20) == 45

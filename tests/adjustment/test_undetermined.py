@@ -227,7 +227,7 @@ def test_what_holds_all_seven_motions_is_a_datum(
     block = strip(system, FIXED[name], program)
     assert errors(block) == []
     solution = adjust(block)
-    result = dense_bundle.solve(block, refraction=False)
+    result = dense_bundle.solve(block, compare.beside(solution), refraction=False)
     assert solution.converged
     assert solution.sigma0 == pytest.approx(result.sigma0, rel=1e-6)
     assert np.abs(compare.station_difference(solution, result)).max() < 1e-3

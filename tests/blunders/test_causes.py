@@ -1,4 +1,4 @@
-"""The causes that the search names, with what it edits and what it leaves; the study beside has more of each."""
+"""The causes that the search names, with what it edits and what it leaves; the study has more of each."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from altered import added, altered
-from blunders import study
-from blunders.study import Trial, edited, strip
+from drivers import causes_study as study
+from drivers.causes_study import edited, fault, strip
 from drivers.common_mistakes import MISTAKES, outcome, simulated
 from musatpy import adjust, read_deck
 from musatpy.cli.main import main
@@ -24,15 +24,11 @@ FINDS = Path(__file__).parents[2] / "fixtures/verdict"
 _K = CauseKind
 
 
-def verify(trial: Trial) -> None:
-    assert trial.right(edited(trial.block)) == "", trial.name
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("photos", study.STRIPS)
 def test_wrong_control_is_named_whatever_its_size_and_its_rays(photos: int) -> None:
     for trial in study.control((photos,), (1.0, 10.0, 100.0)):
-        verify(trial)
+        assert fault(trial) == "", trial.name
 
 
 @pytest.mark.slow
@@ -40,7 +36,7 @@ def test_wrong_control_is_named_whatever_its_size_and_its_rays(photos: int) -> N
 def test_what_is_wrong_is_named_and_nothing_innocent_goes_out(trials) -> None:
     """Exchanged photos, a focal length with its size, tides; in clean strips nothing."""
     for trial in trials(1):
-        verify(trial)
+        assert fault(trial) == "", trial.name
 
 
 @pytest.mark.slow

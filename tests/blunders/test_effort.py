@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from altered import added, altered
-from blunders.study import strip
+from drivers.causes_study import strip
 from musatpy import adjust
 from musatpy.blunders.causes import first_look
 from musatpy.cli.main import main

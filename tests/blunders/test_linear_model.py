@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from altered import added, altered
-from blunders.study import strip
+from drivers.causes_study import strip
 from musatpy.adjustment.ground import point_squares
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
 from musatpy.blunders.hypotheses import Hypothesis, hypotheses

@@ -3,8 +3,17 @@
 import numpy as np
 
 from musatpy.model import AdjustedStations, Block, Solution
-from reference.dense_bundle import Result
+from reference.dense_bundle import Result, Start
 from reference.earth import earth_of
+
+
+def beside(solution: Solution) -> Start:
+    """A start for the reference where a solution stands, on its side of every tide.
+
+    A point that dries at one tide may have a minimum on either side of it, both of them right.
+    """
+    stations, points = solution.stations, solution.points
+    return Start(position=stations.position, attitude=stations.attitude, points=points.position)
 
 
 def enu_difference(block: Block, one: np.ndarray, other: np.ndarray) -> np.ndarray:

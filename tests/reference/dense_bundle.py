@@ -6,7 +6,7 @@ program. Frames: attitudes refer to the local vertical frame of the given statio
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
@@ -21,11 +21,11 @@ _SETTLED = 1e-7  # whitened length of the last step: rounding of the residuals s
 
 @dataclass(frozen=True, kw_only=True)
 class Start:
-    """Starting values in the job's system; `None` anywhere means the block's own, or an intersection."""
+    """Where the iteration begins, in the job's system: at what a simulation knows, or another solution has."""
 
-    position: np.ndarray | None = None  # (n, 3)
-    attitude: np.ndarray | None = None  # (n, 3) in the frame of the given position
-    points: np.ndarray | None = None  # (p, 3), NaN rows are intersected
+    position: np.ndarray  # (n, 3)
+    attitude: np.ndarray  # (n, 3) in the frame of the given position
+    points: np.ndarray  # (p, 3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,15 +229,14 @@ class Network:
         )
 
 
-def solve(block: Block, *, refraction: bool, start: Start | None = None, max_iterations: int = 60) -> Result:
+def solve(block: Block, start: Start, *, refraction: bool, max_iterations: int = 60) -> Result:
     """Adjust a block simultaneously; with `refraction` bathymetric points are seen through the water.
 
     Gauss-Newton, with Levenberg-Marquardt damping whenever a full step does not lower the sum of squares. Raises
     `RuntimeError` without convergence and `numpy.linalg.LinAlgError` when the unknowns are not determined.
     """
     network = Network(block, refraction=refraction)
-    state = starting_state(network, start or Start())
-    return _result(network, _iterate(network, state, max_iterations))
+    return _result(network, _iterate(network, starting_state(network, start), max_iterations))
 
 
 def _determined(block: Block) -> np.ndarray:
@@ -300,85 +299,20 @@ def _step(r: np.ndarray, projected: np.ndarray, damping: float) -> tuple[np.ndar
 
 
 def starting_state(network: Network, start: Start) -> State:
-    """Stations of `start` or of the block, ground points from `start` or intersected, known control put in."""
+    """Stations and points of `start`, what is held fixed put in, levels at the means of their members."""
     block, earth = network.block, network.earth
-    position = network.station_native if start.position is None else earth.native(start.position)
-    offset = earth.cartesian(position) - network.station_xyz
+    offset = earth.cartesian(earth.native(start.position)) - network.station_xyz
     enu = np.einsum("nij,nj->ni", network.station_frame, offset)
-    attitude = block.photos.attitude if start.attitude is None else start.attitude
-    state = State(
-        stations=np.hstack([enu, attitude]),
-        ground=np.zeros((len(block.points.ids), 3)),
-        levels=np.zeros(len(block.equal_elevations.ids)),
-    )
-    ground = _starting_ground(network, state)
-    if start.points is not None:
-        known = ~np.isnan(start.points).any(axis=1) & network.determined
-        ground[known] = earth.native(start.points[known])
-    _hold_control(network, ground, only_fixed=start.points is not None)
-    equal = block.equal_elevations
+    control, equal = block.control, block.equal_elevations
+    ground = np.zeros((len(block.points.ids), 3))
+    ground[network.determined] = earth.native(start.points[network.determined])
+    held = control.known & control.fixed[:, None] & network.determined[control.point][:, None]
+    given = earth.native(np.where(np.isnan(control.position), 0.0, control.position))
+    ground[control.point] = np.where(held, given, ground[control.point])
     used = network.determined[equal.point]
     members = np.bincount(equal.group[used], minlength=len(equal.ids))
     sums = np.bincount(equal.group[used], weights=ground[equal.point[used], 2], minlength=len(equal.ids))
-    levels = sums / np.maximum(members, 1)
-    return replace(state, ground=ground, levels=levels)
-
-
-def _hold_control(network: Network, ground: np.ndarray, *, only_fixed: bool) -> None:
-    """Put known control components in place of the starting values, in place."""
-    control, earth = network.block.control, network.earth
-    filled = np.where(np.isnan(control.position), 0.0, control.position)
-    native = earth.native(filled)
-    for row in range(len(control.point)):
-        if only_fixed and not control.fixed[row]:
-            continue
-        order = control.known[row]  # horizontal components go together, so the order within them does not matter
-        point = control.point[row]
-        if network.determined[point]:
-            ground[point] = np.where(order, native[row], ground[point])
-
-
-def _starting_ground(network: Network, state: State) -> np.ndarray:
-    """Straight rays intersected; a single ray is cut at a height that control suggests."""
-    block, earth = network.block, network.earth
-    plates, photos = block.plates, block.photos
-    every = np.arange(len(photos.ids))
-    camera, matrix = network.station(state, every, np.zeros((len(every), 6)))
-    control_native = earth.native(np.where(np.isnan(block.control.position), 0.0, block.control.position))
-    heights = control_native[block.control.known[:, 2], 2]
-    mean_height = heights.mean() if len(heights) else 0.0
-    ground = np.tile(network.station_native[0], (len(block.points.ids), 1))
-    for point in np.flatnonzero(network.determined):
-        rows = network.rows[plates.point[network.rows] == point]
-        origins, directions = [], []
-        for row in rows:
-            photo = plates.photo[row]
-            link = photos.camera[photo]
-            x, y = plates.xy[row] - block.cameras.principal_point[link]
-            ray = matrix[photo].T @ np.array([x, y, -block.cameras.focal_length[link]])
-            origins.append(camera[photo])
-            directions.append(ray / np.linalg.norm(ray))
-        if len(rows) >= 2:
-            xyz = _nearest_point(np.array(origins), np.array(directions))
-        else:
-            xyz = _at_height(earth, origins[0], directions[0], mean_height)
-        ground[point] = earth.from_cartesian(xyz)
-    return ground
-
-
-def _nearest_point(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    projectors = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    right = np.einsum("rij,rj->i", projectors, origins)
-    return np.asarray(np.linalg.solve(projectors.sum(axis=0), right))
-
-
-def _at_height(earth: Earth, origin: np.ndarray, direction: np.ndarray, height: float) -> np.ndarray:
-    distance = 0.0
-    for _ in range(20):
-        native = earth.from_cartesian(origin + distance * direction)
-        up = earth.frame(native)[2]
-        distance += (height - native[2]) / (up @ direction)
-    return np.asarray(origin + distance * direction)
+    return State(stations=np.hstack([enu, start.attitude]), ground=ground, levels=sums / np.maximum(members, 1))
 
 
 def _result(network: Network, state: State) -> Result:
