@@ -18,7 +18,7 @@ from musatpy.model.tables import taken
 from musatpy.model.water import WAVE_SIGMAS
 from musatpy.refraction.waves import Harmonic, sinusoidal
 from musatpy.units import DEGREE
-from reference import waves
+from reference import wave_scenes, waves
 from reference.networks import Plan
 
 FOLDER = Path(__file__).parents[1] / "fixtures" / "waves"
@@ -30,14 +30,8 @@ NOISE = 0.003  # mm
 
 
 def swell_length() -> float:
-    """Return the length (m) at which w^2 = g k tanh kh, by halving an interval."""
-    short, long = 1.0, 1000.0
-    for _ in range(100):
-        middle = (short + long) / 2.0
-        k = 2.0 * np.pi / middle
-        too_long = 9.80665 * k * np.tanh(k * DEPTH) < (2.0 * np.pi / PERIOD) ** 2
-        short, long = (short, middle) if too_long else (middle, long)
-    return middle
+    """Return the length (m) at which w^2 = g k tanh kh."""
+    return wave_scenes.length_of(PERIOD, DEPTH)
 
 
 def true_waves() -> Harmonic:

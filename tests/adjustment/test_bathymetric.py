@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from altered import altered, put, with_options
+from blocks import simulation
 from musatpy import listing
 from musatpy.adjustment import adjust
 from musatpy.adjustment.network import job_frame
@@ -14,7 +15,7 @@ from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model import Block, ControlKind, PointStatus, Program, Refraction, Solution, Treatment
 from musatpy.refraction.apparent import Stations, apparent_points
 from musatpy.refraction.flat import air_tangent
-from musatpy.simulation import Simulation, simulate, spec_from_table
+from musatpy.simulation import Simulation
 from musatpy.statistics import Statistics
 
 INDEX = 1.34
@@ -28,29 +29,27 @@ MODES: dict[str, dict[str, Any]] = {
 @cache
 def soundings_as_control(system: str = "LOCL", noise: float = 0.0, **water: float) -> Simulation:
     """A strip over a shoal with soundings as control: without refraction they bend its stations."""
-    centre = [0.0, 0.0] if system == "LOCL" else [18.0, -65.0]
-    spec = {
-        "seed": 5,
-        "job": {"system": system, "centre": centre},
-        "terrain": {"level": 12.0, "relief": 5.0},
-        "flight": {"photos": 4, "height": 800.0},
-        "water": {"index": INDEX, "level": 0.4, "tide_scatter": 0.1, **water},
-        "shoal": [{"share": 0.6, "depth": [1.0, 12.0]}],
-        "points": {"extra": [{"number": 12}]},
-        "measurement": {"noise": noise, "sigma": 3.0},
-        "control": [
+    return simulation(
+        5,
+        job={"system": system, "centre": [0.0, 0.0] if system == "LOCL" else [18.0, -65.0]},
+        terrain={"level": 12.0, "relief": 5.0},
+        flight={"photos": 4, "height": 800.0},
+        water={"index": INDEX, "level": 0.4, "tide_scatter": 0.1, **water},
+        shoal=[{"share": 0.6, "depth": [1.0, 12.0]}],
+        points={"extra": [{"number": 12}]},
+        measurement={"noise": noise, "sigma": 3.0},
+        control=[
             {"kind": "full", "number": 4, "sigma": 0.02},
             {"kind": "vertical", "number": 8, "sigma": 0.02, "bathymetric": True},
         ],
-        "stations": {"position_error": 5.0, "attitude_error": 0.1},
-        "options": {"refraction": "RIGOROUS"},
-    }
-    return simulate(spec_from_table(spec))
+        stations={"position_error": 5.0, "attitude_error": 0.1},
+        options={"refraction": "RIGOROUS"},
+    )
 
 
-def as_traced(simulation: Simulation, block: Block) -> tuple[np.ndarray, np.ndarray]:
+def as_traced(made: Simulation, block: Block) -> tuple[np.ndarray, np.ndarray]:
     """Return apparent depths (s,) and mean incidences (s,) by the true stations, in the plane of each point."""
-    truth, depths, angles = simulation.truth, [], []
+    truth, depths, angles = made.truth, [], []
     looks = np.einsum("nij,ni->nj", truth.stations.vertical, -attitude_matrix(truth.attitude)[:, 2])
     for point in np.flatnonzero(block.points.bathymetric):
         photo = np.unique(block.plates.photo[block.plates.point == point])
@@ -71,15 +70,15 @@ def determined(solution: Solution) -> np.ndarray:
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("system", ["LOCL", "GEOG", "GEOC"])
 def test_straight_rays_meet_where_traced_ones_do(system: str, mode: str) -> None:
-    simulation = soundings_as_control(system)
-    solution = adjust(with_options(simulation.block, **MODES[mode]))
-    depth, incidence = as_traced(simulation, simulation.block)
+    made = soundings_as_control(system)
+    solution = adjust(with_options(made.block, **MODES[mode]))
+    depth, incidence = as_traced(made, made.block)
     sea = solution.bathymetric
     assert len(sea.point) > 10 and determined(solution).all()
     np.testing.assert_allclose(sea.apparent_depth, depth, atol=1e-3)
     np.testing.assert_allclose(sea.incidence, incidence, atol=1e-4)
     np.testing.assert_allclose(sea.predicted_depth, INDEX * sea.apparent_depth, rtol=1e-9)
-    frame = job_frame(simulation.block)
+    frame = job_frame(made.block)
     for position, below in ((sea.apparent, sea.apparent_depth), (sea.predicted, sea.predicted_depth)):
         level = frame.level(frame.working(position))
         np.testing.assert_allclose(sea.water_level - level[:, 2], below, atol=1e-6)
@@ -98,14 +97,14 @@ def test_straight_rays_know_nothing_of_control() -> None:
 
 
 def test_an_unknown_index_predicts_as_adjusted() -> None:
-    simulation = soundings_as_control()
-    block = simulation.block
+    made = soundings_as_control()
+    block = made.block
     block = altered(block, water={"index": 1.36, "sigma": 0.05})
     solution = adjust(with_options(block, program=Program.IIIA, water_index=Treatment.ADJUST))
     sea = solution.bathymetric
     assert solution.water is not None and solution.water.index == pytest.approx(INDEX, abs=1e-3)
     np.testing.assert_allclose(sea.predicted_depth, solution.water.index * sea.apparent_depth)
-    np.testing.assert_allclose(sea.apparent_depth, as_traced(simulation, block)[0], atol=3e-3)
+    np.testing.assert_allclose(sea.apparent_depth, as_traced(made, block)[0], atol=3e-3)
 
 
 def test_tilted_water_stands_at_the_point_and_turns_the_normal() -> None:

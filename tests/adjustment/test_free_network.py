@@ -121,12 +121,6 @@ def test_points_stay_about_where_the_given_stations_put_them() -> None:
     np.testing.assert_allclose(move, np.broadcast_to([30.0, -20.0, 5.0], move.shape), atol=1e-6)  # rounding
 
 
-def test_a_datum_by_control_of_a_free_block_is_refused() -> None:
-    block = free_block(Plan(photos_per_strip=4))
-    with pytest.raises(AdjustmentError, match="the block as a whole is free in shift east"):
-        adjust(altered(block, options={"datum": model.Datum.CONTROL}))
-
-
 def test_control_makes_the_option_do_nothing() -> None:
     plan = Plan(photos_per_strip=4, kinds=(model.ControlKind.FULL,))
     held = free_block(plan, (model.ControlKind.FULL,))

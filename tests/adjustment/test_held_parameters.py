@@ -1,55 +1,42 @@
 """Parameters that are held: what errors of them move against adjustments of altered decks, and their tests."""
 
-from functools import cache
-from pathlib import Path
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 import pytest
 
 from altered import altered, with_options
+from blocks import FIXTURES, simulation
 from drivers.common_mistakes import simulated
 from musatpy import adjust, read_deck
 from musatpy.model import Block, Concern, Grade, PlateSigma, Refraction, Treatment, WaterLevel
 from musatpy.reports.listing import listing
-from musatpy.simulation import simulate, spec_from_table
 from musatpy.statistics import Statistics, metric_differences
 from musatpy.statistics.quality import POWER
 
-FIXTURES = Path(__file__).parents[2] / "fixtures"
 TIGHT = {"water_limit": 1e-6, "translation_limit": 1e-5, "rotation_limit": 1e-9, "max_passes": 60}
 
 
 @cache
-def _strip(seed: int, photos: int, program: str, sigma: float | None, noise: float = 1.0) -> Block:
-    table: dict[str, Any] = {
-        "seed": seed,
-        "job": {"system": "GEOG", "centre": [18.0, -65.0]},
-        "flight": {
-            "strips": 1, "photos": photos, "height": 1500.0, "station_scatter": 10.0, "attitude_scatter": 2.0,
-        },
-        "terrain": {"level": 40.0, "relief": 30.0},
-        "water": {"tide_scatter": 0.2},
-        "shoal": [{"share": 0.5, "depth": [1.0, 20.0]}],
-        "points": {"per_site": 2, "extra": [{"number": 60}]},
-        "control": [{"kind": "full", "number": 8, "sigma": 0.1, "error": 0.1 * noise}],
-        "measurement": {"noise": 5.0 * noise, "sigma": 5.0},
-        "options": {"program": program, **({} if program == "IIIA" else {"refraction": "WATPT"})},
-        **({"stations": {"position_sigma": [sigma] * 3, "position_error": [sigma * noise] * 3}} if sigma else {}),
-    }  # fmt: skip
-    return simulate(spec_from_table(table)).block
+def strip(seed: int = 7, photos: int = 10, sigma: float | None = None, noise: float = 1.0) -> Block:
+    """A strip by WATPT, or by IIIA with stations observed to `sigma` m."""
+    observed = {"position_sigma": [sigma] * 3, "position_error": [sigma * noise] * 3} if sigma else {}
+    return simulation(
+        seed,
+        flight={"photos": photos, "height": 1500.0, "station_scatter": 10.0, "attitude_scatter": 2.0},
+        terrain={"level": 40.0, "relief": 30.0},
+        water={"tide_scatter": 0.2},
+        shoal=[{"share": 0.5, "depth": [1.0, 20.0]}],
+        points={"per_site": 2, "extra": [{"number": 60}]},
+        control=[{"kind": "full", "number": 8, "sigma": 0.1, "error": 0.1 * noise}],
+        measurement={"noise": 5.0 * noise, "sigma": 5.0},
+        options={"program": "IIIA"} if sigma else {"program": "IIA", "refraction": "WATPT"},
+        stations=observed,
+    ).block
 
 
-def strip(seed: int = 7, photos: int = 10) -> Block:
-    """A strip by WATPT."""
-    return _strip(seed, photos, "IIA", None)
-
-
-def observed(seed: int = 7, photos: int = 10, sigma: float = 0.05) -> Block:
-    """A strip by IIIA with observed stations."""
-    return _strip(seed, photos, "IIIA", sigma)
-
-
+observed = partial(strip, sigma=0.05)
 BLOCKS = {
     "st_thomas": lambda: read_deck(FIXTURES / "st_thomas/st_thomas.crd"),
     "cayman": lambda: read_deck(FIXTURES / "cayman/cayman_clean.crd"),
@@ -200,7 +187,7 @@ def test_signs_and_sizes_against_the_squares_of_altered_decks() -> None:
 
 @pytest.mark.slow
 def test_redundant_squares_are_those_of_altered_decks_without_other_errors() -> None:
-    block = altered(_strip(7, 4, "IIIA", 1e-4, noise=0.0), options=TIGHT)
+    block = altered(strip(7, 4, 1e-4, noise=0.0), options=TIGHT)
     before = adjust(block)
     for parameter, redundant in zip(before.held.names.tolist(), before.held.redundant.tolist(), strict=True):
         size = 0.5 / np.sqrt(redundant)

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from altered import altered
+from altered import added, altered
+from blocks import simulation
 from musatpy.adjustment import adjust
 from musatpy.adjustment.initial import initial_photos
 from musatpy.errors import AdjustmentError
@@ -13,7 +14,7 @@ from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, ControlKind, CoordinateSystem, Initial, Solution
 from musatpy.pipeline import adjust as searched
-from musatpy.simulation import Simulation, simulate, spec_from_table
+from musatpy.simulation import Simulation
 from orientation.flights import HEIGHT, Flight, fly, strip
 
 SCATTER = {"station_scatter": 20.0, "attitude_scatter": 2.0}
@@ -22,7 +23,7 @@ GROSS = {"share": 0.02, "size": [100.0, 5000.0]}
 
 
 def simulated(**tables: object) -> Simulation:
-    return simulate(spec_from_table({"job": {"centre": [18.0, -65.0]}, "control": CONTROL, "seed": 7, **tables}))
+    return simulation(7, **{"control": CONTROL, **tables})
 
 
 def bare(block: Block, initial: Initial = Initial.COMPUTE) -> Block:
@@ -109,14 +110,14 @@ def test_the_adjustment_without_stations_is_that_with_good_ones(name: str) -> No
 )
 @pytest.mark.slow
 def test_a_computed_start_where_the_water_is_unknown(options: dict[str, str]) -> None:
-    simulation = simulated(
+    made = simulated(
         flight={"strips": 2, "photos": 5, "height": 1500.0, **SCATTER},
         water={"tide_scatter": 0.2, "tide_sigma": 0.2, "tilt_sigma": 10.0, "index_sigma": 0.004},
         shoal=[{"share": 0.5, "depth": [0.5, 15.0]}],
         points={"extra": [{"number": 60}]},
         options={"program": "IIIA", **options},
     )
-    block = tight(simulation.block)
+    block = tight(made.block)
     assert_same_solution(searched(bare(block)), searched(block))
 
 
@@ -161,24 +162,18 @@ def test_any_headings_are_found() -> None:
     assert np.linalg.norm(values.photos.position - C, axis=1).max() < 1e-3 * HEIGHT  # as above
 
 
-def with_kinds(truth: Flight, kinds: str) -> Block:
+def with_kinds(block: Block, kinds: str) -> Block:
     """Return the block with control of the kinds given by letters, position blank where not known."""
-    control = truth.block.control
-    letters = [ControlKind("FHVC".index(letter)) for letter in kinds]
-    partial = replace(control, kind=np.array(letters))
-    position = np.where(partial.known, control.position, np.nan)
-    return replace(truth.block, control=replace(partial, position=position))
+    partial = altered(block.control, kind=np.array([ControlKind("FHVC".index(letter)) for letter in kinds]))
+    return replace(block, control=altered(partial, position=lambda given: np.where(partial.known, given, np.nan)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [30.0, 1000.0])
 def test_wrong_control_does_not_draw_the_block(size: float) -> None:
     truth = oblique([strip(6, row % 2 * np.pi, (0.0, 3000.0 * row)) for row in range(3)], (0.0, 0.0))
-    position = truth.block.control.position.copy()
-    position[2, 0] += size
-    position[5, 2] -= size
-    block = altered(truth.block, control={"position": position})
-    values = initial_photos(block)
+    wrong = added(([2, 5], [0, 2]), [size, -size])
+    values = initial_photos(altered(truth.block, control={"position": wrong}))
     assert np.linalg.norm(values.photos.position - truth.C, axis=1).max() < 2e-3 * HEIGHT  # as above
 
 
@@ -200,7 +195,7 @@ def test_photos_that_cannot_be_found_are_listed_with_the_reason() -> None:
     with pytest.raises(AdjustmentError) as caught:
         adjust(block)
     assert str(caught.value) == "no initial values of photo 3: nothing is measured on it"
-    loose = with_kinds(truth, "FCCCCCCCCC")
+    loose = with_kinds(truth.block, "FCCCCCCCCC")
     with pytest.raises(AdjustmentError) as caught:
         adjust(loose)
     assert len(caught.value.problems) == 1  # one reason of all four
@@ -211,7 +206,7 @@ def test_photos_that_cannot_be_found_are_listed_with_the_reason() -> None:
 def test_observed_stations_place_a_block_without_control() -> None:
     truth = oblique([strip(3, row % 2 * np.pi, (0.0, 3000.0 * row)) for row in range(3)], (0.0, 0.0))
     observed = replace(truth.block.photos, position=truth.C, position_sigma=np.full(truth.C.shape, 0.5))
-    block = replace(with_kinds(truth, "CCCCCCCCCC"), photos=observed)
+    block = replace(with_kinds(truth.block, "CCCCCCCCCC"), photos=observed)
     values = initial_photos(block)
     assert values.problems == ()
     np.testing.assert_array_equal(values.photos.position, truth.C)  # an observed station stays as given
@@ -220,21 +215,17 @@ def test_observed_stations_place_a_block_without_control() -> None:
 
 
 def test_check_names_the_photos_whose_values_are_wrong() -> None:
-    simulation = simulated(flight={"photos": 5, **SCATTER}, points={"extra": [{"number": 40}]})
-    block = simulation.block
-    attitude = block.photos.attitude.copy()
-    attitude[2, 2] += np.radians(90.0)
-    position = block.photos.position.copy()
-    position[4, 2] += 1000.0
-    photos = replace(block.photos, attitude=attitude, position=position)
-    options = replace(block.options, initial=Initial.CHECK)
-    values = initial_photos(replace(block, photos=photos, options=options))
+    block = simulated(flight={"photos": 5, **SCATTER}, points={"extra": [{"number": 40}]}).block
+    position = added((4, 2), 1000.0)(block.photos.position)
+    wrong = {"position": position, "attitude": added((2, 2), np.radians(90.0))}
+    given = altered(block, photos=wrong, options={"initial": Initial.CHECK})
+    values = initial_photos(given)
     assert values.beyond.tolist() == [False, False, True, False, True]
     assert set(values.found.tolist()) == {"given"}
     np.testing.assert_array_equal(values.photos.position, position)
     np.testing.assert_allclose(values.difference[2, 5], np.radians(90.0), atol=1e-3)  # the noise of the headings
     np.testing.assert_allclose(values.difference[4, 2], 1000.0, atol=3.0)  # a thousandth of the flying height
-    solution = adjust(replace(block, options=options, photos=replace(photos, attitude=block.photos.attitude)))
+    solution = adjust(altered(given, photos={"attitude": block.photos.attitude}))
     assert len([text for text in solution.warnings if "the given station is" in text]) == 1
     assert "photo 5: the given station is" in solution.warnings[0]
 
@@ -249,9 +240,6 @@ def test_differences_of_a_computed_start_are_against_the_computed_values() -> No
 @pytest.mark.parametrize("kinds", ["HHHHHHVVVVVV", "FFHHHVVVVVVV"])
 def test_partial_control_of_a_geographic_job_follows_the_curved_earth(kinds: str) -> None:
     """Over a strip of 35 km the level surface leaves the plane by 24 m."""
-    simulation = simulated(flight={"photos": 20, **SCATTER}, points={"extra": [{"number": 150}]})
-    control = simulation.block.control
-    partial = replace(control, kind=np.array([ControlKind("FHVC".index(letter)) for letter in kinds]))
-    position = np.where(partial.known, control.position, np.nan)
-    block = tight(replace(simulation.block, control=replace(partial, position=position)))
+    block = simulated(flight={"photos": 20, **SCATTER}, points={"extra": [{"number": 150}]}).block
+    block = tight(with_kinds(block, kinds))
     assert_same_solution(adjust(bare(block)), adjust(block))

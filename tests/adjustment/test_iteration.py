@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from adjustment.water_jobs import deep, held_cameras, shallow
 from altered import altered, put, with_options
+from blocks import deep, held_cameras, shallow
 from musatpy.adjustment import adjust
 from musatpy.adjustment.iteration import AT_REST, Linearisation, Step, iterate, not_raised
 from musatpy.adjustment.normals import NormalMatrix

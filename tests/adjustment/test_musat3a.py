@@ -1,7 +1,8 @@
 """Program IIIA against independent bundles, and the two forms of the normal equations."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,7 @@ import numpy as np
 import pytest
 
 from adjustment import case_decks
-from adjustment.test_equivalence import (
-    EVERY,
-    assert_covariances_equal,
-    assert_equals_bundle,
-    simulated,
-)
+from adjustment.test_equivalence import simulated
 from altered import altered, with_options
 from musatpy import model, read_deck
 from musatpy.adjustment import adjust, musat2a
@@ -26,7 +22,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.sightings import image_coordinates
 from musatpy.units import DEGREE
-from reference import compare, dense_bundle, finite_difference_bundle
+from reference import compare, finite_difference_bundle
 from reference.networks import Plan
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
@@ -45,16 +41,6 @@ def solved(plan: Plan) -> model.Solution:
     return simultaneous(simulated(plan).block)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("plan", EVERY.values(), ids=EVERY)
-def test_equals_the_independent_bundle(plan: Plan) -> None:
-    """On the solution's side of every tide: a point at the water line may have a minimum on either side of it."""
-    solution = solved(plan)
-    result = dense_bundle.solve(simulated(plan).block, compare.beside(solution), refraction=plan.submerged)
-    assert_equals_bundle(solution, result)
-    assert_covariances_equal(solution, result)
-
-
 def assert_same(one: model.Solution, other: model.Solution) -> None:
     """Assert that two solutions of a block agree to 1e-6 sigma, and in their covariances to 1e-6."""
     stations, points = compare.apart(other, one)
@@ -66,21 +52,23 @@ def assert_same(one: model.Solution, other: model.Solution) -> None:
     assert one.sum_of_squares == pytest.approx(other.sum_of_squares, rel=1e-8)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("deck", DECKS, ids=lambda deck: deck.stem)
-def test_equals_rigorous_musat2a_on_every_fixture(deck: Path) -> None:
-    block = read_deck(deck)
-    assert_same(
-        adjust(with_options(block, refraction=model.Refraction.RIGOROUS, **TIGHT)), simultaneous(block, **TIGHT)
-    )
+def strasbourg(variant: str) -> model.Block:
+    return case_decks.strasbourg(case_decks.load_case("sxb"), variant)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("variant", ["S1", "S2", "S4"])
-def test_equals_musat2a_on_a_real_block(variant: str) -> None:
-    block = case_decks.strasbourg(case_decks.load_case("sxb"), variant)
-    # the points of S1 and S4 with sigmas of nothing in their covariances are compared in metres
-    assert_same(adjust(with_options(block, **TIGHT)), simultaneous(block, **TIGHT))
+@pytest.mark.parametrize(
+    "block",
+    [
+        *(partial(read_deck, deck) for deck in DECKS),
+        *(partial(strasbourg, variant) for variant in ("S1", "S2", "S4")),
+    ],
+    ids=[*(deck.stem for deck in DECKS), "S1", "S2", "S4"],
+)
+def test_equals_rigorous_musat2a_on_every_fixture_and_on_a_real_block(block: Callable[[], model.Block]) -> None:
+    """The points of S1 and S4 with sigmas of nothing in their covariances are compared in metres."""
+    given = with_options(block(), refraction=model.Refraction.RIGOROUS, **TIGHT)
+    assert_same(adjust(given), simultaneous(given))
 
 
 def test_the_refraction_mode_of_the_card_does_not_matter() -> None:

@@ -1,6 +1,7 @@
 """Redundancy numbers, influences, inflation, correlations: dense matrices, refits and repeated simulation."""
 
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, partial
 
 import numpy as np
 import pytest
@@ -8,7 +9,6 @@ import pytest
 from adjustment.test_equivalence import LAND, SEA, simulated, solved
 from adjustment.test_musat3a import TIGHT, WATER, sea_block, simultaneous
 from altered import added, altered, with_options
-from musatpy.adjustment import adjust
 from musatpy.model import Block, ObservationKind, Program, Refraction, Solution, Weights
 from musatpy.statistics import Statistics
 from reference import finite_difference_bundle
@@ -34,32 +34,22 @@ def with_all_water(name: str = "all by days") -> tuple[Solution, np.ndarray, np.
     return solution, J, np.linalg.inv(J.T @ J)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", list(LAND))
-@pytest.mark.parametrize("program", list(Program))
-def test_redundancy_numbers_add_up_on_land(name: str, program: Program) -> None:
-    solution = adjust(with_options(simulated(LAND[name]).block, program=program, refraction=Refraction.NONE))
-    assert solution.observed.redundancy.sum() == pytest.approx(solution.degrees_of_freedom, abs=1e-6)
-    assert len(solution.observed.kind) == sum(solution.observations.values())
+EVERY: dict[str, Callable[[], Solution]] = {
+    **{f"{name}, {program}": partial(solved, LAND[name], Refraction.NONE, program=program)
+       for name in LAND for program in Program},
+    **{f"{name}, {refraction}, {weights}": partial(solved, SEA[name], refraction, weights)
+       for name in SEA for refraction in (Refraction.WATPT, Refraction.RIGOROUS) for weights in Weights},
+    **{f"{name} water": lambda name=name: simultaneous(sea_block(**WATER[name])) for name in WATER},
+}  # fmt: skip
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", list(SEA))
-@pytest.mark.parametrize(
-    "refraction", [pytest.param(Refraction.WATPT, marks=pytest.mark.slow), Refraction.RIGOROUS]
-)
-@pytest.mark.parametrize("weights", list(Weights))
-def test_redundancy_numbers_add_up_under_water(name: str, refraction: Refraction, weights: Weights) -> None:
-    solution = solved(SEA[name], refraction, weights)
-    assert solution.observed.redundancy.sum() == pytest.approx(solution.degrees_of_freedom, abs=1e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", list(WATER))
-def test_redundancy_numbers_add_up_with_unknown_water(name: str) -> None:
-    solution = simultaneous(sea_block(**WATER[name]))
-    assert solution.observed.redundancy.sum() == pytest.approx(solution.degrees_of_freedom, abs=1e-6)
-    assert len(solution.observed.kind) == sum(solution.observations.values())
+@pytest.mark.parametrize("solution", EVERY.values(), ids=EVERY)
+def test_redundancy_numbers_add_up(solution: Callable[[], Solution]) -> None:
+    """On land, under water and where it is unknown, by both programs."""
+    observed = solution().observed
+    assert observed.redundancy.sum() == pytest.approx(solution().degrees_of_freedom, abs=1e-6)
+    assert len(observed.kind) == sum(solution().observations.values())
 
 
 @pytest.mark.slow
@@ -75,35 +65,27 @@ def test_redundancy_numbers_are_those_of_the_dense_inverse() -> None:
 
 
 @pytest.mark.slow
-def test_inflation_of_the_levels_of_photos_is_that_of_the_dense_matrix() -> None:
-    """They stand with the six unknowns of their photos, not in the border with the other ones of the water."""
-    solution, J, inverse = with_all_water("all by photos")
-    found = solution.dependence
-    photos = solution.block.photos.ids.tolist()
-    assert found.names[: len(photos)].tolist() == [f"photo {photo} water level" for photo in photos]
-    first = 6 * len(photos) + 3 * len(solution.block.points.ids) + len(solution.levels)
-    tides = np.arange(first, first + len(photos))
-    inflation = np.diag(J.T @ J) * np.diag(inverse)
-    # as below
-    np.testing.assert_allclose(found.inflation[: len(photos)], inflation[tides], rtol=1e-4)
-    sigma = np.sqrt(np.diag(inverse)[tides])
-    np.testing.assert_allclose(found.sigma[: len(photos)], sigma * solution.sigma0, rtol=1e-4)
-
-
-@pytest.mark.slow
-def test_inflation_and_correlations_are_those_of_the_dense_matrix() -> None:
-    solution, J, inverse = with_all_water()
-    found = solution.dependence
-    n, p = len(solution.block.photos.ids), len(solution.block.points.ids)
+@pytest.mark.parametrize("name", ["all by days", "all by photos"])
+def test_inflation_and_correlations_are_those_of_the_dense_matrix(name: str) -> None:
+    """Levels of photos stand with the six unknowns of these, and before the other ones of the water."""
+    solution, J, inverse = with_all_water(name)
+    found, block = solution.dependence, solution.block
+    n, p = len(block.photos.ids), len(block.points.ids)
     inflation = np.diag(J.T @ J) * np.diag(inverse)
     np.testing.assert_allclose(found.station_inflation, inflation[: 6 * n].reshape(n, 6), rtol=1e-4)
-    globals_ = np.arange(6 * n + 3 * p, len(inverse))
-    np.testing.assert_allclose(found.inflation[: len(globals_)], inflation[globals_], rtol=1e-4)
+    first = 6 * n + 3 * p
+    globals_ = np.arange(first, len(inverse))
+    if name == "all by photos":
+        assert found.names[:n].tolist() == [f"photo {photo} water level" for photo in block.photos.ids]
+        g = len(solution.levels)
+        globals_ = first + np.array([*range(g, g + n), *range(g), *range(g + n, len(globals_))])
     sigma = np.sqrt(np.diag(inverse))
+    np.testing.assert_allclose(found.inflation[: len(globals_)], inflation[globals_], rtol=1e-4)
+    np.testing.assert_allclose(found.sigma[: len(globals_)], sigma[globals_] * solution.sigma0, rtol=1e-4)
     R = inverse / np.outer(sigma, sigma)
     chosen = np.concatenate([np.arange(6 * n), globals_])
     strong = np.abs(np.triu(R[np.ix_(chosen, chosen)], 1))
-    ends = [name.startswith("point ") for name in (*found.first.tolist(), *found.second.tolist())]
+    ends = [end.startswith("point ") for end in (*found.first.tolist(), *found.second.tolist())]
     without_kept = ~np.array(ends).reshape(2, -1).any(axis=0)
     assert np.count_nonzero(without_kept) == np.count_nonzero(strong >= 0.95)
     listed = np.sort(np.abs(found.correlation[without_kept]))

@@ -1,18 +1,19 @@
 """What nothing determines, what is lost, and which control makes a datum."""
 
-import dataclasses
 import json
 import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import musatpy
-from altered import added, altered, with_options
+from altered import added, altered, put, with_options
+from blocks import FIXTURES, simulation
 from musatpy import listing, model, read_deck, verdict
 from musatpy.adjustment import adjust
 from musatpy.adjustment.iteration import Linearisation, iterate
@@ -21,13 +22,11 @@ from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.pipeline import doubtful
 from musatpy.runs import run_deck
-from musatpy.simulation import simulate, spec_from_table
 from musatpy.statistics import Statistics, metric_differences
 from musatpy.units import ARC_SECOND
 from reference import compare, dense_bundle, networks
 from reference.networks import Plan
 
-FIXTURES = Path(__file__).parents[2] / "fixtures"
 UNKNOWN = {
     "water_level": model.WaterLevel.PHOTO,
     "water_index": model.Treatment.ADJUST,
@@ -41,6 +40,13 @@ def st_thomas(flagged: tuple[str, ...] | None = None, **options: object) -> mode
     if flagged is not None:
         block = altered(block, points={"bathymetric": np.isin(block.points.ids, flagged)})
     return with_options(block, program=model.Program.IIIA, refraction=model.Refraction.RIGOROUS, **options)
+
+
+def listing_and_record(block: model.Block, folder: Path) -> tuple[str, dict[str, Any]]:
+    """Return what a run of the block leaves."""
+    musatpy.write_deck(block, folder / "job.crd")
+    run_deck(folder / "job.crd", folder)
+    return (folder / "job.lst").read_text(), json.loads((folder / "job.json").read_text())
 
 
 def undetermined(solution: model.Solution) -> list[str]:
@@ -61,10 +67,7 @@ def test_water_without_an_image_has_no_number_and_is_a_note(tmp_path: Path) -> N
 
 
 def test_the_listing_and_the_record_say_so(tmp_path: Path) -> None:
-    deck = tmp_path / "job.crd"
-    musatpy.write_deck(st_thomas((), **UNKNOWN), deck)
-    run_deck(deck, tmp_path)
-    listing, record = (tmp_path / "job.lst").read_text(), json.loads((tmp_path / "job.json").read_text())
+    listing, record = listing_and_record(st_thomas((), **UNKNOWN), tmp_path)
     assert "Refractive index ................................. not determined\n" in listing
     assert "Tilt towards north ............................... not determined\n" in listing
     assert "\n21\n22\n23\n\nBlank: not determined" in listing
@@ -135,10 +138,7 @@ def test_a_point_that_its_rays_do_not_determine_is_named_and_not_stated(kept_out
     assert points.reasons[point].startswith("its rays do not determine it: its ellipsoid is ")
     assert (points.status == model.PointStatus.NOT_DETERMINED).sum() == 1
     assert bool(undetermined(solution)) is not kept_out
-    deck = tmp_path / "job.crd"
-    musatpy.write_deck(block, deck)
-    run_deck(deck, tmp_path)
-    listing, record = (tmp_path / "job.lst").read_text(), json.loads((tmp_path / "job.json").read_text())
+    listing, record = listing_and_record(block, tmp_path)
     row = record["points"]["point"].index(name)
     assert record["points"]["position"][row] == [None] * 3
     assert record["points"]["status"][row] == "not_determined"
@@ -196,20 +196,14 @@ def strip(
     block = networks.simulate(plan).block
     known = np.zeros((3, 6), dtype=bool)
     known[tuple(np.array(observed).T)] = True
-    photos = block.photos
     return altered(
         block,
         options={"program": program, "refraction": refraction},
-        photos=replace(
-            photos,
-            position_sigma=np.where(known[:, :3], photos.position_sigma, np.nan),
-            attitude_sigma=np.where(known[:, 3:], photos.attitude_sigma, np.nan),
-        ),
-        control={
-            "kind": np.full(len(block.control.point), model.ControlKind.CHECK),
-            "fixed": np.zeros(len(block.control.point), dtype=bool),
-            "sigma": np.full((len(block.control.point), 3), np.nan),
+        photos={
+            "position_sigma": lambda sigma: np.where(known[:, :3], sigma, np.nan),
+            "attitude_sigma": lambda sigma: np.where(known[:, 3:], sigma, np.nan),
         },
+        control={"kind": put(slice(None), model.ControlKind.CHECK), "sigma": put(slice(None), np.nan)},
     )
 
 
@@ -241,75 +235,38 @@ def test_what_leaves_a_motion_free_is_none(name: str, system: model.CoordinateSy
     assert "its datum needs" in message
 
 
-DECK = Path(__file__).resolve().parents[2] / "fixtures" / "st_thomas" / "st_thomas.crd"
+DEGREE = np.radians(1.0)
+BLOCK = read_deck(FIXTURES / "st_thomas/st_thomas.crd")
+# 104 a degree north of its place, 101 one west; photo 23 north, and called known to a metre
+NORTH, WEST = ({"control": {"position": added(at, sign * DEGREE)}} for at, sign in (((3, 0), 1.0), ((0, 1), -1.0)))
+STATION = {"photos": {"position": added((2, 0), DEGREE)}}
+KNOWN = {"photos": STATION["photos"] | {"position_sigma": lambda sigma: np.full_like(sigma, 1.0)}}
 
 
-@pytest.fixture(scope="module")
-def block():
-    return read_deck(DECK)
-
-
-def moved_control(block, row, degrees):
-    return altered(block, control={"position": added(row, [*np.radians(degrees), 0.0])})
-
-
-def moved_station(block, row, degrees):
-    return altered(block, photos={"position": added(row, [*np.radians(degrees), 0.0])})
-
-
-def observed_station(block, row, degrees):
-    """A station far off that the deck calls known to a metre."""
-    moved = moved_station(block, row, degrees)
-    sigma = np.full_like(block.photos.position_sigma, 1.0)
-    return altered(moved, photos={"position_sigma": sigma})
-
-
-def measured_distance(block, factor):
-    """A distance between the points 204 and 219, so many times too long."""
-    ends = np.flatnonzero(np.isin(block.points.ids, ["204", "219"]))
-    places = Ellipsoid(block.ellipsoid.name).geocentric(musatpy.adjust(block).points.position[ends])
-    length = factor * float(np.linalg.norm(places[1] - places[0]))
-    return dataclasses.replace(block, distances=model.Distances(point=[ends], length=[length], sigma=[0.05]))
-
-
-RIGOROUS = {"refraction": model.Refraction.RIGOROUS}
+def long_distance() -> dict[str, model.Distances]:
+    """A distance between the points 204 and 219, ten times too long."""
+    ends = np.flatnonzero(np.isin(BLOCK.points.ids, ["204", "219"]))
+    places = Ellipsoid(BLOCK.ellipsoid.name).geocentric(musatpy.adjust(BLOCK).points.position[ends])
+    length = 10.0 * float(np.linalg.norm(places[1] - places[0]))
+    return {"distances": model.Distances(point=[ends], length=[length], sigma=[0.05])}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("spoil", "changes", "named"),
+    ("spoilt", "options", "named"),
     [
-        pytest.param(
-            lambda block: moved_control(block, 3, (1.0, 0.0)), {}, "point 104 on photo", id="control-latitude"
-        ),
-        pytest.param(
-            lambda block: moved_control(block, 0, (0.0, -1.0)),
-            {**RIGOROUS, "max_iterations": 10},
-            "point 101 on photo",
-            id="control-longitude",
-        ),
-        pytest.param(
-            lambda block: moved_control(block, 3, (1.0, 0.0)),
-            {"program": model.Program.IIIA, "max_iterations": 10},
-            "point 104 on photo",
-            id="control-latitude-IIIA",
-        ),
-        pytest.param(
-            lambda block: measured_distance(block, 10.0),
-            {"program": model.Program.IIIA, "max_iterations": 5},
-            "the distance of points 204 and 219 is off by",
-            id="distance-IIIA",
-        ),
-        pytest.param(
-            lambda block: observed_station(block, 2, (1.0, 0.0)),
-            {"program": model.Program.IIIA, "max_iterations": 6},
-            "on photo 23 is",
-            id="station-IIIA",
-        ),
+        (lambda: NORTH, {}, "point 104 on photo"),
+        (lambda: WEST, {"refraction": "RIGOROUS", "max_iterations": 10}, "point 101 on photo"),
+        (lambda: NORTH, {"program": "IIIA", "max_iterations": 10}, "point 104 on photo"),
+        (long_distance, {"program": "IIIA", "max_iterations": 5}, "the distance of points 204 and 219 is off by"),
+        (lambda: KNOWN, {"program": "IIIA", "max_iterations": 6}, "on photo 23 is"),
     ],
+    ids=["control north", "control west", "control north, IIIA", "distance, IIIA", "station, IIIA"],
 )
-def test_a_hopeless_job_ends_as_not_converged_and_names_the_culprit(block, spoil, changes, named):
-    solution = musatpy.adjust(with_options(spoil(block), **changes))
+def test_a_hopeless_job_ends_as_not_converged_and_names_the_culprit(spoilt, options, named):
+    enums = {"refraction": model.Refraction, "program": model.Program}
+    options = {name: enums[name](value) if name in enums else value for name, value in options.items()}
+    solution = musatpy.adjust(with_options(altered(BLOCK, **spoilt()), **options))
     assert not solution.converged
     # whichever is above its limit; a step that is damped heavily can be below both
     assert re.search("still (moves|turns)|no step lowers the sum of squares", solution.reason)
@@ -320,20 +277,20 @@ def test_a_hopeless_job_ends_as_not_converged_and_names_the_culprit(block, spoil
 
 
 @pytest.mark.slow
-def test_points_behind_cameras_end_the_run(block):
-    solution = musatpy.adjust(observed_station(block, 2, (1.0, 0.0)))
+def test_points_behind_cameras_end_the_run():
+    solution = musatpy.adjust(altered(BLOCK, **KNOWN))
     assert solution.reason.startswith("points stay behind their cameras")
     assert solution.passes == ()  # nothing is built on a lost triangulation
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("program", list(model.Program))
-def test_a_start_a_degree_off_is_found_back(block, program):
+def test_a_start_a_degree_off_is_found_back(program):
     """A given station without sigma is a start only: the images and the control know better."""
-    rigorous = with_options(block, program=program, refraction=model.Refraction.RIGOROUS)
-    found, usual = musatpy.adjust(moved_station(rigorous, 2, (1.0, 0.0))), musatpy.adjust(rigorous)
+    rigorous = with_options(BLOCK, program=program, refraction=model.Refraction.RIGOROUS)
+    found, usual = musatpy.adjust(altered(rigorous, **STATION)), musatpy.adjust(rigorous)
     assert found.converged
-    off = metric_differences(block, found.points.position, usual.points.position)
+    off = metric_differences(BLOCK, found.points.position, usual.points.position)
     assert np.nanmax(np.abs(off)) < 0.02  # m: the limits of the steps leave millimetres
 
 
@@ -353,19 +310,17 @@ def test_normal_equations_without_sense_end_the_run():
 @pytest.mark.slow
 def test_a_run_that_falls_short_does_not_follow_the_water_line_for_long():
     """One iteration is not enough for any triangulation, and points change their sides of the water after each."""
-    spec = spec_from_table(
-        {
-            "job": {"centre": [18.0, -65.0]},
-            "flight": {"photos": 6, "height": 1500.0},
-            "water": {"tide_scatter": 0.3},
-            "shoal": [{"share": 0.6, "depth": [0.1, 1.0]}],
-            "points": {"extra": [{"number": 40}]},
-            "control": [{"kind": "full", "number": 6, "sigma": 0.1}],
-            "stations": {"position_error": 300.0, "attitude_error": 3.0},
-            "options": {"program": "IIIA", "max_iterations": 1},
-        }
+    made = simulation(
+        1,
+        flight={"photos": 6, "height": 1500.0},
+        water={"tide_scatter": 0.3},
+        shoal=[{"share": 0.6, "depth": [0.1, 1.0]}],
+        points={"extra": [{"number": 40}]},
+        control=[{"kind": "full", "number": 6, "sigma": 0.1}],
+        stations={"position_error": 300.0, "attitude_error": 3.0},
+        options={"program": "IIIA", "max_iterations": 1},
     )
-    solution = musatpy.adjust(simulate(spec).block)
+    solution = musatpy.adjust(made.block)
     assert not solution.converged
     assert solution.reason.startswith("limits not reached in 1 iteration")
     assert [one.outer_pass for one in solution.iterations] == [1, 2]

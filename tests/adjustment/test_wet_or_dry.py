@@ -10,16 +10,11 @@ import pytest
 import musatpy
 import wave_strip
 from adjustment.test_equivalence import SHORE, reference_at_the_tide, simulated
-from adjustment.water_jobs import shore, st_thomas
 from altered import altered, with_options
+from blocks import shore, st_thomas
 from drivers.mutated_decks import decks
 from musatpy import read_deck
 from musatpy.adjustment import adjust
-from musatpy.adjustment.collinear import Simultaneous
-from musatpy.adjustment.iteration import State, heights_and_water, iterate
-from musatpy.adjustment.job import prepared
-from musatpy.adjustment.network import Network
-from musatpy.adjustment.waterline import best_line, starting_line
 from musatpy.arrays import FloatArray
 from musatpy.model import Block, CoordinateSystem, Program, Refraction, Solution
 from musatpy.model.solution import Iteration
@@ -97,50 +92,6 @@ def test_a_point_that_no_side_agrees_with_stands_on_the_water_line(program: Prog
     assert np.abs(compare.station_difference(solution, result)).max() < 1e-4
     # it is held in the iteration only: its sigma is that of a point as free as others
     assert compare.sigmas(solution.points.covariance)[point, 2] > 0.1
-
-
-# --- the choice itself ---
-
-
-def at_minimum(block: Block, wet: np.ndarray | None = None) -> tuple[Network, Network, State, float, Simultaneous]:
-    """Measured network, network with rays `wet` (as points stand, unless given), state, squares and problem."""
-    rigorous = with_options(block, program=Program.IIIA, refraction=Refraction.RIGOROUS)
-    job, state = prepared(rigorous, None)
-    wet = job.bathymetric[job.network.point] if wet is None else wet
-    network = job.network.with_plates(job.network.xy, wet)
-    options = replace(rigorous.options, rotation_limit=1e-10, translation_limit=1e-6)
-    problem = Simultaneous(network=network, options=options)
-    outcome = iterate(problem, problem.with_squares(state), 40)
-    assert not outcome.failure, outcome.failure
-    return job.network, network, outcome.state, problem.evaluate(outcome.state, []), problem
-
-
-@pytest.mark.parametrize("every", [True, False], ids=["all wet", "all dry"])
-def test_one_choice_leads_from_any_side_to_where_points_stand(every: bool) -> None:
-    """From all rays wet and from all dry, points far from the tides come to the states in which they stand."""
-    block = shore(3)
-    wet = np.full(len(block.plates.photo), every) & block.points.bathymetric[block.plates.point]
-    measured, _, state, _, _ = at_minimum(block, wet)
-    line = best_line(measured, starting_line(wet, measured.points), state, block.points.bathymetric)
-    height, water = heights_and_water(measured, state)
-    far = np.abs(height - water) > 8.0
-    bathymetric = block.points.bathymetric[measured.point]
-    assert far[bathymetric].any()
-    np.testing.assert_array_equal(line.wet[far & bathymetric], (height < water)[far & bathymetric])
-    assert not line.wet[~bathymetric].any()
-
-
-def test_where_none_can_be_held_a_point_on_the_water_line_rests_as_it_is() -> None:
-    """So in WATPT, and where the height of the water is unknown; all others have the sides that they have else."""
-    block = shore(12)
-    measured, network, state, _, _ = at_minimum(block)
-    line = starting_line(network.refracted, measured.points)
-    best, loose = (best_line(measured, line, state, block.points.bathymetric, held=held) for held in (True, False))
-    on_line = np.isfinite(best.level)
-    assert on_line.any() and not np.isfinite(loose.level).any()
-    np.testing.assert_array_equal(loose.rests, on_line)
-    of_it = on_line[measured.point]
-    np.testing.assert_array_equal(loose.wet, np.where(of_it, line.wet, best.wet))
 
 
 TILT = (3e-4, -5e-4)  # of the water towards east and north

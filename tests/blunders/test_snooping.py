@@ -11,8 +11,8 @@ import pytest
 from altered import added, altered, put
 from benchmarks.blocks import simulated
 from musatpy.adjustment import adjust, kernels
-from musatpy.blunders.scene import Effort, StagedBlock, deviations, settled, sizes, staged, weights
-from musatpy.blunders.snooping import Judgement, _leaving, factors_of, judged, snooped, units_of
+from musatpy.blunders.scene import Effort, StagedBlock, settled, sizes, staged
+from musatpy.blunders.snooping import Judgement, factors_of, judged, snooped, units_of
 from musatpy.model import AirBases, Block, ObservationKind, WaterLevel
 from musatpy.statistics import Statistics
 
@@ -67,33 +67,6 @@ def test_the_tests_of_a_sound_block_are_those_of_its_solution() -> None:
     assert checked.mean() > 0.7  # nothing checks the x of points on two photos
     # both at the minimum, but for the limits of the steps: a tenth of an arc second, a millimetre
     np.testing.assert_allclose(judgement.test[checked], quality.test[checked], atol=2e-3)
-
-
-def test_the_residuals_of_all_kinds_are_those_of_the_solution() -> None:
-    block = land_block()
-    scene, state = staged(block, None, None, Effort(left=math.inf))
-    found = snooped(scene, state)
-    residual, weight = deviations(scene.network, scene.block, found.state), weights(scene.network, scene.block)
-    observed = adjust(block).observed
-    for kind in (K.PLATE, K.CONTROL, K.AIR_BASE):
-        rows = observed.kind == kind
-        mine = residual[kind][observed.row[rows], observed.component[rows]]
-        unit = observed.sigma[rows]
-        np.testing.assert_allclose(mine / unit, observed.residual[rows] / unit, atol=2e-3)  # as above
-        np.testing.assert_allclose(weight[kind][observed.row[rows], observed.component[rows]], 1.0 / unit**2)
-
-
-def test_what_leaves_makes_sigma0_smaller_for_the_others() -> None:
-    _, judgement = judgement_without(land_block())
-    units, f = judgement.units, judgement.freedom
-    first, *_, second = np.flatnonzero(units.kind[units.first] == K.PLATE)
-    value, limit = np.zeros(len(units.first)), units.limits
-    value[first] = 1.2 * limit[first]
-    smaller = np.sqrt((f - value[first] ** 2) / (f - 1.0))
-    assert smaller < 0.99
-    for share, leaves in ((0.999, False), (1.001, True)):
-        value[second] = share * smaller * limit[second]
-        assert np.flatnonzero(_leaving(judgement, value)).tolist() == [first, *([second] if leaves else [])]
 
 
 def test_a_wrong_control_card_has_no_say_in_which_image_of_its_point_is_wrong() -> None:

@@ -17,10 +17,10 @@ from functools import lru_cache
 import numpy as np
 
 from altered import added, altered, put, with_options
+from blocks import simulation
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Cause, CauseKind, Editing, Finding
 from musatpy.pipeline import adjust, causes_of
-from musatpy.simulation import simulate, spec_from_table
 
 SIZES = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0)  # m, of wrong control
 STRIPS = (6, 10, 20)  # photos
@@ -31,19 +31,18 @@ _K = CauseKind
 def strip(photos: int, seed: int = 1, *, observed: bool = False, wet: float = 0.3, program: str = "IIIA") -> Block:
     """Return a strip at 750 m, control of 5 cm; `observed` stations have sigmas of 10 cm."""
     stations = {"position_error": 0.1, "position_sigma": 0.1} if observed else {"position_error": 15.0}
-    table = {
-        "seed": seed,
-        "job": {"system": "LOCL"},
-        "flight": {"photos": photos, "height": 750.0, "attitude_scatter": 1.0, "station_scatter": 10.0},
-        "terrain": {"relief": 30.0},
-        "water": {"tide_scatter": 0.2},
-        "shoal": [{"share": wet, "depth": [1.0, 10.0]}],
-        "points": {"per_site": 2, "extra": [{"number": 4 * photos}]},
-        "control": [{"kind": "full", "number": max(6, photos), "sigma": 0.05, "error": 0.05}],
-        "stations": {**stations, "attitude_error": 0.5},
-        "options": {"program": program, "refraction": "RIGOROUS"},
-    }
-    return simulate(spec_from_table(table)).block
+    return simulation(
+        seed,
+        job={"system": "LOCL"},
+        flight={"photos": photos, "height": 750.0, "attitude_scatter": 1.0, "station_scatter": 10.0},
+        terrain={"relief": 30.0},
+        water={"tide_scatter": 0.2},
+        shoal=[{"share": wet, "depth": [1.0, 10.0]}],
+        points={"per_site": 2, "extra": [{"number": 4 * photos}]},
+        control=[{"kind": "full", "number": max(6, photos), "sigma": 0.05, "error": 0.05}],
+        stations={**stations, "attitude_error": 0.5},
+        options={"program": program, "refraction": "RIGOROUS"},
+    ).block
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

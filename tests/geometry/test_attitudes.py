@@ -98,15 +98,6 @@ def test_partials_of_restated_angles(form, to):
         np.testing.assert_allclose(partials, want, rtol=0, atol=1e-9 * max(1.0, np.abs(partials).max()) ** 3)
 
 
-@FORMS
-def test_restating_there_and_back_is_nothing(form):
-    axes = of_scipy(np.array([[0.3, -0.2, 1.1]]), OPK)
-    there, by_old, _ = restated(ANGLES * 0.3, OPK, axes, form)
-    back, by_new, _ = restated(there, form, axes.swapaxes(1, 2), OPK)
-    np.testing.assert_allclose(back, ANGLES * 0.3, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(by_new @ by_old, np.broadcast_to(np.eye(3), (40, 3, 3)), rtol=0, atol=1e-11)
-
-
 @pytest.mark.parametrize(
     ("form", "angles"),
     [
@@ -142,14 +133,6 @@ def test_angles_keep_the_rotation_at_and_near_their_singular_attitude(off):
             for given, sure in ((M, 2e-10), (M.round(12), 1e-8)):
                 np.testing.assert_allclose(matrix_of(angles_of(given, form), form), M, rtol=0, atol=sure)
             np.testing.assert_allclose(attitude_matrix(attitude_from_matrix(M)), M, rtol=0, atol=2e-10)
-
-
-def test_axes_turn_what_a_photo_sees():
-    """A vector along the old axes and the same along the new ones have one image."""
-    M, axes = of_scipy(ANGLES, OPK), of_scipy(ANGLES[::-1], OPK)
-    v = np.array([3.0, -2.0, -7.0])
-    seen = np.einsum("nij,nj->ni", in_axes(M, axes), axes @ v)
-    np.testing.assert_allclose(seen, M @ v, rtol=0, atol=1e-13)  # of a vector of length 8
 
 
 def test_rounded_matrices_become_rotations_and_mirrors_do_not():

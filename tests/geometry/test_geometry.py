@@ -5,7 +5,7 @@ import pyproj
 import pytest
 
 from musatpy.errors import SystemsError
-from musatpy.geometry.collinearity import attitude_matrix, cross, wrapped
+from musatpy.geometry.collinearity import attitude_matrix, wrapped
 from musatpy.geometry.crs import LongitudeLatitude, local_map, own_ellipsoid, system_of
 from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame, LocalFrame
 from musatpy.geometry.similarity import Similarity, fit, fit_robust
@@ -165,20 +165,6 @@ def test_inverse_and_composition() -> None:
     np.testing.assert_allclose(
         TRUE.turn(M) @ (TRUE.apply(x[0]) - TRUE.apply(x[1])), TRUE.scale * M @ (x[0] - x[1]), atol=1e-12
     )
-
-
-SHAPES = [((3,), (3,)), ((5, 3), (5, 3)), ((4, 1, 3), (2, 3)), ((0, 3), (0, 3))]
-
-
-@pytest.mark.parametrize(("first", "second"), SHAPES)
-@pytest.mark.parametrize("unit", [1.0, 1.0 + 1j])
-def test_cross_is_that_of_numpy(first, second, unit):
-    rng = np.random.default_rng(1)
-    a, b = rng.normal(size=first) * unit, rng.normal(size=second) * unit
-    product = cross(a, b)
-    assert product.dtype == a.dtype
-    # the same products and differences in the same order: equal to the last bit
-    np.testing.assert_array_equal(product, np.cross(a, b))
 
 
 @pytest.mark.parametrize(

@@ -131,18 +131,6 @@ def test_none_is_lost(name: str) -> None:
     assert several >= 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", HARD)
-def test_many_rays_at_once_are_as_one_at_a_time(name: str) -> None:
-    surface, rays = HARD[name], some_rays(12, seed=6, deepest=60.0)
-    together = search(surface, rays)
-    for i in range(len(rays.index)):
-        alone, mine = search(surface, rays.some(slice(i, i + 1))), together.ray == i
-        np.testing.assert_allclose(together.xy[mine], alone.xy, rtol=0.0, atol=1e-9)  # rounding of 1500 m
-        assert (together.minimum[mine] == alone.minimum).all() and together.complete[i] == alone.complete[0]
-        assert (np.diff(together.path[mine]) >= 0.0).all()  # the principal one first
-
-
 @pytest.mark.parametrize("name", ["sinusoidal", "stokes", "trochoidal", "crossing"])
 def test_to_200_m_all_are_found_and_are_refraction_points(name: str) -> None:
     surface, rays = HARD[name], some_rays(60, seed=7)

@@ -1,4 +1,9 @@
-"""Simulated strips over water whose flags, tides or depths are out of the ordinary."""
+"""The builder of blocks of the tests, over the tables of `musat simulate`, and strips that several of them share.
+
+`simulation(seed, job={...}, flight={...}, ...)` traces every image exactly, not by the formulas of the adjustment.
+A test whose images must come from still another formulation takes `reference.networks`, `reference.waves` or
+`reference.wave_scenes`; the largest blocks are those of `benchmarks.blocks`.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -8,25 +13,26 @@ import numpy as np
 from altered import altered, put
 from musatpy import read_deck
 from musatpy.model import Block
-from musatpy.simulation import simulate, spec_from_table
+from musatpy.simulation import Simulation, simulate, spec_from_table
 
-FIXTURES = Path(__file__).parents[2] / "fixtures"
-
-
-def simulated(seed: int, **tables: Any) -> Block:
-    """A block of a specification, about 18 N, 65 W unless its job says something else."""
-    return simulate(spec_from_table({"seed": seed, "job": {"centre": [18.0, -65.0]}, **tables})).block
+FIXTURES = Path(__file__).parents[1] / "fixtures"
 
 
-def with_flags(block: Block, points: np.ndarray) -> Block:
-    """The block with these points flagged as submerged besides."""
-    return altered(block, points={"bathymetric": put(points, True)})
+def simulation(seed: int, **tables: Any) -> Simulation:
+    """The simulation of a specification, about 18 N, 65 W unless its job says something else."""
+    return simulate(spec_from_table({"seed": seed, "job": {"centre": [18.0, -65.0]}, **tables}))
+
+
+def with_wet_land(block: Block, rng: np.random.Generator, number: int) -> Block:
+    """The block with so many points on land flagged as submerged besides."""
+    land = np.flatnonzero(~block.points.bathymetric)
+    return altered(block, points={"bathymetric": put(rng.choice(land, size=number, replace=False), True)})
 
 
 def shore(seed: int) -> Block:
     """A strip with points about its water lines, a tide for each photo, and up to five land points flagged wet."""
     rng = np.random.default_rng(seed)
-    block = simulated(
+    block = simulation(
         seed,
         terrain={"level": 12.0, "relief": 5.0},
         flight={
@@ -43,23 +49,21 @@ def shore(seed: int) -> Block:
         ],
         stations={"position_error": 20.0, "attitude_error": 0.3},
         options={"refraction": "RIGOROUS"},
-    )
-    land = np.flatnonzero(~block.points.bathymetric)
-    return with_flags(block, rng.choice(land, size=int(rng.integers(0, 6)), replace=False))
+    ).block
+    return with_wet_land(block, rng, int(rng.integers(0, 6)))
 
 
 def st_thomas(seed: int) -> Block:
     """The strip of the fixtures with up to seven land points flagged wet."""
     rng = np.random.default_rng(seed)
     block = read_deck(FIXTURES / "st_thomas" / "st_thomas.crd")
-    land = np.flatnonzero(~block.points.bathymetric)
-    return with_flags(block, rng.choice(land, size=int(rng.integers(1, 8)), replace=False))
+    return with_wet_land(block, rng, int(rng.integers(1, 8)))
 
 
 def deep(seed: int) -> Block:
     """A strip like that of the Cayman Islands, half of its points to a third of the flying height under water."""
     height = float(np.random.default_rng(seed).choice([1500.0, 3000.0, 6100.0]))
-    return simulated(
+    return simulation(
         seed,
         job={"centre": [19.36, -81.29]},
         terrain={"level": 14.0, "relief": 6.0, "wavelength": 2500.0},
@@ -79,12 +83,12 @@ def deep(seed: int) -> Block:
         ],
         stations={"position_error": 20.0, "attitude_error": 0.3},
         options={"refraction": "WATPT"},
-    )
+    ).block
 
 
 def held_cameras(seed: int, height: float = 600.0) -> Block:
     """A strip of IIIA with stations observed to a tenth of a millimetre over deep water, without control."""
-    return simulated(
+    return simulation(
         seed,
         flight={"photos": 4, "height": height},
         water={"tide_scatter": 0.2},
@@ -97,12 +101,12 @@ def held_cameras(seed: int, height: float = 600.0) -> Block:
             "attitude_sigma": 0.01,
         },
         options={"program": "IIIA"},
-    )
+    ).block
 
 
 def shallow(seed: int) -> Block:
     """Three photos, some points less than a metre under water, and an unknown refractive index."""
-    return simulated(
+    return simulation(
         seed,
         flight={"photos": 3, "height": 3000.0},
         water={"tide_scatter": 0.1},
@@ -110,4 +114,4 @@ def shallow(seed: int) -> Block:
         control=[{"kind": "full", "number": 6, "sigma": 0.1, "error": 0.1}],
         stations={"position_error": 5.0, "attitude_error": 0.1},
         options={"program": "IIIA", "water_index": "ADJUST"},
-    )
+    ).block
