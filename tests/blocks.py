@@ -10,12 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from altered import altered, put
+from altered import altered, put, with_options
 from musatpy import read_deck
-from musatpy.model import Block
+from musatpy.adjustment import adjust
+from musatpy.model import Block, Solution
 from musatpy.simulation import Simulation, simulate, spec_from_table
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
+
+
+def converged(block: Block, **options: Any) -> Solution:
+    """The solution of a block with other options, which has converged."""
+    solution = adjust(with_options(block, **options) if options else block)
+    assert solution.converged, solution.reason
+    return solution
 
 
 def simulation(seed: int, **tables: Any) -> Simulation:

@@ -5,11 +5,11 @@ import os
 import subprocess
 import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from blocks import FIXTURES
 from musatpy import adjust, read_deck
 from musatpy.campaign.baseline_reports import check_text
 from musatpy.campaign.baselines import check
@@ -17,8 +17,6 @@ from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import ControlKind, Refraction, Solution
 from musatpy.statistics import Statistics
 from musatpy.units import DEGREE, MICROMETRE
-
-FIXTURES = Path(__file__).parents[1] / "fixtures"
 
 
 @cache

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import musatpy
+from blocks import FIXTURES
 from cli.commands import musat
 from musatpy.campaign.locks import folder_locks
 from musatpy.errors import MusatError
@@ -18,7 +19,7 @@ from musatpy.files import is_alive, remove_leftovers, together, whole_file, whol
 from musatpy.model import RecordContent
 from musatpy.runs import ExitStatus, check_outputs, output_paths, run_deck
 
-DECK = Path(__file__).parents[1] / "fixtures" / "st_thomas" / "st_thomas.crd"
+DECK = FIXTURES / "st_thomas" / "st_thomas.crd"
 
 
 @pytest.fixture
@@ -127,9 +128,6 @@ def test_public_names_do_what_the_command_does(deck):
     assert set(musatpy.__all__) <= set(dir(musatpy))
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         musatpy.nothing  # noqa: B018
-
-
-FIXTURES = Path(__file__).parents[1] / "fixtures"
 
 
 def test_every_example_is_of_files_that_are_there_and_of_commands():

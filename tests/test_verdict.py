@@ -2,20 +2,18 @@
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from altered import added, altered, put, with_options
+from blocks import FIXTURES
 from musatpy import adjust, model, pipeline, read_deck, verdict
 from musatpy.model.water import index_range
 from musatpy.probability import test_limit as limit_of
 from musatpy.statistics import Statistics
 from musatpy.statistics.gates import flying_height, metric_differences
-
-FIXTURES = Path(__file__).parents[1] / "fixtures"
 
 
 @cache

@@ -30,56 +30,33 @@ def strasbourg(case: dict[str, Any], variant: str) -> model.Block:
     start from a plane similarity rounded to 5 m and 0.1 degree.
     """
     marks = case["mark_id_image_px_py"] + (case["smart_id_image_px_py"] if variant == "S4" else [])
-    camera = case["camera"]
-    pp = np.array(camera["pp_mm"])
-    pixels = np.array([mark[2:] for mark in marks])
-    xy = (pixels * PIXEL - pp) * [1.0, -1.0]
-    photo_ids = list(case["image_names"])
-    control = np.array([row[2:5] for row in case["control_id_name_XYZ_sxsysz"]])
-    control_ids = [str(row[0]) for row in case["control_id_name_XYZ_sxsysz"]]
-    point_ids = list(dict.fromkeys([str(mark[0]) for mark in marks] + control_ids))
-    photo = np.array([photo_ids.index(str(mark[1])) for mark in marks])
-    point = np.array([point_ids.index(str(mark[0])) for mark in marks])
-    ground = dict(zip(control_ids, control, strict=True))
-    starts = []
-    for i in range(len(photo_ids)):
-        rows = [k for k in np.flatnonzero(photo == i) if point_ids[point[k]] in ground]
-        known = np.array([ground[point_ids[point[k]]] for k in rows])
-        starts.append(near_vertical(xy[rows], known, camera["c_mm"]))
-    fixed = variant == "S1"
+    images = list(case["image_names"])
+    rows = case["control_id_name_XYZ_sxsysz"]
     return local_block(
         title=f"STRASBOURG 1:14 000, DBAT {variant}",
-        focal_length=camera["c_mm"],
-        photo_ids=[case["image_names"][i] for i in photo_ids],
-        position=np.round(np.array([p for p, _ in starts]) / 5.0) * 5.0,
-        attitude=np.round(np.array([a for _, a in starts]) / (0.1 * DEGREE)) * 0.1 * DEGREE,
-        point_ids=point_ids,
-        plates=(photo, point, xy),
+        focal_length=case["camera"]["c_mm"],
+        photo=np.array([images.index(str(mark[1])) for mark in marks]),
+        photo_ids=[case["image_names"][i] for i in images],
+        names=[str(mark[0]) for mark in marks],
+        xy=(np.array([mark[2:] for mark in marks]) * PIXEL - case["camera"]["pp_mm"]) * [1.0, -1.0],
         plate_sigma=PIXEL,
-        control_ids=control_ids,
-        control=control,
-        control_sigma=None if fixed else np.array([row[5:] for row in case["control_id_name_XYZ_sxsysz"]]),
+        control={str(row[0]): row[2:5] for row in rows},
+        control_sigma=None if variant == "S1" else np.array([row[5:] for row in rows]),
     )
 
 
 def resection(case: dict[str, Any]) -> model.Block:
     """Return a single photo over fixed control, unit plate sigma so that the sum of squares is in mm2."""
     rows = case["points_id_x_y_X_Y_Z"]
-    ids = [row[0] for row in rows]
-    xy, ground = np.array([row[1:3] for row in rows]), np.array([row[3:] for row in rows])
-    position, attitude = near_vertical(xy, ground, case["f_mm"])
-    links = np.arange(len(ids))
     return local_block(
         title="SINGLE PHOTO RESECTION",
         focal_length=case["f_mm"],
+        photo=np.zeros(len(rows), dtype=int),
         photo_ids=["1"],
-        position=np.round(position[None] / 5.0) * 5.0,
-        attitude=np.round(attitude[None] / (0.1 * DEGREE)) * 0.1 * DEGREE,
-        point_ids=ids,
-        plates=(np.zeros_like(links), links, xy),
+        names=[row[0] for row in rows],
+        xy=np.array([row[1:3] for row in rows]),
         plate_sigma=1.0,
-        control_ids=ids,
-        control=ground,
+        control={row[0]: row[3:] for row in rows},
         control_sigma=None,
     )
 
@@ -88,18 +65,24 @@ def local_block(
     *,
     title: str,
     focal_length: float,
+    photo: np.ndarray,  # (m,) of each image
     photo_ids: list[str],
-    position: np.ndarray,
-    attitude: np.ndarray,
-    point_ids: list[str],
-    plates: tuple[np.ndarray, np.ndarray, np.ndarray],
+    names: list[str],  # of the points of the images
+    xy: np.ndarray,  # (m, 2) mm from the principal point
     plate_sigma: float,
-    control_ids: list[str],
-    control: np.ndarray,
-    control_sigma: np.ndarray | None,
+    control: dict[str, list[float]],
+    control_sigma: np.ndarray | None,  # None: it is fixed
 ) -> model.Block:
-    """Return a local rectangular block of one camera with full control, fixed where no sigma is given."""
-    photo, point, xy = plates
+    """Return a local rectangular block of one camera with full control.
+
+    It starts from plane similarities, rounded to 5 m and 0.1 degree.
+    """
+    ids = list(dict.fromkeys([*names, *control]))
+    starts = []
+    for number in range(len(photo_ids)):
+        rows = [row for row in np.flatnonzero(photo == number) if names[row] in control]
+        starts.append(near_vertical(xy[rows], np.array([control[names[row]] for row in rows]), focal_length))
+    position, attitude = (np.array(values) for values in zip(*starts, strict=True))
     return model.Block(
         titles=(title,),
         options=model.Options(
@@ -114,16 +97,16 @@ def local_block(
         photos=model.Photos(
             ids=photo_ids,
             camera=np.zeros(len(photo_ids), dtype=int),
-            position=position,
-            attitude=attitude,
+            position=np.round(position / 5.0) * 5.0,
+            attitude=np.round(attitude / (0.1 * DEGREE)) * 0.1 * DEGREE,
         ),
-        points=model.Points(ids=point_ids),
-        plates=model.PlateMeasurements(photo=photo, point=point, xy=xy),
+        points=model.Points(ids=ids),
+        plates=model.PlateMeasurements(photo=photo, point=[ids.index(name) for name in names], xy=xy),
         control=model.Control(
-            point=[point_ids.index(name) for name in control_ids],
-            kind=np.full(len(control_ids), model.ControlKind.FULL),
-            fixed=np.full(len(control_ids), control_sigma is None),
-            position=control,
+            point=[ids.index(name) for name in control],
+            kind=np.full(len(control), model.ControlKind.FULL),
+            fixed=np.full(len(control), control_sigma is None),
+            position=np.array(list(control.values())),
             sigma=[] if control_sigma is None else control_sigma,
         ),
     )

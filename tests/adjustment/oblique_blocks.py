@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from altered import altered
+from altered import added, altered
 from musatpy import model
 from musatpy.model.tables import empty
 from musatpy.units import DEGREE
@@ -39,21 +39,10 @@ class Oblique:
 
 @dataclass(frozen=True, kw_only=True)
 class ObliqueBlock:
-    """A block started from its true stations, and the errors that starts are given."""
+    """A block at its true stations, and the same started from stations 100 to 500 m and up to 5 degrees off."""
 
     block: model.Block
-    shift: np.ndarray  # (n, 3) m, of 100 to 500 m
-    turn: np.ndarray  # (n, 3) rad, of up to 5 degrees each
-
-    def started(self, share: float = 1.0) -> model.Block:
-        """Return the block with a share of the errors put on its stations."""
-        photos = self.block.photos
-        moved = replace(
-            photos,
-            position=photos.position + share * self.shift,
-            attitude=photos.attitude + share * self.turn,
-        )
-        return replace(self.block, photos=moved)
+    started: model.Block
 
 
 def make_oblique(plan: Oblique) -> ObliqueBlock:
@@ -63,11 +52,16 @@ def make_oblique(plan: Oblique) -> ObliqueBlock:
     X, wet = _ground(plan, rng)
     axes = rotation(np.array(plan.leaning))
     C, M, X = C @ axes.T, M @ axes.T, X @ axes.T
-    bare = fly(C, angles_of(M)).block  # for its camera and the tables that stay empty
     n, p = len(C), len(X)
     block = altered(
-        bare,
-        options=_options(plan),
+        fly(C, angles_of(M)).block,  # for its camera and the tables that stay empty
+        options=model.Options(
+            program=plan.program,
+            system=model.CoordinateSystem.LOCAL,
+            refraction=model.Refraction.RIGOROUS if plan.submerged else model.Refraction.NONE,
+            plate_sigma=SIGMA,
+            max_iterations=60,
+        ),
         water=model.Water(index=1.34) if plan.submerged else None,
         photos={"position": C, "attitude": angles_of(M), "tide": np.full(n, TIDE if plan.submerged else np.nan)},
         points={"ids": np.arange(p).astype(str), "bathymetric": wet, "dry": np.zeros(p, dtype=bool)},
@@ -78,11 +72,9 @@ def make_oblique(plan: Oblique) -> ObliqueBlock:
     block = replace(block, control=_controlled(plan, block, X, rng))
     size = rng.uniform(100.0, 500.0, (n, 1))
     way = rng.normal(size=(n, 3))
-    return ObliqueBlock(
-        block=block,
-        shift=size * way / np.linalg.norm(way, axis=1, keepdims=True),
-        turn=rng.uniform(-5.0 * DEGREE, 5.0 * DEGREE, (n, 3)),
-    )
+    shift = size * way / np.linalg.norm(way, axis=1, keepdims=True)
+    off = {"position": added(..., shift), "attitude": added(..., rng.uniform(-5.0, 5.0, (n, 3)) * DEGREE)}
+    return ObliqueBlock(block=block, started=altered(block, photos=off))
 
 
 def drawn(seed: int) -> ObliqueBlock:
@@ -103,16 +95,6 @@ def drawn(seed: int) -> ObliqueBlock:
             leaning=(0.0, 0.0, 0.0) if submerged or rng.random() < 0.6 else tuple(rng.uniform(-1.0, 1.0, 3)),
             seed=seed,
         )
-    )
-
-
-def _options(plan: Oblique) -> model.Options:
-    return model.Options(
-        program=plan.program,
-        system=model.CoordinateSystem.LOCAL,
-        refraction=model.Refraction.RIGOROUS if plan.submerged else model.Refraction.NONE,
-        plate_sigma=SIGMA,
-        max_iterations=60,
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from altered import altered, with_options
-from blocks import deep
+from blocks import converged, deep
 from musatpy.adjustment import adjust
 from musatpy.adjustment.watpt import FAR
 from musatpy.model import Block, Control, ControlKind, CoordinateSystem, Program, Refraction, Solution, Weights
@@ -86,9 +86,7 @@ def reference(plan: Plan) -> dense_bundle.Result:
 @lru_cache
 def solved(plan: Plan, refraction: Refraction, weights: Weights = Weights.FULL, program: str = "IIA") -> Solution:
     options = {"program": Program(program), "refraction": refraction, "weights": weights}
-    solution = adjust(with_options(simulated(plan).block, **options))
-    assert solution.converged, solution.reason
-    return solution
+    return converged(simulated(plan).block, **options)
 
 
 def assert_equals_bundle(solution: Solution, result: dense_bundle.Result) -> None:
@@ -290,8 +288,7 @@ def test_watpt_over_deep_water_is_as_far_from_rigorous_as_it_says(seed: int) -> 
 def test_legacy_says_that_it_is_far_off(name: str, farthest: str) -> None:
     """It creeps towards the solution of the land points alone, which is 1 to 2 sigmas off in these strips."""
     block = with_options(simulated(SEA[name]).block, refraction=Refraction.LEGACY, max_passes=100)
-    solution = adjust(block)
-    assert solution.converged, solution.reason
+    solution = converged(block)
     rigorous = adjust(with_options(block, refraction=Refraction.RIGOROUS))
     _, points = compare.apart(rigorous, solution)
     of_points = np.nanmax(np.abs(points[compare.sigmas(solution.points.covariance) > 1e-9]))

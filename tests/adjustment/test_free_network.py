@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from altered import altered
+from blocks import converged
 from musatpy import model, read_deck, write_deck
 from musatpy.adjustment import adjust
 from musatpy.adjustment import ground as ground_points
@@ -44,9 +45,7 @@ def free_block(plan: Plan, kinds: tuple[model.ControlKind, ...] = ()) -> model.B
 
 @lru_cache
 def solved(plan: Plan, kinds: tuple[model.ControlKind, ...] = ()) -> model.Solution:
-    solution = adjust(free_block(plan, kinds))
-    assert solution.converged, solution.reason
-    return solution
+    return converged(free_block(plan, kinds))
 
 
 def dense_cofactors(solution: model.Solution, defect: int) -> tuple[np.ndarray, dense_bundle.Network]:
@@ -142,6 +141,13 @@ def unplaced(block: model.Block, known: tuple[int, ...] = ()) -> model.Block:
     return altered(block, photos=photos, control={"kind": kind}, options=options)
 
 
+def placed(block: model.Block, motions: int) -> model.Solution:
+    """Return the solution of a block so many of whose motions are free."""
+    solution = converged(block)
+    assert solution.observations["inner constraints"] == motions
+    return solution
+
+
 def flown(**changes: Any) -> Flight:
     stations, headings = zip(*(strip(5, row * np.pi, (0.0, 3000.0 * row)) for row in range(2)), strict=True)
     tilts = np.random.default_rng(3).normal(0.0, 0.02, (10, 2))
@@ -164,9 +170,7 @@ def assert_same_shape(solution: model.Solution, truth: np.ndarray, sigmas: float
 def test_nothing_known_at_all() -> None:
     """Seven free motions; the photographs are at 1:10,000, the first station at 0, 0, the ground at 0."""
     truth = flown(control=2)
-    solution = adjust(unplaced(truth.block))
-    assert solution.converged, solution.reason
-    assert solution.observations["inner constraints"] == 7
+    solution = placed(unplaced(truth.block), 7)
     assert any("is arbitrary" in text for text in solution.warnings)
     scale, *_ = assert_same_shape(solution, truth.X, 5.0)  # of some hundred points the worst
     nominal = 10.0 * FOCAL_LENGTH  # m: 10,000 focal lengths
@@ -188,9 +192,7 @@ def test_a_length_scales_a_block_without_stations(kind: Any, off: float) -> None
         field, places, table, ends = "air_bases", truth.C, "photo", np.array([0, 1])
     length = float(np.linalg.norm(places[ends[1]] - places[ends[0]]))
     measured = kind(**{table: ends[None]}, length=[length], sigma=[0.05])
-    solution = adjust(replace(unplaced(truth.block), **{field: measured}))
-    assert solution.converged, solution.reason
-    assert solution.observations["inner constraints"] == 6
+    solution = placed(replace(unplaced(truth.block), **{field: measured}), 6)
     scale, *_ = assert_same_shape(solution, truth.X, 5.0)
     assert scale == pytest.approx(1.0, abs=off)
 
@@ -199,9 +201,7 @@ def test_a_length_scales_a_block_without_stations(kind: Any, off: float) -> None
 def test_control_too_weak_to_place_a_block_places_what_it_can() -> None:
     """One full control point holds the three shifts; scale and turns are free."""
     truth = flown()
-    solution = adjust(unplaced(truth.block, (3,)))
-    assert solution.converged, solution.reason
-    assert solution.observations["inner constraints"] == 4
+    solution = placed(unplaced(truth.block, (3,)), 4)
     assert_same_shape(solution, truth.X, 5.0)
     point = truth.block.control.point[3]
     np.testing.assert_allclose(solution.points.position[point], truth.X[point], atol=0.01)  # nothing contradicts it
@@ -215,8 +215,7 @@ def test_heights_alone_do_not_place_a_block() -> None:
     block = replace(
         truth.block, control=replace(control, kind=np.full(len(control.kind), model.ControlKind.VERTICAL))
     )
-    solution = adjust(unplaced(block, (0, 1, 2, 3)))
-    assert solution.converged, solution.reason
+    solution = converged(unplaced(block, (0, 1, 2, 3)))
     assert_same_shape(solution, truth.X, 5.0)
     used = control.point[:4]
     np.testing.assert_allclose(solution.points.position[used, 2], truth.X[used, 2], atol=0.5)  # sigmas of 0.1 m
@@ -226,9 +225,7 @@ def test_heights_alone_do_not_place_a_block() -> None:
 def test_submerged_points_put_an_unplaced_block_to_the_tide() -> None:
     plan = Plan(photos_per_strip=5, strips=2, submerged=True, wet_every=3, seed=9)
     simulated = simulate(plan)
-    solution = adjust(unplaced(simulated.block))
-    assert solution.converged, solution.reason
-    assert solution.observations["inner constraints"] == 4  # heights and tilts come from the water
+    solution = placed(unplaced(simulated.block), 4)  # heights and tilts come from the water
     assert not [text for text in solution.warnings if "stands" in text]  # no submerged point ends above it
     deepest = np.nanmin(solution.points.position[simulated.block.points.bathymetric, 2])
     scale = 10.0 * plan.focal_length / plan.height
@@ -247,9 +244,7 @@ def test_a_job_on_the_ellipsoid_needs_one_position(system: model.CoordinateSyste
     rays = np.bincount(simulated.block.plates.point)
     row = int(np.flatnonzero(rays[simulated.block.control.point] > 2)[0])
     point = simulated.block.control.point[row]
-    solution = adjust(unplaced(simulated.block, (row,)))
-    assert solution.converged, solution.reason
-    assert solution.observations["inner constraints"] == 4
+    solution = placed(unplaced(simulated.block, (row,)), 4)
     off = metric_differences(simulated.block, solution.points.position, simulated.truth.points)[point]
     np.testing.assert_allclose(off, 0.0, atol=0.5)  # the sigmas of the control are 0.05 and 0.08 m
 
@@ -260,9 +255,7 @@ def test_a_deck_of_plates_alone_passes_its_checks(tmp_path: Path) -> None:
     deck = tmp_path / "plates.crd"
     write_deck(replace(block, control=empty(model.Control)), deck)
     assert not {"STA", "CTL"} & {line[:3] for line in deck.read_text().splitlines()}
-    solution = adjust(read_deck(deck))
-    assert solution.converged, solution.reason
-    assert solution.observations["inner constraints"] == 7
+    placed(read_deck(deck), 7)
 
 
 def test_equations_that_make_no_sense_have_no_free_motions() -> None:

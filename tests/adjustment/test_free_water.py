@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import musatpy
+from blocks import converged
 from musatpy import model
 from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.datum import freedom, moved_to
@@ -60,9 +61,7 @@ def model_and_block(method: str, index: bool = False) -> tuple[Oriented, model.B
 
 @cache
 def adjusted(method: str, index: bool = False) -> model.Solution:
-    solution = musatpy.adjust(model_and_block(method, index)[1])
-    assert solution.converged, solution.reason
-    return solution
+    return converged(model_and_block(method, index)[1])
 
 
 @pytest.mark.slow
@@ -162,8 +161,7 @@ def test_nothing_known_but_the_images(method: str) -> None:
     options = replace(
         block.options, initial=model.Initial.COMPUTE, translation_limit=1e-8
     )  # of photographs at 1:10,000
-    solution = musatpy.adjust(replace(block, photos=photos, options=options))
-    assert solution.converged, solution.reason
+    solution = converged(replace(block, photos=photos, options=options))
     assert solution.observations["inner constraints"] == 7
     assert not any("control" in text for text in solution.warnings)
     assert solution.sum_of_squares == pytest.approx(result.adjusted.squares[0], rel=1e-6)
@@ -229,8 +227,7 @@ def tank(tide: float = 5.0, wrong: float = 0.0) -> tuple[Oriented, model.Block]:
 def test_program_iiia_starts_from_nothing(tide: float) -> None:
     """And ends where the orientation does, to 1e-6 of its sigmas; a tide may be a guess."""
     oriented, block = tank(tide)
-    solution = musatpy.adjust(block)
-    assert solution.converged, solution.reason
+    solution = converged(block)
     assert solution.warnings[0] == f"{TOLD} (SINGLE-RAY)"
     pose = np.concatenate([solution.stations.attitude[0], solution.stations.position[0]])
     assert np.abs((pose - oriented.at.vector[0:6]) / oriented.sigma[:6]).max() < 1e-6
@@ -256,7 +253,7 @@ def test_a_geocentric_job_starts_in_its_level_axes() -> None:
     ellipsoid = model.EllipsoidSpec(name="WGS84")
     at = np.array([0.6, -1.1, 0.0])  # latitude and longitude, rad
     origin, axes = Ellipsoid.of(ellipsoid).geocentric(at), Ellipsoid.of(ellipsoid).frame(at)
-    solution = musatpy.adjust(
+    solution = converged(
         replace(
             block,
             ellipsoid=ellipsoid,
@@ -266,7 +263,6 @@ def test_a_geocentric_job_starts_in_its_level_axes() -> None:
             control=replace(block.control, position=origin + block.control.position @ axes),
         )
     )
-    assert solution.converged, solution.reason
     assert solution.warnings[0] == f"{TOLD} (SINGLE-RAY)"
     station = (solution.stations.position[0] - origin) @ axes.T
     assert np.abs((station - oriented.at.station[0]) / oriented.sigma[3:6]).max() < 1.0
@@ -283,8 +279,7 @@ def test_what_the_deck_knows_of_the_plane_is_held(level: model.WaterLevel, tilt:
     # the tide holds at the middle of the stations, which stand over 0, 0
     photos = replace(block.photos, tide=np.array([level_of(TANK)]))
     options = replace(block.options, water_level=level, water_tilt=tilt)
-    solution = musatpy.adjust(replace(block, water=water, photos=photos, options=options))
-    assert solution.converged, solution.reason
+    solution = converged(replace(block, water=water, photos=photos, options=options))
     assert solution.warnings[0].startswith(TOLD)
     assert solution.sigma0 == pytest.approx(1.0, abs=0.4)  # three standard errors of 33 degrees of freedom
     sigma = np.sqrt(np.diagonal(solution.stations.covariance[0])[:3])

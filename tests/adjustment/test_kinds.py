@@ -9,6 +9,7 @@ import pytest
 
 from adjustment.test_musat3a import WATER, sea_block
 from altered import altered, with_options
+from blocks import FIXTURES
 from musatpy import adjust, verdict
 from musatpy.adjustment.iteration import State, stated_partials, with_turned_axes
 from musatpy.adjustment.job import prepared
@@ -21,7 +22,6 @@ from musatpy.model import AirBases, Block, Grade, ObservationKind, Program, Solu
 from musatpy.units import DEGREE
 from reference.rays import rotation
 
-FIXTURES = Path(__file__).parents[2] / "fixtures"
 STEP = 1e-3  # m, rad; lengths bend by step / length, a millionth here
 CASES = ("all by days", "all by photos", "unknown waves")
 
@@ -96,17 +96,6 @@ def test_the_normal_equations_are_those_of_the_dense_matrix(name: str) -> None:
     np.testing.assert_allclose(found.times(np.eye(size(network))), matrix, rtol=1e-12)
     np.testing.assert_allclose(right, rhs, rtol=1e-12, atol=1e-9)
     assert direct_squares(network, state) == pytest.approx(squares, rel=1e-12)
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_weights_are_taken_off_by_the_table(name: str) -> None:
-    block = sea_block(**WATER[name]) if name in WATER else read_deck(FIXTURES / "waves" / "unknown.crd")
-    network = prepared(block, None)[0].network
-    for kind in KINDS:
-        if kind.searched:
-            weight = kind.weights(network, block)
-            halved = kind.weighted(network, block, np.full_like(weight, 0.5))
-            np.testing.assert_array_equal(kind.weights(halved, block), 0.5 * weight)
 
 
 def test_ends_of_what_takes_no_part() -> None:
@@ -207,8 +196,3 @@ def test_sigmas_are_those_without_turned_axes(monkeypatch: pytest.MonkeyPatch) -
     both = adjust(altered(block, photos=held))
     assert both.converged
     assert np.isfinite(both.stations.covariance).all()
-
-
-def test_other_photos_stay_as_they_are() -> None:
-    job, _ = prepared(looking(6.0 * DEGREE), None)
-    assert with_turned_axes(replace(job.network)).turned.size == 0

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache, partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import pytest
 from adjustment import case_decks
 from adjustment.test_equivalence import simulated
 from altered import altered, with_options
+from blocks import FIXTURES, converged
 from musatpy import model, read_deck
 from musatpy.adjustment import adjust, musat2a
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
@@ -25,15 +25,12 @@ from musatpy.units import DEGREE
 from reference import compare, finite_difference_bundle
 from reference.networks import Plan
 
-FIXTURES = Path(__file__).parents[2] / "fixtures"
 DECKS = sorted(FIXTURES.glob("cayman/*.crd")) + sorted(FIXTURES.glob("st_thomas/*.crd"))
 TIGHT = {"rotation_limit": 1e-9, "translation_limit": 1e-6, "max_iterations": 40}
 
 
 def simultaneous(block: model.Block, **changes: Any) -> model.Solution:
-    solution = adjust(with_options(block, program=model.Program.IIIA, **changes))
-    assert solution.converged, solution.reason
-    return solution
+    return converged(block, program=model.Program.IIIA, **changes)
 
 
 @lru_cache
@@ -148,8 +145,7 @@ WATER = {
 @pytest.mark.parametrize("name", list(WATER))
 def test_unknown_water_equals_a_bundle_from_finite_differences(name: str) -> None:
     block = exact_where_known(sea_block(**WATER[name]))
-    solution = adjust(block)
-    assert solution.converged, solution.reason
+    solution = converged(block)
     problem = finite_difference_bundle.Problem(block)
     # half a metre off, but with the water on the side of every point on which the solution has it
     start = problem.start(solution.stations.position + 0.5, solution.stations.attitude, solution.points.position)

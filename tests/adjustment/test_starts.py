@@ -56,7 +56,7 @@ def test_the_lower_of_two_starts_is_taken_and_the_other_told() -> None:
 @pytest.mark.parametrize("seed", [0, 35, 39, 111, 115, 121, 135, 4, 8])  # all but two failed from level ground
 def test_drawn_oblique_blocks_converge(seed: int) -> None:
     made = drawn(seed)
-    started, true = adjust(made.started()), adjust(made.block)
+    started, true = adjust(made.started), adjust(made.block)
     assert started.converged, started.reason
     assert started.sum_of_squares == pytest.approx(true.sum_of_squares, rel=1e-4)
     assert started.unit_sigma < 1.6  # of 20 and more degrees of freedom
@@ -115,12 +115,12 @@ def test_oblique_photographs_from_poor_stations(
     tilt, heading = degrees * DEGREE, 0.7 * seed
     plan = Oblique(tilt=tilt, submerged=submerged, program=program, heading=heading, seed=seed, **shape)
     made = make_oblique(plan)
-    assert_same_minimum(adjust(with_options(made.started(), **TIGHT)), adjust(with_options(made.block, **TIGHT)))
+    assert_same_minimum(adjust(with_options(made.started, **TIGHT)), adjust(with_options(made.block, **TIGHT)))
 
 
 def test_a_restarted_triangulation_says_so() -> None:
     plan = Oblique(tilt=60.0 * DEGREE, program=Program.IIA, heading=3.5, seed=5, **CLOSE_PAIR)
-    solution = adjust(make_oblique(plan).started())
+    solution = adjust(make_oblique(plan).started)
     assert solution.converged
     assert [text for text in solution.warnings if text.endswith("started again from a simultaneous adjustment")]
 
@@ -128,7 +128,7 @@ def test_a_restarted_triangulation_says_so() -> None:
 def test_points_reach_the_level_ground_however_flat_their_rays() -> None:
     """Rays up to the horizon and above it end at the typical height, and not for ever far off."""
     plan = Oblique(tilt=60.0 * DEGREE, seed=4)
-    job, state = prepared(make_oblique(plan).started(), None)
+    job, state = prepared(make_oblique(plan).started, None)
     raised = replace(state, attitude=state.attitude + np.array([25.0 * DEGREE, 0.0, 0.0]))
     start = ground.level_start(job.network, raised)
     network = job.network

@@ -12,6 +12,7 @@ import pytest
 import musatpy
 from adjustment.test_equivalence import simulated
 from altered import altered, with_options
+from blocks import converged
 from musatpy.adjustment import adjust
 from musatpy.adjustment.job import plate_component, with_plate_sigmas
 from musatpy.model import Block, Grade, PlateSigma, Program, Refraction, Solution, Treatment, WaterLevel
@@ -108,8 +109,7 @@ def repeated(level: WaterLevel) -> Errors:
     truth = exact().truth
     variance, water, stations, points, freedom = [], [], [], [], 0
     for _ in range(BLOCKS):
-        solution = adjust(drawn(level, rng))
-        assert solution.converged, solution.reason
+        solution = converged(drawn(level, rng))
         unit = solution.sigma0**2
         variance.append(unit)
         freedom = solution.degrees_of_freedom
@@ -310,8 +310,7 @@ def ratio(options: dict[str, Any], count: int) -> tuple[float, float, float]:
     """Return the RMS of the errors of depths over their sigmas, that over sigmas of heights, and mean sigma0."""
     sums, number, sigma0 = np.zeros(2), 0, []
     for block, depth in draws(count):
-        solution = adjust(replace(block, options=replace(block.options, **options)))
-        assert solution.converged, solution.reason
+        solution = converged(replace(block, options=replace(block.options, **options)))
         off = errors(solution, depth)
         wrong = (
             off

@@ -11,7 +11,7 @@ import musatpy
 import wave_strip
 from adjustment.test_equivalence import SHORE, reference_at_the_tide, simulated
 from altered import altered, with_options
-from blocks import shore, st_thomas
+from blocks import FIXTURES, converged, shore, st_thomas
 from drivers.mutated_decks import decks
 from musatpy import read_deck
 from musatpy.adjustment import adjust
@@ -21,7 +21,7 @@ from musatpy.model.solution import Iteration
 from reference import compare
 from reference.networks import Plan, simulate
 
-DECK = Path(__file__).parents[2] / "fixtures/verdict/iiia_false_minimum.crd"
+DECK = FIXTURES / "verdict/iiia_false_minimum.crd"
 
 
 def both(block: Block) -> tuple[Solution, Solution]:
@@ -86,8 +86,7 @@ def test_a_point_that_no_side_agrees_with_stands_on_the_water_line(program: Prog
     """Where the independent bundle holds it, to the rounding of the cards of that bundle."""
     plan = replace(SHORE, seed=104)
     point, tide, result = reference_at_the_tide(plan, "P004", "838")
-    solution = adjust(with_options(simulated(plan).block, program=program, refraction=Refraction.RIGOROUS))
-    assert solution.converged, solution.reason
+    solution = converged(simulated(plan).block, program=program, refraction=Refraction.RIGOROUS)
     assert solution.points.position[point, 2] == pytest.approx(tide, abs=1e-6)
     assert np.abs(compare.station_difference(solution, result)).max() < 1e-4
     # it is held in the iteration only: its sigma is that of a point as free as others

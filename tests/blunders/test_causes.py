@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from altered import added, altered
+from blocks import FIXTURES
 from drivers import causes_study as study
 from drivers.causes_study import edited, fault, strip
 from drivers.common_mistakes import MISTAKES, outcome, simulated
@@ -20,7 +21,7 @@ from musatpy.model import Cause, CauseKind, Initial, PointStatus
 from musatpy.pipeline import causes_of, doubtful
 from musatpy.statistics import Statistics
 
-FINDS = Path(__file__).parents[2] / "fixtures/verdict"
+FINDS = FIXTURES / "verdict"
 _K = CauseKind
 
 
@@ -131,7 +132,7 @@ def test_a_factor_is_named_first_with_observed_stations(name: str) -> None:
 @pytest.mark.slow
 def test_one_wrong_image_is_not_told_as_a_unit_of_length() -> None:
     """Photo 21 sees little control: heights times 1.0936 bend the block to it, and leave control 103 wrong."""
-    deck = Path(__file__).parents[2] / "fixtures/st_thomas/st_thomas.crd"
+    deck = FIXTURES / "st_thomas/st_thomas.crd"
     card = b"PLT 21       103       55.0170000"
     text = deck.read_bytes()
     assert card in text
@@ -145,7 +146,7 @@ def test_one_wrong_image_is_not_told_as_a_unit_of_length() -> None:
 
 def test_an_offset_of_all_tides_is_named_alone() -> None:
     """Flags that contradict the heights because two datums are mixed are no cause of their own."""
-    deck = Path(__file__).parents[2] / "fixtures/trust/tides_msl_control_ellipsoidal.crd"
+    deck = FIXTURES / "trust/tides_msl_control_ellipsoidal.crd"
     assert [cause.kind for cause in adjust(read_deck(deck)).causes] == [CauseKind.TIDES]
 
 
@@ -239,13 +240,13 @@ def test_the_listing_and_the_record_have_the_causes(tmp_path: Path) -> None:
 
 def test_unknown_waves_are_not_searched() -> None:
     """The search does not exist for them; a run that fails says so by itself."""
-    path = next((Path(__file__).parents[2] / "fixtures" / "waves").glob("unknown*.crd"))
+    path = next((FIXTURES / "waves").glob("unknown*.crd"))
     assert causes_of(read_deck(path)) == ()
 
 
 def test_a_wrong_check_point_has_its_card_and_its_images_named() -> None:
     """It takes no part: the search finds nothing, and card and images explain it alike."""
-    block = read_deck(Path(__file__).parents[2] / "fixtures/st_thomas/st_thomas.crd")
+    block = read_deck(FIXTURES / "st_thomas/st_thomas.crd")
     row = int(np.flatnonzero(block.points.ids[block.control.point] == "106")[0])
     solution = adjust(altered(block, control={"position": added((row, 2), 30.0)}))
     card, images = solution.causes

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from blocks import FIXTURES
 from json_schema import load_schema, violations
 from musatpy import adjust, read_deck
 from musatpy.cli.main import main
@@ -16,7 +17,7 @@ from musatpy.model import ControlKind, Editing
 from musatpy.runs import ExitStatus, run_deck
 from record_rows import read_rows, with_columns
 
-DECK = Path(__file__).parents[2] / "fixtures" / "st_thomas" / "st_thomas.crd"
+DECK = FIXTURES / "st_thomas" / "st_thomas.crd"
 OPTION = "OP2                                            {}\n"
 SPOILT = {33: ("1.2390000", "1.3390000"), 18: ("204", "205"), 19: ("205", "204"), 65: ("13.77679", "14.77679")}
 

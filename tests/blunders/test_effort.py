@@ -8,13 +8,14 @@ import pytest
 from click.testing import CliRunner
 
 from altered import added, altered
+from blocks import FIXTURES
 from drivers.causes_study import strip
 from musatpy import adjust
 from musatpy.blunders.causes import first_look
 from musatpy.cli.main import main
 from musatpy.model import CauseKind, CauseSearch
 
-FINDS = Path(__file__).parents[2] / "fixtures/verdict"
+FINDS = FIXTURES / "verdict"
 
 
 def test_no_causes_are_looked_for_where_none_are_asked_for(tmp_path: Path) -> None:

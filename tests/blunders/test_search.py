@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from altered import added, altered
+from altered import added, altered, put
 from benchmarks.blocks import FOCAL_LENGTH, INDEX, Truth, simulated
 from musatpy.geometry.collinearity import attitude_matrix, image
 from musatpy.model import (
@@ -52,6 +52,11 @@ def rays(block: Block) -> np.ndarray:
 
 def of(solution: Solution, *blunders: CauseKind) -> list[Finding]:
     return [one for one in solution.findings if one.kind in blunders]
+
+
+def flagged(block: Block, points: np.ndarray, submerged: bool) -> Block:
+    """Return the block with some points flagged as submerged, or as dry."""
+    return altered(block, points={"bathymetric": put(points, submerged)})
 
 
 def well_seen(block: Block, images: int = 5) -> np.ndarray:
@@ -159,7 +164,7 @@ def test_exchanged_names_are_put_right() -> None:
     rows = well_seen(block)
     first = int(rows[0])
     second = int(next(r for r in rows[1:] if block.plates.photo[r] == block.plates.photo[first]))
-    solution = edited(gross_errors.with_exchanged(block, first, second))
+    solution = edited(altered(block, plates={"point": put([first, second], block.plates.point[[second, first]])}))
     found = of(solution, CauseKind.NAME)
     assert len(found) == len(solution.findings) == 2
     ids = block.points.ids[block.plates.point[[first, second]]].tolist()
@@ -184,7 +189,7 @@ def test_a_mistaken_name_is_put_right(known: bool) -> None:
         name = len(block.points.ids)
         flags = {flag: np.append(getattr(block.points, flag), False) for flag in ("bathymetric", "dry")}
         block = altered(block, points={"ids": np.append(block.points.ids, "TYPO"), **flags})
-    solution = edited(gross_errors.with_names(block, {row: name}))
+    solution = edited(altered(block, plates={"point": put(row, name)}))
     (found,) = solution.findings
     assert found.kind is CauseKind.NAME
     assert found.point == block.points.ids[name]
@@ -208,7 +213,7 @@ def test_wrong_control_is_found_by_component(
     """From a few metres to a kilometre: ten times the ground sigma of an image, and more than the block is wide."""
     block, _ = clean()
     row = int(np.argmax(rays(block)[block.control.point]))
-    solution = edited(gross_errors.with_control(block, row, error))
+    solution = edited(altered(block, control={"position": added(row, error)}))
     (found,) = solution.findings
     assert found.kind is blunder
     assert found.point == block.points.ids[block.control.point[row]]
@@ -219,38 +224,30 @@ def test_wrong_control_is_found_by_component(
 
 
 @pytest.mark.slow
-def test_the_wrong_tide_of_a_photo_is_found() -> None:
+@pytest.mark.parametrize(
+    ("photos", "size", "named", "within"),
+    [
+        (np.array([5]), 6.0, "5", 2.0),  # the images give it to half a metre or so
+        (slice(None), 6.0, "all", 2.0),
+        (slice(0, None, 2), 4.0, "group EVEN", 1.5),
+    ],
+    ids=["of one photo", "of all", "of a group"],
+)
+def test_wrong_tides_are_found(photos: slice | np.ndarray, size: float, named: str, within: float) -> None:
+    """That of a photo goes out with its submerged images; what many have in common is named, and left."""
     block, _ = clean()
-    solution = edited(gross_errors.with_tides(block, np.array([5]), 6.0))
+    if named.startswith("group"):
+        block = altered(block, photos={"tide_group": np.resize(["EVEN", "ODD"], PHOTOS)})
+    solution = edited(altered(block, photos={"tide": added(photos, size)}))
     (found,) = of(solution, CauseKind.TIDE)
-    assert found.photo == block.photos.ids[5]
-    assert found.size[0] == pytest.approx(6.0, abs=2.0)  # the images give it to half a metre or so
-    assert found.action is Action.KEPT_OUT
-    submerged = block.points.bathymetric[block.plates.point] & (block.plates.photo == 5)
+    alone = named == block.photos.ids[5]
+    assert found.photo == named
+    assert found.size[0] == pytest.approx(size, abs=within)
+    assert found.action is (Action.KEPT_OUT if alone else Action.NONE)
+    submerged = block.points.bathymetric[block.plates.point] & (block.plates.photo == 5) & alone
     np.testing.assert_array_equal(~solution.edited.plates.triangulated, submerged)
-    agrees_with_clean(solution)
-
-
-@pytest.mark.slow
-def test_a_common_error_of_all_tides_is_found_and_left() -> None:
-    block, _ = clean()
-    solution = edited(gross_errors.with_tides(block, slice(None), 6.0))
-    (found,) = of(solution, CauseKind.TIDE)
-    assert found.photo == "all"
-    assert found.size[0] == pytest.approx(6.0, abs=2.0)
-    assert found.action is Action.NONE
-    assert not of(solution, CauseKind.IMAGE)
-
-
-@pytest.mark.slow
-def test_the_tides_of_a_group_are_tested_together() -> None:
-    block, _ = clean()
-    group = np.where(np.arange(PHOTOS) % 2 == 0, "EVEN", "ODD")
-    block = altered(block, photos={"tide_group": group})
-    solution = edited(gross_errors.with_tides(block, slice(0, None, 2), 4.0))
-    (found,) = of(solution, CauseKind.TIDE)
-    assert found.photo == "group EVEN"
-    assert found.size[0] == pytest.approx(4.0, abs=1.5)
+    if alone:
+        agrees_with_clean(solution)
 
 
 @pytest.mark.slow
@@ -283,7 +280,7 @@ def deep(points: int = 4) -> tuple[Block, np.ndarray]:
 @pytest.mark.slow
 def test_points_that_should_be_flagged_are_found_by_their_images() -> None:
     block, wet = deep()
-    solution = edited(gross_errors.with_flags(block, wet, submerged=False))
+    solution = edited(flagged(block, wet, False))
     found = of(solution, CauseKind.DRY_FLAG)
     assert {one.point for one in found} == set(block.points.ids[wet])
     assert all(one.action is Action.FLAGGED for one in found)
@@ -313,7 +310,7 @@ def test_shallow_points_below_the_water_without_flag_are_listed() -> None:
     block, truth = clean()
     wet = block.points.bathymetric & (rays(block) >= 4) & (truth.ground[:, 2] < -8.0)
     points = np.flatnonzero(wet)[:3]
-    solution = edited(gross_errors.with_flags(block, points, submerged=False))
+    solution = edited(flagged(block, points, False))
     found = {one.point: one for one in of(solution, CauseKind.DRY_FLAG)}
     assert set(found) == set(block.points.ids[points])
     for point in points:
@@ -328,7 +325,7 @@ def test_points_above_the_water_with_a_flag_are_listed() -> None:
     block, truth = clean()
     high = ~block.points.bathymetric & (rays(block) >= 4) & (truth.ground[:, 2] > 20.0)
     points = np.flatnonzero(high)[:3]
-    solution = edited(gross_errors.with_flags(block, points, submerged=True))
+    solution = edited(flagged(block, points, True))
     found = of(solution, CauseKind.WET_FLAG)
     assert {one.point for one in found} == set(block.points.ids[points])
     np.testing.assert_allclose(solution.stations.position, clean_solution().stations.position, atol=1e-6)

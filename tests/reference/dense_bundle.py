@@ -232,8 +232,8 @@ class Network:
 def solve(block: Block, start: Start, *, refraction: bool, max_iterations: int = 60) -> Result:
     """Adjust a block simultaneously; with `refraction` bathymetric points are seen through the water.
 
-    Gauss-Newton, with Levenberg-Marquardt damping whenever a full step does not lower the sum of squares. Raises
-    `RuntimeError` without convergence and `numpy.linalg.LinAlgError` when the unknowns are not determined.
+    Gauss-Newton from near the solution. Raises `RuntimeError` without convergence and `numpy.linalg.LinAlgError`
+    when the unknowns are not determined.
     """
     network = Network(block, refraction=refraction)
     return _result(network, _iterate(network, starting_state(network, start), max_iterations))
@@ -250,25 +250,14 @@ def _determined(block: Block) -> np.ndarray:
 
 
 def _iterate(network: Network, state: State, max_iterations: int) -> State:
-    damping, previous = 0.0, np.inf
-    cost = float(np.sum(network.misclosures(state) ** 2))
+    previous = np.inf
     for _ in range(max_iterations):
-        factor, scale, projected = _factor(network.jacobian(state), network.misclosures(state))
-        while True:
-            step, length = _step(factor, projected, damping)
-            trial = network.moved(state, step / scale)
-            new_cost = float(np.sum(network.misclosures(trial) ** 2))
-            if new_cost <= cost * (1.0 + 1e-9) + 1e-9:
-                break
-            damping = max(1e-6, 10.0 * damping)
-            if damping > 1e12:
-                raise RuntimeError("no step lowers the sum of squares")
-        state, cost = trial, new_cost
-        settled = damping == 0.0 and (length < _SETTLED or (length < 1e-5 and length > 0.3 * previous))
-        if settled:
+        r, scale, projected = _factor(network.jacobian(state), network.misclosures(state))
+        state = network.moved(state, -solve_triangular(r, projected) / scale)
+        length = float(np.linalg.norm(projected))
+        if length < _SETTLED or (length < 1e-5 and length > 0.3 * previous):
             return state
         previous = length
-        damping = 0.0 if damping < 1e-5 else damping / 10.0
     raise RuntimeError(f"not converged after {max_iterations} iterations: last step {length:.3g} sigma")
 
 
@@ -276,26 +265,13 @@ def _factor(jacobian: np.ndarray, misclosures: np.ndarray) -> tuple[np.ndarray, 
     scale = np.sqrt((jacobian**2).sum(axis=0))
     if not scale.all():
         raise np.linalg.LinAlgError("an unknown appears in no observation")
-    r, projected = _triangle(jacobian / scale, misclosures)
+    # R of matrix = Q R, and Q' right, without Q itself
+    whole, size = qr(np.column_stack([jacobian / scale, misclosures]), mode="r")[0], len(scale)
+    r, projected = whole[:size, :size], whole[:size, size]
     diagonal = np.abs(np.diag(r))
-    if len(diagonal) < len(scale) or diagonal.min() < 1e-11 * diagonal.max():
+    if len(diagonal) < size or diagonal.min() < 1e-11 * diagonal.max():
         raise np.linalg.LinAlgError("the unknowns are not determined")
     return r, scale, projected
-
-
-def _triangle(matrix: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """R of matrix = Q R, and Q' right, without Q itself."""
-    size = matrix.shape[1]
-    r = qr(np.column_stack([matrix, right]), mode="r")[0]
-    return r[:size, :size], r[:size, size]
-
-
-def _step(r: np.ndarray, projected: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
-    if damping:
-        size = len(r)
-        padded = np.concatenate([projected, np.zeros(size)])
-        r, projected = _triangle(np.vstack([r, np.sqrt(damping) * np.eye(size)]), padded)
-    return -solve_triangular(r, projected), float(np.linalg.norm(projected))
 
 
 def starting_state(network: Network, start: Start) -> State:
