@@ -19,7 +19,7 @@ from musatpy.model.tables import empty
 from musatpy.model.water import known_waves
 from musatpy.reports.record import record_of
 from musatpy.statistics import Statistics
-from reference import compare, finite_difference_bundle
+from reference import compare, considered
 from reference.networks import Plan
 
 UNKNOWN = {"water_level": WaterLevel.DAY, "water_tilt": Treatment.ADJUST, "water_index": Treatment.ADJUST}
@@ -44,7 +44,7 @@ def labels(block: Block) -> np.ndarray:
     return np.array(words)
 
 
-def dense(solution: Solution) -> finite_difference_bundle.Joint:
+def dense(solution: Solution) -> considered.Joint:
     """Return the joint covariance of a solution and what was considered, of the reference."""
     block, options = solution.block, solution.block.options
     water = block.water
@@ -60,16 +60,11 @@ def dense(solution: Solution) -> finite_difference_bundle.Joint:
     if options.water_index is not Treatment.ADJUST:
         sigma["index"] = np.array([water.sigma])
     wide = with_options(wide, **(UNKNOWN | {"water_level": level}))
-    problem = finite_difference_bundle.Problem(wide)
-    x = problem.start(solution.stations.position, solution.stations.attitude, solution.points.position)
-    x[problem.part["levels"]] = solution.levels
-    x[problem.part["tides"]] = 0.0 if "tides" in sigma else solution.water.correction
-    x[problem.part["tilt"]], x[problem.part["index"]] = solution.water.tilt, solution.water.index
-    return finite_difference_bundle.considered(wide, x, sigma, solution.sum_of_squares, solution.degrees_of_freedom)
+    return considered.considered(wide, solution, sigma, solution.sum_of_squares, solution.degrees_of_freedom)
 
 
-def assert_sigmas(solution: Solution, joint: finite_difference_bundle.Joint) -> None:
-    """Sigmas of everything within 1e-4: the central differences are good to 1e-6, WATPT stands a little off."""
+def assert_sigmas(solution: Solution, joint: considered.Joint) -> None:
+    """Sigmas of everything within 1e-4: WATPT stands a little off."""
     n, p = len(solution.block.photos.ids), len(solution.block.points.ids)
     assert solution.unit_sigma == pytest.approx(joint.unit_sigma, rel=1e-4)
     stations, points = solution.stations.covariance, solution.points.covariance

@@ -34,8 +34,8 @@ from orientation.twomedia.geometries import (
     truth_of,
 )
 from orientation.twomedia.referee import block_of, level_of_origin
-from reference.compare import covariance_difference, free_cofactors
-from reference.finite_difference_bundle import Problem, jacobian
+from reference.compare import beside, covariance_difference, free_cofactors
+from reference.dense_bundle import Network, starting_state
 
 LAB = KINDS["lab"]
 CASES = [
@@ -108,20 +108,18 @@ def test_covariances_are_those_of_a_dense_pseudo_inverse() -> None:
     ):
         count = len(ours)
         theirs = Q[part[name], part[name]].reshape(count, size, count, size)[np.arange(count), :, np.arange(count)]
-        # central differences are good to 1e-8, the eigenvectors of the defect to 1e-6 of the motions
+        # the eigenvectors of the defect are good to 1e-6 of the motions
         assert np.abs(covariance_difference(ours / unit, theirs)).max() < 1e-5
 
 
 def dense_cofactors(solution: model.Solution) -> tuple[np.ndarray, dict[str, slice]]:
-    """The cofactors under inner constraints over the points, from dense normals by central differences."""
-    problem, water = Problem(solution.block), solution.water
+    """The cofactors under inner constraints over the points, from the dense normals."""
+    network, water = Network(solution.block, refraction=True), solution.water
     assert water is not None
-    x = problem.start(solution.stations.position, solution.stations.attitude, solution.points.position)
-    x[problem.part["tides"]] = water.tide[0] - solution.block.photos.tide[0]
-    x[problem.part["tilt"]] = water.tilt
-    step = np.full(problem.size, 1e-2)
-    J = jacobian(problem, x, step) / step
-    return free_cofactors(J, problem.part["points"], 7), problem.part
+    state = starting_state(network, beside(solution))
+    tides = np.array([water.tide[0] - solution.block.photos.tide[0]])
+    J = network.jacobian(replace(state, tides=tides, tilt=np.array(water.tilt)))
+    return free_cofactors(J, network.part["points"], 7), network.part
 
 
 @pytest.mark.parametrize(

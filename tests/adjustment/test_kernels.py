@@ -1,11 +1,15 @@
 """Compiled kernels beside their numpy twins: the same normal equations, the same steps, the same listings.
 
-Slow, as they are compiled first: half a minute of CPU on a new machine.
+Slow, as they are compiled first: half a minute of CPU on a new machine. Loops are compiled anew when any source of
+theirs is another one.
 """
 
 import importlib.util
 import json
 import os
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from functools import cache
 from operator import attrgetter
@@ -16,6 +20,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import musatpy
 from altered import added, altered, with_options
 from blocks import FIXTURES
 from cli.commands import musat
@@ -278,3 +283,35 @@ def test_sums_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyP
     np.testing.assert_array_equal(a.matrix.blocks, b.matrix.blocks)
     np.testing.assert_array_equal(a.rhs, b.rhs)
     assert a.objective == b.objective and a.of_points == b.of_points
+
+
+PACKAGE = Path(musatpy.__file__).parent
+ADDED = """
+from musatpy.adjustment.compiled.points import LinearPoints, follow
+import numpy as np
+i, list_, table, stack = np.zeros(0, dtype=int), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2, 3))
+points = LinearPoints(stack, stack, table, stack, table, list_, list_)
+follow(i, i, i, points, (0,), table, table)
+print(sum(follow.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.slow
+def test_a_source_that_is_another_one_is_seen_by_loops_of_other_files(tmp_path: Path) -> None:
+    """Else a newer version would go on with the pieces of the old one, and say nothing."""
+    copy = shutil.copytree(PACKAGE, tmp_path / "musatpy", ignore=shutil.ignore_patterns("__pycache__"))
+
+    def run() -> str:
+        environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+        environment.pop("NUMBA_CACHE_DIR", None)
+        ran = subprocess.run(
+            [sys.executable, "-c", ADDED], capture_output=True, text=True, env=environment, check=True
+        )
+        return ran.stdout.strip()
+
+    assert run() == "0"
+    assert run() == "1"
+    piece = copy / "adjustment" / "compiled" / "loops.py"  # no part of these
+    piece.write_text(piece.read_text() + "# another one\n")
+    assert run() == "0"
+    assert run() == "1"

@@ -11,9 +11,9 @@ from adjustment.test_musat3a import WATER, sea_block
 from altered import altered, with_options
 from blocks import FIXTURES
 from musatpy import adjust, verdict
-from musatpy.adjustment.iteration import State, stated_partials, with_turned_axes
+from musatpy.adjustment.iteration import State, stated_partials
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.kinds import DIRECT, KINDS, MEASURED, direct_rows, direct_squares, state_after
+from musatpy.adjustment.kinds import DIRECT, MEASURED, direct_rows, direct_squares, state_after
 from musatpy.adjustment.network import Network, kept_axes
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.formats.musat import read_deck

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from adjustment import case_decks
-from adjustment.test_equivalence import simulated
+from adjustment.test_equivalence import assert_covariances_equal, assert_equals_bundle, simulated
 from altered import altered, with_options
 from blocks import FIXTURES, converged
 from musatpy import model, read_deck
@@ -22,7 +22,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.sightings import image_coordinates
 from musatpy.units import DEGREE
-from reference import compare, finite_difference_bundle
+from reference import compare, dense_bundle
 from reference.networks import Plan
 
 DECKS = sorted(FIXTURES.glob("cayman/*.crd")) + sorted(FIXTURES.glob("st_thomas/*.crd"))
@@ -143,36 +143,28 @@ WATER = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", list(WATER))
-def test_unknown_water_equals_a_bundle_from_finite_differences(name: str) -> None:
+def test_unknown_water_equals_the_bundle(name: str) -> None:
     block = exact_where_known(sea_block(**WATER[name]))
     solution = converged(block)
-    problem = finite_difference_bundle.Problem(block)
+    water, start = solution.water, compare.beside(solution)
     # half a metre off, but with the water on the side of every point on which the solution has it
-    start = problem.start(solution.stations.position + 0.5, solution.stations.attitude, solution.points.position)
-    start[problem.part["tides"]] = solution.water.correction
-    result = finite_difference_bundle.solve(block, start)
-    n, p = len(block.photos.ids), len(block.points.ids)
-    stations = np.hstack([solution.stations.position, solution.stations.attitude])
-    assert (np.abs(stations - result.value("stations", n, 6)) / result.sigma("stations", n, 6)).max() < 1e-6
-    points = np.abs(solution.points.position - result.value("points", p, 3)) / result.sigma("points", p, 3)
-    assert points.max() < 1e-6
-    assert solution.degrees_of_freedom == result.degrees_of_freedom
-    assert solution.sum_of_squares == pytest.approx(result.sum_of_squares, rel=1e-8)
-    # central differences are good to about 1e-7, and the inverse loses some digits
-    np.testing.assert_allclose(
-        compare.sigmas(solution.stations.covariance), result.sigma("stations", n, 6), rtol=1e-5
-    )
-    np.testing.assert_allclose(compare.sigmas(solution.points.covariance), result.sigma("points", p, 3), rtol=1e-5)
-    water = solution.water
+    tides = water.correction if block.options.water_level is not model.WaterLevel.KNOWN else None
+    result = dense_bundle.solve(block, replace(start, position=start.position + 0.5, tides=tides), refraction=True)
+    assert_equals_bundle(solution, result)
+    assert_covariances_equal(solution, result)
     for found, sigma, kind in (
         (water.correction, water.correction_sigma, "tides"),
         (water.tilt, water.tilt_sigma, "tilt"),
         (np.array([water.index]), np.array([water.index_sigma]), "index"),
     ):
-        expected, of_expected = result.value(kind, -1), result.sigma(kind, -1)
-        if len(expected):
+        if kind in result.water:
+            expected, of_expected = result.water[kind]
             assert (np.abs(found - expected) / of_expected).max() < 1e-6
             np.testing.assert_allclose(sigma, of_expected, rtol=1e-5)
+    for ours, theirs in (
+        (solution.stations.covariance, result.covariance), (solution.points.covariance, result.point_covariance)
+    ):  # fmt: skip
+        np.testing.assert_allclose(compare.sigmas(ours), compare.sigmas(theirs), rtol=1e-5)
     between = solution.points.position[block.distances.point]
     lengths = solution.measured[model.ObservationKind.DISTANCE]
     np.testing.assert_allclose(lengths, np.linalg.norm(between[:, 1] - between[:, 0], axis=1))

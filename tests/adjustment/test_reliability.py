@@ -11,7 +11,7 @@ from adjustment.test_musat3a import TIGHT, WATER, sea_block, simultaneous
 from altered import added, altered, with_options
 from musatpy.model import Block, ObservationKind, Program, Refraction, Solution, Weights
 from musatpy.statistics import Statistics
-from reference import finite_difference_bundle
+from reference import considered, dense_bundle
 from reference.networks import Plan
 
 BLOCKS = 40
@@ -19,19 +19,11 @@ BLOCKS = 40
 
 @lru_cache
 def with_all_water(name: str = "all by days") -> tuple[Solution, np.ndarray, np.ndarray]:
-    """The sea block with all unknowns of the water, its dense Jacobian by central differences, and J (J'J)^-1."""
+    """The sea block with all unknowns of the water, its dense Jacobian, and (J'J)^-1."""
     block = sea_block(**WATER[name])
-    solution = simultaneous(block)
-    problem = finite_difference_bundle.Problem(block)
-    x = problem.start(solution.stations.position, solution.stations.attitude, solution.points.position)
-    x[problem.part["levels"]] = solution.levels
-    x[problem.part["tides"]] = solution.water.correction
-    x[problem.part["tilt"]], x[problem.part["index"]] = solution.water.tilt, solution.water.index
-    scale = np.ones(problem.size)
-    scale[problem.part["stations"]] = np.tile([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3], len(block.photos.ids))
-    scale[problem.part["tilt"]], scale[problem.part["index"]] = 1e-4, 1e-2
-    J = finite_difference_bundle.jacobian(problem, x, scale)
-    return solution, J, np.linalg.inv(J.T @ J)
+    solution, network = simultaneous(block), dense_bundle.Network(block, refraction=True)
+    J = network.jacobian(considered.state_of(network, solution))
+    return solution, J, considered.cofactors(J)
 
 
 EVERY: dict[str, Callable[[], Solution]] = {
@@ -60,7 +52,7 @@ def test_redundancy_numbers_are_those_of_the_dense_inverse() -> None:
     ties = np.isin(observed.kind, (ObservationKind.DISTANCE, ObservationKind.HEIGHT_DIFFERENCE))
     water = np.isin(observed.kind, (6, 7, 8))
     order = np.concatenate([np.flatnonzero(~ties & ~water), np.flatnonzero(ties), np.flatnonzero(water)])
-    # central differences are good to about 1e-7 of a row, and the inverse loses some digits
+    # the inverse loses some digits
     np.testing.assert_allclose(observed.redundancy[order], dense, atol=1e-5)
 
 

@@ -290,7 +290,7 @@ def draws(count: int, tide_sigma: float = _TIDE) -> Iterator[tuple[Block, np.nda
         true = Network(altered(block, water={"index": index}, photos={"tide": tide}), refraction=True)
         rows = np.arange(len(plates.photo))
         state = starting_state(true, truth)
-        xy = true.project(state, plates.photo, plates.point, np.zeros((len(rows), 9)), true.wet(rows))
+        xy = true.project(state, plates.photo, plates.point, np.zeros((len(rows), 13)), true.wet(rows))
         given = control.position + rng.normal(size=control.position.shape) * np.nan_to_num(control.sigma)
         noisy = np.real(xy) + rng.normal(size=xy.shape) * plate_sigma
         level = np.bincount(plates.point, weights=tide[plates.photo], minlength=len(rays)) / rays

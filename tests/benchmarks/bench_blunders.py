@@ -29,13 +29,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line has it
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
-from blocks import simulated
 
+from blocks import simulated, with_plate_blunders
 from musatpy.blunders.snooping import LIMIT
 from musatpy.model import Block, Editing, ObservationKind, PointStatus, Solution
 from musatpy.pipeline import adjust
 from musatpy.probability import test_limit
-from reference.gross_errors import with_plate_blunders
 
 SHARES = (0.01, 0.03, 0.05)
 TIMED = 0.03  # share of wrong images of `--time`

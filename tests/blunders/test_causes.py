@@ -15,9 +15,10 @@ from drivers import causes_study as study
 from drivers.causes_study import edited, fault, strip
 from drivers.common_mistakes import MISTAKES, outcome, simulated
 from musatpy import adjust, read_deck
+from musatpy.blunders.causes import first_look
 from musatpy.cli.main import main
 from musatpy.formats.musat import check_deck
-from musatpy.model import Cause, CauseKind, Initial, PointStatus
+from musatpy.model import Cause, CauseKind, CauseSearch, Initial, PointStatus
 from musatpy.pipeline import causes_of, doubtful
 from musatpy.statistics import Statistics
 
@@ -253,3 +254,34 @@ def test_a_wrong_check_point_has_its_card_and_its_images_named() -> None:
     assert (card.kind, card.points, card.cards, card.group, card.rank) == (_K.CONTROL, ("106",), ("CTG",), 1, 1)
     assert card.size[2] == pytest.approx(30.0, abs=1.0)  # the check point was 0.34 m off before
     assert (images.kind, images.points, images.cards, images.rank) == (_K.IMAGES, ("106",), ("PLT",), 1)
+
+
+def test_no_causes_are_looked_for_where_none_are_asked_for(tmp_path: Path) -> None:
+    deck = tmp_path / "job.crd"
+    deck.write_bytes((FINDS / "control_in_feet.crd").read_bytes())
+    result = CliRunner().invoke(main, ["run", "--causes", "none", str(deck)])
+    assert "possible cause" not in result.stderr
+    assert "Likely Causes" not in deck.with_suffix(".lst").read_text()
+
+
+@pytest.mark.slow
+def test_a_search_without_effort_names_what_the_linear_model_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And how far the focal length is off, to 1 %: the observed stations hold it."""
+    monkeypatch.setattr("musatpy.blunders.search.LEAST", 0.0)
+    monkeypatch.setattr("musatpy.blunders.search._AROUND", -1000)
+    block = strip(10, observed=True)
+    solution = adjust(altered(block, cameras={"focal_length": lambda f: 1.02 * f}))
+    assert any(text.startswith("search stopped") for text in solution.warnings)
+    cause = solution.causes[0]
+    assert cause.kind is CauseKind.FOCAL_LENGTH
+    assert cause.size[0] == pytest.approx(0.02 * block.cameras.focal_length[0], rel=0.02)
+    assert first_look(solution, None) == solution.causes
+
+
+@pytest.mark.slow
+def test_all_looks_farther_and_says_nothing_of_it_where_the_end_is_reached() -> None:
+    block = strip(6)
+    wrong = altered(block, control={"position": added(0, [0.0, 0.0, 10.0])})
+    usual, every = (adjust(wrong, causes=causes) for causes in (CauseSearch.USUAL, CauseSearch.ALL))
+    assert usual.causes == every.causes
+    assert not any(text.startswith("search stopped") for text in (*usual.warnings, *every.warnings))

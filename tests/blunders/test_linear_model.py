@@ -10,6 +10,7 @@ import pytest
 
 from altered import added, altered
 from drivers.causes_study import strip
+from musatpy.adjustment.ground import point_squares
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
 from musatpy.blunders.hypotheses import Hypothesis, hypotheses
 from musatpy.blunders.linear_model import dropped, linear_model, put_in_again
@@ -49,6 +50,27 @@ def test_the_squares_that_a_hypothesis_explains_are_lost_by_the_adjustment(kind:
     trial = with_hypothesis(case, best, None)
     # two percent: a metre is a thousandth of the flying height, and turns the rays by as much
     assert squares - trial.squares == pytest.approx(best.squares, rel=0.02, abs=0.01 * squares)
+
+
+def test_points_apart_have_the_squares_that_they_have_together() -> None:
+    """Each of them twice, the second time with its images 10 um to the right; all groups in one network."""
+    case = wrong()
+    network, state = case.scene.network, case.state
+    moved = network.with_plates(network.xy + np.array([0.01, 0.0]), network.refracted)
+    twice = [group.part(np.repeat(np.arange(len(group.point)), 2)) for group in network.groups]
+    xy = [network.xy[group.rays] for group in twice]
+    for of_group in xy:
+        of_group[1::2, :, 0] += 0.01
+    refracted = np.concatenate([network.refracted[group.rays].reshape(-1) for group in twice])
+    alone, every = network.apart(twice, np.concatenate([of_group.reshape(-1, 2) for of_group in xy]), refracted)
+    assert alone.points == 2 * sum(len(group.point) for group in network.groups)
+    for group, of_both in zip(network.groups, every, strict=True):
+        ground = state.ground[group.point]
+        squares = point_squares(alone, state, of_both, np.repeat(ground, 2, axis=0))
+        moved_squares = point_squares(moved, state, group, ground)
+        np.testing.assert_allclose(squares[::2], point_squares(network, state, group, ground), rtol=1e-12)
+        np.testing.assert_allclose(squares[1::2], moved_squares, rtol=1e-12)
+        assert (np.abs(moved_squares - squares[::2]) > 1e-3).all()
 
 
 def test_errors_are_given_minus_true() -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from altered import added, altered, put
 from benchmarks.blocks import FOCAL_LENGTH, INDEX, Truth, simulated
+from blocks import with_plate_blunders
 from musatpy.geometry.collinearity import attitude_matrix, image
 from musatpy.model import (
     Action,
@@ -25,7 +26,6 @@ from musatpy.model import (
 )
 from musatpy.pipeline import adjust
 from musatpy.refraction import flat
-from reference import gross_errors
 
 PHOTOS = 18
 NOISE = 0.010  # mm
@@ -118,7 +118,7 @@ def test_gross_errors_of_images_are_found_with_their_sizes(size: float, axis: in
 def test_many_blunders_do_not_hide_each_other(seed: int) -> None:
     """One image in twenty is wrong by 50 um to 10 mm; what is beyond ten sigmas and checked goes out."""
     block, truth = clean()
-    spoilt, error = gross_errors.with_plate_blunders(block, 0.05, np.random.default_rng(seed))
+    spoilt, error = with_plate_blunders(block, 0.05, np.random.default_rng(seed))
     solution = edited(spoilt)
     out = ~solution.edited.plates.triangulated
     wrong = error.any(axis=1)
@@ -368,7 +368,7 @@ def test_a_search_that_has_spent_its_effort_is_given_up_and_says_so(monkeypatch:
     monkeypatch.setattr("musatpy.blunders.search.LEAST", 0.0)
     monkeypatch.setattr("musatpy.blunders.search._EFFORT", 3)
     monkeypatch.setattr("musatpy.blunders.search._FOR_PHOTO", 0)
-    block, _ = gross_errors.with_plate_blunders(clean()[0], 0.02, np.random.default_rng(5))
+    block, _ = with_plate_blunders(clean()[0], 0.02, np.random.default_rng(5))
     solution = edited(block)
     assert not solution.findings
     assert any("given up: it came to no end" in warning for warning in solution.warnings)

@@ -1,19 +1,22 @@
 """An independent simultaneous bundle adjustment of a block: dense, slow, and simple enough to be believed.
 
-Every ground point, station and level is an unknown; every residual is differentiated by complex steps through the
-whole chain, refraction included; the normal system is solved by QR. It shares only the model classes with the
-program. Frames: attitudes refer to the local vertical frame of the given station position, which stays fixed.
+Every ground point, station, level and unknown of the water is an unknown; every residual is differentiated by
+complex steps through the whole chain, refraction included; the normal system is solved by QR. It shares only the
+model classes with the program, and the place where its tides hold. Frames: attitudes refer to the local vertical
+frame of the given station position, which stays fixed. Water is tilted in local jobs only.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from musatpy.model import Block, ControlKind
+from musatpy.geometry.geodesy import middle_of
+from musatpy.model import Block, ControlKind, CoordinateSystem, Treatment, Water, WaterLevel
 from reference.earth import Earth, earth_of
-from reference.rays import angles_of, rotation, sighted
+from reference.rays import angles_of, level_axes, rotation, sighted
 
 _STEP = 1e-30  # complex step: no cancellation, so the smaller the better
 _SETTLED = 1e-7  # whitened length of the last step: rounding of the residuals stands at about a tenth of it
@@ -26,15 +29,19 @@ class Start:
     position: np.ndarray  # (n, 3)
     attitude: np.ndarray  # (n, 3) in the frame of the given position
     points: np.ndarray  # (p, 3)
+    tides: np.ndarray | None = None  # (t,) corrections of tides, m; None: nought
 
 
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """Current values: station increments in the given frames, ground parameters, levels."""
+    """Current values: station increments in the given frames, ground parameters, levels, the water."""
 
     stations: np.ndarray  # (n, 6) east, north, up from the given position (m); omega, phi, kappa (rad)
     ground: np.ndarray  # (p, 3) ground parameters; of no meaning where the point is not determined
     levels: np.ndarray  # (g,) m
+    tides: np.ndarray  # (t,) m, corrections
+    tilt: np.ndarray  # (2,) rad, towards east and north
+    index: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +57,7 @@ class Result:
     triangulated: np.ndarray  # (m,)
     levels: np.ndarray  # (g,)
     level_sigmas: np.ndarray  # (g,)
+    water: dict[str, tuple[np.ndarray, np.ndarray]]  # tides, tilt, index, as far as unknown, with their sigmas
     sigma0: float
     degrees_of_freedom: int
     sum_of_squares: float
@@ -84,8 +92,12 @@ class Network:
         self.station_frame = np.array(self.earth.frame(self.station_native))
         self.determined = _determined(block)
         self.rows = np.flatnonzero(block.plates.triangulated & self.determined[block.plates.point])
+        local = block.options.system == CoordinateSystem.LOCAL
+        self.middle = middle_of(block.photos.position)[:2] if local else np.zeros(2)
+        self.tide_group, self.tide_sigmas = _tide_groups(block)
         self._number_unknowns()
         kinds = [self._images(), self._control(), self._priors(), self._equal_elevations(), self._bases()]
+        kinds += [*self._ties(), *self._water()]
         self.kinds = [kind for kind in kinds if kind.used.any()]
 
     def _number_unknowns(self) -> None:
@@ -101,8 +113,25 @@ class Network:
         self.level_index = np.full(g, -1)
         used = np.isin(np.arange(g), members)
         self.level_index[used] = 6 * n + free.sum() + np.arange(used.sum())
-        self.unknowns = {"station": 6 * n, "ground": int(free.sum()), "level": int(used.sum())}
-        self.size = sum(self.unknowns.values())
+        tilted, refracted = (
+            mode is Treatment.ADJUST for mode in (block.options.water_tilt, block.options.water_index)
+        )
+        self.unknowns = {
+            "stations": 6 * n,
+            "points": int(free.sum()),
+            "levels": int(used.sum()),
+            "tides": len(self.tide_sigmas),
+            "tilt": 2 * tilted,
+            "index": 1 * refracted,
+        }
+        ends = np.cumsum([0, *self.unknowns.values()]).tolist()
+        self.part = dict(zip(self.unknowns, map(slice, ends[:-1], ends[1:]), strict=True))
+        self.size = ends[-1]
+        self.tide_index, tilt, index = (
+            np.arange(self.size)[self.part[name]] for name in ("tides", "tilt", "index")
+        )
+        self.tilt_index = tilt if tilted else np.full(2, -1)
+        self.index_index = index if refracted else np.full(1, -1)
 
     def station(self, state: State, photo: np.ndarray, increments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rectangular coordinates and ground-to-photo rotations of stations, increments (rows, 6) applied."""
@@ -114,16 +143,23 @@ class Network:
     def project(
         self, state: State, photo: np.ndarray, point: np.ndarray, increments: np.ndarray, wet: np.ndarray
     ) -> np.ndarray:
-        """(rows, 2) plate coordinates, mm; `wet` rows go through the water when they lie below it."""
+        """(rows, 2) plate coordinates, mm; `wet` rows go through the water when they lie below it.
+
+        Increments (rows, 13) of station, point, tide, tilts and index.
+        """
         camera, matrix = self.station(state, photo, increments[:, :6])
-        native = self.earth.shift(state.ground[point], increments[:, 6:])
+        native = self.earth.shift(state.ground[point], increments[:, 6:9])
         target = self.earth.cartesian(native)
         if wet.any():
-            frame = self.earth.frame(native)
-            depth = np.where(wet, self.block.photos.tide[photo] - native[:, 2], -1.0)
-            n = self.block.water.index if self.block.water else 1.340
-            local = np.einsum("rij,rj->ri", frame, camera - target)
-            target = target + np.einsum("rji,rj->ri", frame, sighted(local, depth, n))
+            slope = state.tilt + increments[:, 10:12]
+            tide = self.block.photos.tide + np.append(state.tides, 0.0)[self.tide_group]
+            water = tide[photo] + increments[:, 9] + np.sum((target[:, :2] - self.middle) * slope, axis=1)
+            axes, length = level_axes(slope)
+            axes = axes @ self.earth.frame(native)
+            depth = np.where(wet, (water - native[:, 2]) / length, -1.0)
+            local = np.einsum("rij,rj->ri", axes, camera - target)
+            index = state.index + increments[:, 12]
+            target = target + np.einsum("rji,rj->ri", axes, sighted(local, depth, index))
         u, v, w = np.moveaxis(np.einsum("rij,rj->ri", matrix, target - camera), -1, 0)
         cameras = self.block.cameras
         link = self.block.photos.camera[photo]
@@ -139,12 +175,16 @@ class Network:
         photo, point, wet = plates.photo[rows], plates.point[rows], self.wet(rows)
         if np.isnan(self.block.photos.tide[photo[wet]]).any():
             raise ValueError("a photo with submerged points has no tide")
-        sigma = np.where(np.isnan(plates.sigma), self.block.options.plate_sigma, plates.sigma)[rows]
+        options = self.block.options
+        sigma = np.where(np.isnan(plates.sigma), options.plate_sigma, plates.sigma)[rows]
+        sigma = sigma * np.where(self.block.points.bathymetric[point], options.submerged_factor, 1.0)[:, None]
+        tides = np.append(self.tide_index, -1)[self.tide_group[photo]]
+        water = np.broadcast_to([*self.tilt_index, *self.index_index], (len(rows), 3))
 
         def evaluate(state: State, increments: np.ndarray) -> np.ndarray:
             return (self.project(state, photo, point, increments, wet) - plates.xy[rows]) / sigma
 
-        index = np.hstack([self.station_index[photo], self.ground_index[point]])
+        index = np.hstack([self.station_index[photo], self.ground_index[point], tides[:, None], water])
         return Kind(name="plate", index=index, used=np.ones((len(rows), 2), dtype=bool), evaluate=evaluate)
 
     def _control(self) -> Kind:
@@ -201,6 +241,41 @@ class Network:
         index = self.station_index[bases.photo].reshape(-1, 12)
         return Kind(name="air base", index=index, used=np.ones((len(index), 1), dtype=bool), evaluate=evaluate)
 
+    def _ties(self) -> Iterator[Kind]:
+        """Distances and height differences of points."""
+        block = self.block
+        for name, table in (("length", block.distances), ("difference", block.height_differences)):
+
+            def evaluate(state: State, increments: np.ndarray, name: str = name, table: Any = table) -> np.ndarray:
+                a, b = (
+                    self.earth.shift(state.ground[table.point[:, end]], increments[:, 3 * end : 3 * end + 3])
+                    for end in (0, 1)
+                )
+                between = self.earth.cartesian(b) - self.earth.cartesian(a)
+                found = np.sqrt((between**2).sum(axis=1)) if name == "length" else b[:, 2] - a[:, 2]
+                return ((found - getattr(table, name)) / table.sigma)[:, None]
+
+            index = self.ground_index[table.point].reshape(-1, 6)
+            yield Kind(name=name, index=index, used=np.ones((len(index), 1), dtype=bool), evaluate=evaluate)
+
+    def _water(self) -> Iterator[Kind]:
+        """What is known beforehand of tides, tilts and index."""
+        water = self.block.water or Water(index=1.340)
+        tilt = np.array([water.tilt_east or 0.0, water.tilt_north or 0.0])
+        for name, index, given, sigma in (
+            ("tides", self.tide_index, np.zeros(len(self.tide_index)), self.tide_sigmas),
+            ("tilt", self.tilt_index, tilt, np.full(2, water.tilt_sigma or np.inf)),
+            ("index", self.index_index, np.array([water.index]), np.full(1, water.sigma or np.inf)),
+        ):
+
+            def evaluate(
+                state: State, increments: np.ndarray, name: str = name, given: Any = given, sigma: Any = sigma
+            ) -> np.ndarray:
+                return (np.atleast_1d(getattr(state, name))[:, None] + increments - given[:, None]) / sigma[:, None]
+
+            used = np.isfinite(sigma) & (index >= 0)
+            yield Kind(name=name, index=index[:, None], used=used[:, None], evaluate=evaluate)
+
     def misclosures(self, state: State) -> np.ndarray:
         """All weighted misclosures (computed minus observed, over sigma)."""
         parts = [k.evaluate(state, np.zeros(k.index.shape))[k.used] for k in self.kinds]
@@ -226,6 +301,9 @@ class Network:
             stations=state.stations + padded[self.station_index],
             ground=self.earth.shift(state.ground, padded[self.ground_index]),
             levels=state.levels + padded[self.level_index],
+            tides=state.tides + padded[self.tide_index],
+            tilt=state.tilt + padded[self.tilt_index],
+            index=state.index + float(padded[self.index_index[0]]),
         )
 
 
@@ -237,6 +315,22 @@ def solve(block: Block, start: Start, *, refraction: bool, max_iterations: int =
     """
     network = Network(block, refraction=refraction)
     return _result(network, _iterate(network, starting_state(network, start), max_iterations))
+
+
+def _tide_groups(block: Block) -> tuple[np.ndarray, np.ndarray]:
+    """Correction of the tide of each photo (-1 for none) and the sigma of each correction, infinite without one."""
+    photos, mode = block.photos, block.options.water_level
+    if mode is WaterLevel.KNOWN:
+        return np.full(len(photos.ids), -1), np.zeros(0)
+    labels = {
+        WaterLevel.ONE: np.full(len(photos.ids), "all"),
+        WaterLevel.PHOTO: np.arange(len(photos.ids)),
+        WaterLevel.GROUP: photos.tide_group,
+        WaterLevel.DAY: photos.tide_day,
+    }[mode]
+    names, group = np.unique(labels, return_inverse=True)
+    squares = [np.square(photos.tide_sigma[group == i]) for i in range(len(names))]
+    return group, np.array([np.sqrt(np.nanmean(s)) if np.isfinite(s).any() else np.inf for s in squares])
 
 
 def _determined(block: Block) -> np.ndarray:
@@ -288,7 +382,15 @@ def starting_state(network: Network, start: Start) -> State:
     used = network.determined[equal.point]
     members = np.bincount(equal.group[used], minlength=len(equal.ids))
     sums = np.bincount(equal.group[used], weights=ground[equal.point[used], 2], minlength=len(equal.ids))
-    return State(stations=np.hstack([enu, start.attitude]), ground=ground, levels=sums / np.maximum(members, 1))
+    water = block.water or Water(index=1.340)
+    return State(
+        stations=np.hstack([enu, start.attitude]),
+        ground=ground,
+        levels=sums / np.maximum(members, 1),
+        tides=np.zeros(len(network.tide_sigmas)) if start.tides is None else start.tides,
+        tilt=np.array([water.tilt_east or 0.0, water.tilt_north or 0.0]),
+        index=water.index,
+    )
 
 
 def _result(network: Network, state: State) -> Result:
@@ -311,7 +413,7 @@ def _result(network: Network, state: State) -> Result:
     seen = np.flatnonzero(network.determined[block.plates.point])
     residual = np.full((len(block.plates.point), 2), np.nan)
     photo, point = block.plates.photo[seen], block.plates.point[seen]
-    computed = network.project(state, photo, point, np.zeros((len(seen), 9)), network.wet(seen))
+    computed = network.project(state, photo, point, np.zeros((len(seen), 13)), network.wet(seen))
     residual[seen] = computed - block.plates.xy[seen]
     triangulated = np.zeros(len(residual), dtype=bool)
     triangulated[network.rows] = True
@@ -328,6 +430,11 @@ def _result(network: Network, state: State) -> Result:
         triangulated=triangulated,
         levels=state.levels,
         level_sigmas=np.sqrt(variance * (level_rows**2).sum(axis=1)),
+        water={
+            name: (np.atleast_1d(getattr(state, name)), np.sqrt(variance * (inverse[part] ** 2).sum(axis=1)))
+            for name, part in list(network.part.items())[3:]
+            if network.unknowns[name]
+        },
         sigma0=float(np.sqrt(variance)),
         degrees_of_freedom=dof,
         sum_of_squares=total,

@@ -161,9 +161,12 @@ def project_all(block: model.Block, native: np.ndarray, *, refraction: bool) -> 
     n, p = len(block.photos.ids), len(native)
     photo, point = np.divmod(np.arange(n * p), p)
     attitude = np.hstack([np.zeros((n, 3)), block.photos.attitude])
-    state = State(stations=attitude, ground=native, levels=np.zeros(0))
+    state = State(
+        stations=attitude, ground=native, levels=np.zeros(0), tides=np.zeros(0), tilt=np.zeros(2),
+        index=block.water.index if block.water else 1.340,
+    )  # fmt: skip
     wet = block.points.bathymetric[point] & refraction
-    return network.project(state, photo, point, np.zeros((n * p, 9)), wet).reshape(n, p, 2)
+    return network.project(state, photo, point, np.zeros((n * p, 13)), wet).reshape(n, p, 2)
 
 
 def _measure(images: np.ndarray, seen: np.ndarray, plan: Plan, rng: np.random.Generator) -> model.PlateMeasurements:

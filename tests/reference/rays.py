@@ -1,5 +1,7 @@
 """Straight and refracted projection for the reference adjustment, safe for complex arguments."""
 
+from typing import Any
+
 import numpy as np
 
 _BISECTIONS = 30  # a bracket of 1e-9: from there Newton's three steps are quadratic whatever the geometry
@@ -25,7 +27,7 @@ def angles_of(matrix: np.ndarray) -> np.ndarray:
     return np.stack([omega, phi, kappa], axis=-1)
 
 
-def tangent_in_water(D: np.ndarray, H: np.ndarray, d: np.ndarray, n: float) -> np.ndarray:
+def tangent_in_water(D: np.ndarray, H: np.ndarray, d: np.ndarray, n: np.ndarray | float) -> np.ndarray:
     """Tangent of the refracted ray's angle from the vertical, for n >= 1.
 
     D is the horizontal distance of camera and point, H and d the heights of camera and point from the water, both
@@ -34,15 +36,15 @@ def tangent_in_water(D: np.ndarray, H: np.ndarray, d: np.ndarray, n: float) -> n
     real parts, and Newton steps on the given numbers then carry complex increments through.
     """
 
-    def mismatch(t: np.ndarray, D: np.ndarray, H: np.ndarray, d: np.ndarray) -> np.ndarray:
+    def mismatch(t: np.ndarray, D: np.ndarray, H: np.ndarray, d: np.ndarray, n: Any) -> np.ndarray:
         Q = D - d * t
         return n * t / np.sqrt(1.0 + t * t) - Q / np.sqrt(Q * Q + H * H)
 
-    def slope(t: np.ndarray, D: np.ndarray, H: np.ndarray, d: np.ndarray) -> np.ndarray:
+    def slope(t: np.ndarray, D: np.ndarray, H: np.ndarray, d: np.ndarray, n: Any) -> np.ndarray:
         Q = D - d * t
         return n / (1.0 + t * t) ** 1.5 + d * H * H / (Q * Q + H * H) ** 1.5
 
-    real = (np.real(D), np.real(H), np.real(d))
+    real = (np.real(D), np.real(H), np.real(d), np.real(n))
     low, high = np.zeros_like(real[0]), real[0] / (real[1] + real[2])
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
@@ -50,11 +52,20 @@ def tangent_in_water(D: np.ndarray, H: np.ndarray, d: np.ndarray, n: float) -> n
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
     t: np.ndarray = 0.5 * (low + high)
     for _ in range(3):
-        t = t - mismatch(t, D, H, d) / slope(t, D, H, d)
+        t = t - mismatch(t, D, H, d, n) / slope(t, D, H, d, n)
     return t
 
 
-def sighted(camera: np.ndarray, depth: np.ndarray, n: float) -> np.ndarray:
+def level_axes(slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Axes (r, 3, 3) in which planes of slopes (r, 2) are level, and the vertical (r,) over their normals."""
+    one = np.ones(len(slope))
+    length = np.sqrt(1.0 + (slope**2).sum(axis=1))
+    up = np.column_stack([-slope, one]) / length[:, None]
+    east = np.column_stack([up[:, 2], 0.0 * one, -up[:, 0]]) / np.sqrt(up[:, 0] ** 2 + up[:, 2] ** 2)[:, None]
+    return np.stack([east, np.cross(up, east), up], axis=1), length
+
+
+def sighted(camera: np.ndarray, depth: np.ndarray, n: np.ndarray | float) -> np.ndarray:
     """(r, 3) where a ray leaves for the camera: the point itself, or its water point when `depth` is positive.
 
     All vectors stand in the east, north, up frame of the ground point with the point as origin: `camera` (r, 3);
