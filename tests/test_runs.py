@@ -132,6 +132,7 @@ def test_public_names_do_what_the_command_does(deck):
 
 def test_every_example_is_of_files_that_are_there_and_of_commands():
     assert list(examples()) == ["st_thomas", "cayman", "lagoon"]
+    assert musat("example").stdout.startswith("st_thomas  three photos over a shore, eight points under water")
     for example in examples().values():
         assert all((FIXTURES / file).is_file() for file in example.files)
         assert len(example.contents()) == len(example.files)  # no two of one name
@@ -148,23 +149,14 @@ def test_an_example_is_the_fixture(tmp_path):
     assert musat("example", "st_thomas", "-o", tmp_path / "job").exit_code == 0  # as it is already
 
 
-def test_a_name_with_blanks_can_be_copied(tmp_path):
-    assert f"cd '{tmp_path / 'a job'}'" in musat("example", "lagoon", "-o", tmp_path / "a job").stdout
-
-
-def test_another_file_of_the_name_stays(tmp_path):
+def test_another_file_of_the_name_stays_and_a_name_with_blanks_can_be_copied(tmp_path):
     (tmp_path / "points.csv").write_text("mine")
     ran = musat("example", "lagoon", "-o", tmp_path)
     assert ran.exit_code == 1
     assert "points.csv is there already and is not that of the example; nothing is written" in ran.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["points.csv"]
     assert (tmp_path / "points.csv").read_text() == "mine"
-
-
-def test_the_examples_are_listed():
-    ran = musat("example")
-    assert ran.exit_code == 0
-    assert ran.stdout.startswith("st_thomas  three photos over a shore, eight points under water")
+    assert f"cd '{tmp_path / 'a job'}'" in musat("example", "lagoon", "-o", tmp_path / "a job").stdout
 
 
 @pytest.mark.parametrize(("name", "meant"), [("caymann", "did you mean cayman?"), ("xyz", "there are st_thomas, ")])

@@ -80,38 +80,6 @@ def test_a_step_that_raises_the_objective_is_damped_until_it_does_not() -> None:
     assert abs(outcome.state - 1.0) < 0.1
 
 
-class Uphill(Curve):
-    """A right side of the wrong sign."""
-
-    def linearise(self, state: float) -> Linearisation:
-        line = super().linearise(state)
-        line.rhs[:] *= -1.0
-        return line
-
-
-def test_where_no_step_lowers_the_objective_the_state_stays() -> None:
-    outcome = iterate(Uphill(), 3.0, 20)
-    assert outcome.failure == "no step lowers the sum of squares"
-    assert outcome.state == 3.0 and not outcome.lost and outcome.factor is None
-
-
-class Blind(Curve):
-    """A point behind its camera on the far side of zero, from where steps lead nowhere."""
-
-    def evaluate(self, state: float, context: Any) -> float:
-        return super().evaluate(state, context) if state > 0.0 else np.inf
-
-    def apply(self, state: float, step: FloatArray, context: Any) -> float:
-        return state if state <= 0.0 else super().apply(state, step, context)
-
-
-def test_points_that_stay_behind_their_cameras_are_lost() -> None:
-    steps: list[Step] = []
-    outcome = iterate(Blind(), -5.0, 20, steps.append)
-    assert outcome.lost and outcome.failure == "points stay behind their cameras"
-    assert len(steps) == 3 and outcome.state == -5.0
-
-
 def in_sigmas(one: Solution, other: Solution) -> float:
     """The largest difference of two solutions of a block, stations and points, in the sigmas of the second."""
     stations, points = compare.apart(one, other)

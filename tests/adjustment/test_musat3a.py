@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from adjustment import case_decks
+from adjustment import test_real_cases as real_cases
 from adjustment.test_equivalence import assert_covariances_equal, assert_equals_bundle, simulated
 from altered import altered, with_options
 from blocks import FIXTURES, converged
@@ -50,7 +50,7 @@ def assert_same(one: model.Solution, other: model.Solution) -> None:
 
 
 def strasbourg(variant: str) -> model.Block:
-    return case_decks.strasbourg(case_decks.load_case("sxb"), variant)
+    return real_cases.strasbourg(real_cases.load_case("sxb"), variant)
 
 
 @pytest.mark.slow

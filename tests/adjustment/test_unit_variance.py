@@ -1,7 +1,8 @@
 """Errors are as large as their sigmas say: of all unknowns, of guessed plates, of depths."""
 
+from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from itertools import cycle, islice, product
 from typing import Any
@@ -30,17 +31,6 @@ GROUPS = {
     WaterLevel.GROUP: np.array(["A", "B", "A"]),
     WaterLevel.PHOTO: np.array(["A", "B", "C"]),
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-class Errors:
-    """What N blocks gave, a priori: the covariances without sigma0."""
-
-    variance: np.ndarray  # (N,) sigma0 squared
-    freedom: int
-    water: np.ndarray  # (N, w) errors of level corrections, tilts and index over their sigmas
-    stations: np.ndarray  # (N, n) e' Q^-1 e of the six parameters of each
-    points: np.ndarray  # (N, p) e' Q^-1 e of the three coordinates of each
 
 
 @lru_cache
@@ -104,45 +94,36 @@ def water_errors(solution: Solution) -> np.ndarray:
 
 
 @lru_cache
-def repeated(level: WaterLevel) -> Errors:
+def repeated(level: WaterLevel) -> dict[str, np.ndarray]:
+    """Return what N blocks gave, a priori: sigma0 squared (N,), and degrees of freedom.
+
+    Errors (N, w) of level corrections, tilts and index over their sigmas; e' Q^-1 e of the six parameters of
+    stations (N, n) and the three coordinates of points (N, p).
+    """
     rng = np.random.default_rng(list(GROUPS).index(level))
     truth = exact().truth
-    variance, water, stations, points, freedom = [], [], [], [], 0
+    found: dict[str, list[Any]] = defaultdict(list)
     for _ in range(BLOCKS):
         solution = converged(drawn(level, rng))
-        unit = solution.sigma0**2
-        variance.append(unit)
-        freedom = solution.degrees_of_freedom
-        water.append(water_errors(solution))
-        found = solution.stations
-        off = np.hstack([found.position - truth.position, found.attitude - truth.attitude])
-        stations.append(normalised(off, found.covariance / unit))
+        unit, stations, points = solution.sigma0**2, solution.stations, solution.points
+        found["variance"].append(unit)
+        found["freedom"].append(solution.degrees_of_freedom)
+        found["water"].append(water_errors(solution))
+        off = np.hstack([stations.position - truth.position, stations.attitude - truth.attitude])
+        found["stations"].append(normalised(off, stations.covariance / unit))
         used = np.unique(solution.block.plates.point[solution.plates.triangulated])
-        off = (solution.points.position - truth.points)[used]
-        points.append(normalised(off, solution.points.covariance[used] / unit))
-    return Errors(
-        variance=np.array(variance),
-        freedom=freedom,
-        water=np.array(water),
-        stations=np.array(stations),
-        points=np.array(points),
-    )
+        off = (points.position - truth.points)[used]
+        found["points"].append(normalised(off, points.covariance[used] / unit))
+    return {name: np.array(values) for name, values in found.items()}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("level", list(GROUPS))
-def test_errors_of_the_water_have_unit_variance(level: WaterLevel) -> None:
-    water = repeated(level).water
-    assert np.abs(water.mean(axis=0)).max() < LIMIT / np.sqrt(BLOCKS)
-    assert np.abs(np.square(water).mean(axis=0) - 1.0).max() < LIMIT * np.sqrt(2.0 / BLOCKS)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("level", list(GROUPS))
-def test_errors_of_stations_and_points_have_unit_variance(level: WaterLevel) -> None:
+def test_errors_of_water_stations_and_points_have_unit_variance(level: WaterLevel) -> None:
     """Of chi-square with c degrees of freedom the mean is c and the variance 2 c."""
     found = repeated(level)
-    for squares, c in ((found.stations, 6), (found.points, 3)):
+    assert np.abs(found["water"].mean(axis=0)).max() < LIMIT / np.sqrt(BLOCKS)
+    for squares, c in ((np.square(found["water"]), 1), (found["stations"], 6), (found["points"], 3)):
         off = (squares.mean(axis=0) - c) / np.sqrt(2.0 * c / BLOCKS)
         assert np.abs(off).max() < LIMIT
 
@@ -151,18 +132,15 @@ def test_errors_of_stations_and_points_have_unit_variance(level: WaterLevel) -> 
 def test_errors_of_all_blocks_together_have_unit_variance() -> None:
     """A prior of the water taken twice, say, would leave two thirds of its variance at the most."""
     found = [repeated(level) for level in GROUPS]
-    levels = np.concatenate([one.water[:, :1] for one in found])
-    rest = np.concatenate([one.water[:, -3:] for one in found])
-    error = np.sqrt(2.0 / len(levels))
-    squares = np.concatenate([np.square(levels), np.square(rest)], axis=1).mean(axis=0)
+    water = np.concatenate([of_level["water"][:, [0, -3, -2, -1]] for of_level in found])
+    error = np.sqrt(2.0 / len(water))
+    squares = np.square(water).mean(axis=0)
     np.testing.assert_allclose(squares, 1.0, atol=3.5 * error)  # of four
     # stations and points of a block are correlated: their means are at least as good as one of them
-    stations = np.concatenate([one.stations for one in found])
-    points = np.concatenate([one.points for one in found])
-    assert stations.mean() / 6.0 == pytest.approx(1.0, abs=3.5 * error / np.sqrt(6.0))
-    assert points.mean() / 3.0 == pytest.approx(1.0, abs=3.5 * error / np.sqrt(3.0))
-    variance = np.concatenate([one.variance for one in found])
-    assert variance.mean() == pytest.approx(1.0, abs=3.5 * error / np.sqrt(found[0].freedom))
+    for name, c in (("stations", 6.0), ("points", 3.0), ("variance", 1.0)):
+        mean = np.concatenate([of_level[name] for of_level in found]).mean()
+        freedom = found[0]["freedom"][0] if name == "variance" else c
+        assert mean / c == pytest.approx(1.0, abs=3.5 * error / np.sqrt(freedom)), name
 
 
 SHARE = 3.0  # of the true plate sigma in the guess: a third
@@ -300,24 +278,15 @@ def draws(count: int, tide_sigma: float = _TIDE) -> Iterator[tuple[Block, np.nda
         )
 
 
-def errors(solution: Solution, depth: np.ndarray) -> np.ndarray:
-    """Return the errors (s,) of depths in their sigmas."""
-    found = solution.bathymetric
-    return (found.depth - depth[found.point]) / found.depth_sigma
-
-
 def ratio(options: dict[str, Any], count: int) -> tuple[float, float, float]:
     """Return the RMS of the errors of depths over their sigmas, that over sigmas of heights, and mean sigma0."""
     sums, number, sigma0 = np.zeros(2), 0, []
     for block, depth in draws(count):
         solution = converged(replace(block, options=replace(block.options, **options)))
-        off = errors(solution, depth)
-        wrong = (
-            off
-            * solution.bathymetric.depth_sigma
-            / np.sqrt(solution.points.covariance[solution.bathymetric.point, 2, 2])
-        )
-        sums += np.nansum(np.square([off, wrong]), axis=1)
+        found = solution.bathymetric
+        off = found.depth - depth[found.point]
+        of_height = np.sqrt(solution.points.covariance[found.point, 2, 2])
+        sums += np.nansum(np.square([off / found.depth_sigma, off / of_height]), axis=1)
         number += np.isfinite(off).sum()
         sigma0.append(solution.unit_sigma)
     return *np.sqrt(sums / number).tolist(), float(np.mean(sigma0))

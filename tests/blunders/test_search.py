@@ -50,6 +50,11 @@ def rays(block: Block) -> np.ndarray:
     return np.bincount(block.plates.point, minlength=len(block.points.ids))
 
 
+def image_of(block: Block, row: int) -> tuple[str, str]:
+    """Return photo and point of an image."""
+    return str(block.photos.ids[block.plates.photo[row]]), str(block.points.ids[block.plates.point[row]])
+
+
 def of(solution: Solution, *blunders: CauseKind) -> list[Finding]:
     return [one for one in solution.findings if one.kind in blunders]
 
@@ -102,8 +107,7 @@ def test_gross_errors_of_images_are_found_with_their_sizes(size: float, axis: in
     assert len(set(block.plates.point[hit])) == 3
     solution = edited(altered(block, plates={"xy": added((hit, axis), size)}))
     found = of(solution, CauseKind.IMAGE)
-    photos, points = block.photos.ids[block.plates.photo[hit]], block.points.ids[block.plates.point[hit]]
-    assert {(one.photo, one.point) for one in found} == set(zip(photos, points, strict=True))
+    assert {(one.photo, one.point) for one in found} == {image_of(block, row) for row in hit}
     assert len(solution.findings) == len(hit)
     for one in found:
         # the estimate has the noise of the image and of its prediction
@@ -262,10 +266,7 @@ def test_blunders_are_found_where_tilt_and_index_are_unknown() -> None:
         options={"water_tilt": Treatment.ADJUST, "water_index": Treatment.ADJUST},
     )
     (found,) = edited(block).findings
-    assert (found.photo, found.point) == (
-        block.photos.ids[block.plates.photo[row]],
-        block.points.ids[block.plates.point[row]],
-    )
+    assert (found.photo, found.point) == image_of(block, row)
     # the noise of the image and of its prediction
     assert found.size[1] == pytest.approx(500.0, abs=5e3 * NOISE)
 
@@ -342,9 +343,7 @@ def test_jobs_of_program_iia_are_searched_too(program: Program, refraction: Refr
     row = int(well_seen(block)[10])
     solution = edited(altered(block, plates={"xy": added(row, 0.5)}))
     found = of(solution, CauseKind.IMAGE)
-    assert (block.photos.ids[block.plates.photo[row]], block.points.ids[block.plates.point[row]]) in {
-        (one.photo, one.point) for one in found
-    }
+    assert image_of(block, row) in {(one.photo, one.point) for one in found}
     assert solution.block.options.program is program
     assert not of(solution, CauseKind.TIDE) or refraction is not Refraction.NONE
 

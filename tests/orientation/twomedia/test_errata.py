@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from adjustment.case_decks import load_case
+from adjustment.test_real_cases import load_case
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, scale_restraint
 from musatpy.orientation.twomedia.conditions import ConditionGroup
 from musatpy.orientation.twomedia.helmert import HelmertProblem, adjust
