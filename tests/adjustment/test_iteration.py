@@ -80,6 +80,21 @@ def test_a_step_that_raises_the_objective_is_damped_until_it_does_not() -> None:
     assert abs(outcome.state - 1.0) < 0.1
 
 
+class Uphill(Curve):
+    """A right side of the wrong sign."""
+
+    def linearise(self, state: float) -> Linearisation:
+        line = super().linearise(state)
+        line.rhs[:] *= -1.0
+        return line
+
+
+def test_where_no_step_lowers_the_objective_the_state_stays() -> None:
+    outcome = iterate(Uphill(), 3.0, 20)
+    assert outcome.failure == "no step lowers the sum of squares"
+    assert outcome.state == 3.0 and not outcome.lost and outcome.factor is None
+
+
 def in_sigmas(one: Solution, other: Solution) -> float:
     """The largest difference of two solutions of a block, stations and points, in the sigmas of the second."""
     stations, points = compare.apart(one, other)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.refraction.surface import Gridded, Limits, Plane, Relief, Surface
+from musatpy.refraction.surface import Gridded, PlanarSurface, Relief, Surface, SurfaceLimits
 from musatpy.refraction.waves import Superposed, Trochoid, sinusoidal, stokes, superposed
 
 SWELL = sinusoidal(amplitude=0.49, length=92.0, azimuth=0.5, speed=9.2, crest=7.0, level=0.3)
@@ -21,15 +21,19 @@ def measured(interval: float = 3.0, velocity: tuple[float, float] = (5.0, 2.0)) 
 
 
 SEAS: dict[str, Surface] = {
-    "level": Plane(level=0.7),
-    "tilted": Plane(level=-0.2, slope=(0.01, -0.02)),
+    "level": PlanarSurface(level=0.7),
+    "tilted": PlanarSurface(level=-0.2, slope=(0.01, -0.02)),
     "sinusoidal": SWELL,
     "superposed": superposed(SWELL, CHOP),
     "stokes": stokes(amplitude=0.25, length=68.0, azimuth=0.5, speed=6.8, depth=5.0, crest=17.0),
     "trochoidal": Trochoid(amplitude=0.6, length=30.0, azimuth=-0.3, speed=6.8, crest=3.0, level=0.1),
     "gridded": measured(),
     "mixed": Superposed(
-        surfaces=(Plane(level=0.2, slope=(0.01, 0.0)), CHOP, Trochoid(amplitude=0.4, length=40.0, azimuth=1.0))
+        surfaces=(
+            PlanarSurface(level=0.2, slope=(0.01, 0.0)),
+            CHOP,
+            Trochoid(amplitude=0.4, length=40.0, azimuth=1.0),
+        )
     ),
 }
 
@@ -44,7 +48,7 @@ class Tilted:
     level: float = 0.0
 
     @property
-    def limits(self) -> Limits:
+    def limits(self) -> SurfaceLimits:
         return self.surface.limits
 
     def relief(self, xy, time=0.0) -> Relief:

@@ -8,7 +8,7 @@ import pytest
 from musatpy.refraction import bending, flat
 from musatpy.refraction.all_refraction_points import disc, search
 from musatpy.refraction.stationary import RayEnds, path, stationary
-from musatpy.refraction.surface import Gridded, Plane, Surface
+from musatpy.refraction.surface import Gridded, PlanarSurface, Surface
 from musatpy.refraction.waves import LENGTH, Trains, Trochoid, about, sinusoidal, stokes
 from musatpy.sea.theory import linear_wave
 from refraction.seas import CHOP, SEAS, SWELL
@@ -23,7 +23,7 @@ def _direction(*vector: float) -> np.ndarray:
 
 def test_calm_water_is_the_flat_surface() -> None:
     u = np.array([_direction(0.3, -0.4, -1.0), _direction(0.0, 0.0, -1.0)])
-    bent = bending.refracted_ray(Plane(level=2.0), CAMERA, u, N)
+    bent = bending.refracted_ray(PlanarSurface(level=2.0), CAMERA, u, N)
     level = flat.refracted_ray(np.broadcast_to(CAMERA, (2, 3)), u, np.array([0.0, 0.0, 1.0]), 298.0, N)
     for name in ("origin", "direction", "origin_by_camera", "direction_by_index", "origin_by_level"):
         # rounding of 300 m

@@ -9,7 +9,7 @@ from musatpy.refraction import bending, fermat, flat
 from musatpy.refraction.all_refraction_points import search
 from musatpy.refraction.flat import water_tangent_ratio
 from musatpy.refraction.stationary import RayEnds
-from musatpy.refraction.surface import Gridded, Plane
+from musatpy.refraction.surface import Gridded, PlanarSurface
 from musatpy.refraction.waves import sinusoidal
 from refraction.bisection import incidence_distance
 from refraction.seas import SEAS
@@ -58,7 +58,7 @@ def test_there_and_back_over_any_wave(amplitude, length, azimuth, crest, depth, 
 @pytest.mark.parametrize(
     "calm",
     [
-        Plane(level=1.2),
+        PlanarSurface(level=1.2),
         sinusoidal(amplitude=0.0, length=30.0, azimuth=0.4, level=1.2),
         Gridded(x=np.arange(-200.0, 201.0, 40.0), y=np.arange(-200.0, 201.0, 40.0), height=np.full((11, 11), 1.2)),
     ],
@@ -76,7 +76,7 @@ def test_calm_water_is_the_flat_surface(calm) -> None:
 
 
 def test_a_tilted_plane_is_the_flat_surface_turned() -> None:
-    plane = Plane(level=0.4, slope=(0.03, -0.05))
+    plane = PlanarSurface(level=0.4, slope=(0.03, -0.05))
     up = np.array([-0.03, 0.05, 1.0]) / np.sqrt(1.0 + 0.03**2 + 0.05**2)
     depth = (np.array([0.0, 0.0, 0.4]) - GROUND) @ up
     level = flat.incidence(np.broadcast_to(CAMERA, GROUND.shape), GROUND, up, depth, N)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from musatpy.refraction.surface import Plane
+from musatpy.refraction.surface import PlanarSurface
 from musatpy.refraction.waves import sinusoidal
 from musatpy.sea.experiment import Experiment, histogram, intersect, run, spread
 from musatpy.sea.theory import linear_wave, shoaling
@@ -125,13 +125,13 @@ CALM = Experiment(
     times=np.array([0.0, 3.0]),
     points=POINTS,
     index=1.34,
-    surface=Plane(),
+    surface=PlanarSurface(),
 )
 WAVES = sinusoidal(amplitude=0.3, length=80.0, azimuth=0.4, speed=8.0)
 
 
 def test_level_water_costs_nothing() -> None:
-    for surface in (Plane(), sinusoidal(amplitude=0.0, length=50.0, azimuth=0.3)):
+    for surface in (PlanarSurface(), sinusoidal(amplitude=0.0, length=50.0, azimuth=0.3)):
         errors = run(replace(CALM, surface=surface))
         np.testing.assert_allclose(errors.error, 0.0, atol=1e-9)  # rounding of 500 m over a base half as long
         np.testing.assert_allclose(errors.parallax, 0.0, atol=1e-9)
@@ -144,7 +144,7 @@ def test_water_higher_than_thought_costs_a_third_of_it() -> None:
     The point shows (h + d)/n below its surface, thus (h + d)/n - d below the level; n times that is h + d - n d.
     """
     d, high = 0.2, np.array([[0.0, 0.0, 3e4], [300.0, 0.0, 3e4]])
-    errors = run(replace(CALM, surface=Plane(level=d), cameras=high))
+    errors = run(replace(CALM, surface=PlanarSurface(level=d), cameras=high))
     # squares of angles of a hundredth
     np.testing.assert_allclose(errors.error[:, 2], d * (1.34 - 1.0), rtol=1e-3)
 

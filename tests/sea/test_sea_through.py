@@ -8,7 +8,7 @@ import pytest
 from musatpy.geometry.collinearity import nearest_point
 from musatpy.refraction import fermat
 from musatpy.refraction.apparent import Stations, true_points
-from musatpy.refraction.surface import Plane, Surface
+from musatpy.refraction.surface import PlanarSurface, Surface
 from musatpy.sea.stereo.estimate import fit_fourier, fit_grid
 from musatpy.sea.stereo.surface_points import intersection_covariance
 from musatpy.sea.stereo.through import REASONS, WaterFault, correct, true_points_of_apparent
@@ -59,10 +59,10 @@ def test_apparent_points_come_back_to_the_ground(name: str) -> None:
 
 
 def test_on_level_water_it_is_the_correction_of_musat_depth() -> None:
-    apparent = apparent_of(image_rays(Plane(level=0.3)))
+    apparent = apparent_of(image_rays(PlanarSurface(level=0.3)))
     stations = Stations(position=CAMERAS, level=np.full(2, 0.3))
     there = true_points(apparent, stations, N)
-    here = true_points_of_apparent(Known(Plane(level=0.3)), CAMERAS, apparent, np.zeros((3, 3, 3)), N)
+    here = true_points_of_apparent(Known(PlanarSurface(level=0.3)), CAMERAS, apparent, np.zeros((3, 3, 3)), N)
     # that one weights the rays by their lengths, 1 % apart here, and closes to 1e-6 m
     np.testing.assert_allclose(here.position, there.position, atol=1e-3)
 

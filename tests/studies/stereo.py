@@ -15,7 +15,7 @@ from musatpy.draws import Draws
 from musatpy.geometry.collinearity import cross, nearest_point
 from musatpy.refraction import fermat
 from musatpy.refraction.bending import refracted_ray
-from musatpy.refraction.surface import Plane, Surface
+from musatpy.refraction.surface import PlanarSurface, Surface
 from musatpy.refraction.waves import Harmonic, sinusoidal
 from musatpy.sea.stereo.estimate import SurfaceFit, fit_fourier, fit_grid
 from musatpy.sea.stereo.spectrum import mean_spacing
@@ -170,7 +170,7 @@ def run(setup: Setup, seeds: Sequence[int] = (1, 2, 3)) -> Outcome:
 def _run_one(simulation: Simulation) -> Outcome:
     setup, points = simulation.setup, simulation.surface_points
     fits: dict[str, SurfaceFit] = {"fourier": fit_fourier(points), "grid": fit_grid(points)}
-    plain: dict[str, Surface] = {"level": Plane(level=0.0), "true": setup.waves}
+    plain: dict[str, Surface] = {"level": PlanarSurface(level=0.0), "true": setup.waves}
     rms = {name: _rms(_error(simulation, surface, simulation.rays)) for name, surface in plain.items()}
     wave = {name: _rms(_error(simulation, surface, simulation.exact)) for name, surface in plain.items()}
     honesty, covered = {}, {}

@@ -15,7 +15,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.wavy_water import SeaIncidence
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
-from musatpy.geometry.geodesy import WaterPlane, by_tilt, surface
+from musatpy.geometry.geodesy import TiltedWater, by_tilt, surface
 from musatpy.model import ObservationKind
 from musatpy.refraction import flat
 
@@ -106,13 +106,13 @@ def residuals(network: Network, state: State, rays: IntArray) -> FloatArray:
     return image_coordinates(network, state, rays, ground) - network.xy.take(rays, axis=0)
 
 
-def _surface(network: Network, state: State, photo: IntArray, ground: FloatArray) -> WaterPlane:
+def _surface(network: Network, state: State, photo: IntArray, ground: FloatArray) -> TiltedWater:
     return surface(network.frame, network.slope(state.tilt), state.tide[photo], ground)
 
 
 def _incidence(
     network: Network, state: State, photo: IntArray, camera: FloatArray, ground: FloatArray
-) -> tuple[WaterPlane, flat.Incidence]:
+) -> tuple[TiltedWater, flat.Incidence]:
     """Return the level water over ground points (N, 3), and their rays through it and through its waves, if any."""
     over = _surface(network, state, photo, ground)
     if network.sea is None:
@@ -132,7 +132,7 @@ def _water_vectors(
 
 
 def _by_water(
-    network: Network, over: WaterPlane, bent: flat.Incidence, camera: FloatArray, ground: FloatArray
+    network: Network, over: TiltedWater, bent: flat.Incidence, camera: FloatArray, ground: FloatArray
 ) -> FloatArray:
     """Return the partials (..., 3, 4 + w) of v by water level, tilt east, tilt north, index and waves.
 

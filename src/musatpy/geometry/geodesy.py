@@ -240,7 +240,7 @@ class GeographicFrame(GeocentricFrame):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WaterPlane:
+class TiltedWater:
     """The water surface over ground points: a plane, through the level surface that it is tilted against.
 
     normal (..., 3), depth (...) m of the ground point below it, along the normal; the two that follow are what
@@ -264,22 +264,22 @@ def water_heights(slope: FloatArray, tide: FloatArray, ground: FloatArray) -> Fl
     return tide + ground @ slope
 
 
-def surface(frame: Frame, slope: FloatArray, tide: FloatArray, ground: FloatArray) -> WaterPlane:
+def surface(frame: Frame, slope: FloatArray, tide: FloatArray, ground: FloatArray) -> TiltedWater:
     """Return the water surface over ground points (..., 3) at tides (...)."""
     up, height = frame.vertical(ground)
     below = water_heights(slope, tide, ground) - height
     if not slope.any():
         level = np.broadcast_to(0.0, up.shape), np.broadcast_to(1.0, below.shape)  # which take no memory
-        return WaterPlane(normal=up, depth=below, gradient=level[0], secant=level[1])
+        return TiltedWater(normal=up, depth=below, gradient=level[0], secant=level[1])
     gradient = slope - up * (up @ slope)[..., None]
     secant = np.sqrt(1.0 + np.sum(np.square(gradient), axis=-1))
-    return WaterPlane(
+    return TiltedWater(
         normal=(up - gradient) / secant[..., None], depth=below / secant, gradient=gradient, secant=secant
     )
 
 
 def by_tilt(
-    at: WaterPlane, axis: FloatArray, ground: FloatArray, camera: FloatArray, v: FloatArray, by_camera: FloatArray,
+    at: TiltedWater, axis: FloatArray, ground: FloatArray, camera: FloatArray, v: FloatArray, by_camera: FloatArray,
     by_depth: FloatArray,
 ) -> FloatArray:  # fmt: skip
     """Return the partial derivative (..., 3) of v = W - C by the slope of the surface along `axis` (3,).

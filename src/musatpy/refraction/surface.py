@@ -30,7 +30,7 @@ class Relief:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class SurfaceLimits:
     """What a surface keeps to everywhere: bounds from which a search knows where it need not look.
 
     lowest, highest (m): heights; slope: length of the gradient; curvature (1/m) and third (1/m2): the largest
@@ -49,7 +49,7 @@ class Surface(Protocol):
     """A refracting surface z = s(x, y, t)."""
 
     @property
-    def limits(self) -> Limits:
+    def limits(self) -> SurfaceLimits:
         """What it keeps to everywhere."""
         ...
 
@@ -69,18 +69,18 @@ def unit_direction(azimuth: ArrayLike) -> FloatArray:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plane(Surface):
+class PlanarSurface(Surface):
     """z = level + slope . (x, y): `level` m at the origin, `slope` towards x and y; at rest."""
 
     level: float = 0.0
     slope: tuple[float, float] = (0.0, 0.0)
 
     @property
-    def limits(self) -> Limits:
+    def limits(self) -> SurfaceLimits:
         """What it keeps to: heights are unbounded where it is tilted."""
         steepness = float(np.hypot(*self.slope))
         low, high = (self.level, self.level) if steepness == 0.0 else (-np.inf, np.inf)
-        return Limits(lowest=low, highest=high, slope=steepness, curvature=0.0, third=0.0, length=np.inf)
+        return SurfaceLimits(lowest=low, highest=high, slope=steepness, curvature=0.0, third=0.0, length=np.inf)
 
     def relief(self, xy: FloatArray, time: ArrayLike = 0.0) -> Relief:
         """Return its shape at places xy (..., 2), the same at all times."""
@@ -122,14 +122,14 @@ class Gridded(Surface):
         return RectBivariateSpline(self.x, self.y, self.height, s=0)
 
     @cached_property
-    def limits(self) -> Limits:
+    def limits(self) -> SurfaceLimits:
         """What it keeps to, looked up between its nodes."""
         places = np.stack(np.meshgrid(_finer(self.x), _finer(self.y), indexing="ij"), axis=-1)
         relief = self.relief(places)
         low, high = float(relief.height.min()), float(relief.height.max())
         reserve = (_MARGIN - 1.0) * (high - low)
         interval = min(float(np.diff(nodes).min()) for nodes in (self.x, self.y))
-        return Limits(
+        return SurfaceLimits(
             lowest=low - reserve,
             highest=high + reserve,
             slope=_MARGIN * float(np.linalg.norm(relief.gradient, axis=-1).max()),

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.refraction.surface import Limits, Relief, Surface, unit_direction
+from musatpy.refraction.surface import Relief, Surface, SurfaceLimits, unit_direction
 
 _STEPS = 60
 
@@ -46,11 +46,11 @@ class Harmonic(Surface):
             raise ValueError("a wave vector of length zero is no wave")
 
     @cached_property
-    def limits(self) -> Limits:
+    def limits(self) -> SurfaceLimits:
         """What the sum keeps to: the components at their worst together."""
         number = np.linalg.norm(self.vector, axis=-1)
         height = np.abs(self.amplitude)
-        return Limits(
+        return SurfaceLimits(
             lowest=self.level - float(height.sum()),
             highest=self.level + float(height.sum()),
             slope=float(np.sum(height * number)),
@@ -165,10 +165,10 @@ class Trochoid(Surface):
         return self._number * self.amplitude
 
     @cached_property
-    def limits(self) -> Limits:
+    def limits(self) -> SurfaceLimits:
         """What it keeps to: steepest at cos(k q) = k r, most curved at the crest, third derivative beside it."""
         e, middle = self._steepness, self.level + self._number * self.amplitude**2 / 2.0
-        return Limits(
+        return SurfaceLimits(
             lowest=middle - self.amplitude,
             highest=middle + self.amplitude,
             slope=e / float(np.sqrt(1.0 - e * e)),
@@ -227,10 +227,10 @@ class Superposed(Surface):
     surfaces: tuple[Surface, ...]
 
     @cached_property
-    def limits(self) -> Limits:
+    def limits(self) -> SurfaceLimits:
         """What the sum keeps to: all of them at their worst together."""
         each = [surface.limits for surface in self.surfaces]
-        return Limits(
+        return SurfaceLimits(
             lowest=sum(limits.lowest for limits in each),
             highest=sum(limits.highest for limits in each),
             slope=sum(limits.slope for limits in each),

@@ -15,7 +15,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem, SpecError
 from musatpy.refraction import bending, fermat
-from musatpy.refraction.surface import Plane, Surface
+from musatpy.refraction.surface import PlanarSurface, Surface
 from musatpy.refraction.waves import superposed
 from musatpy.sea.experiment_spec import WaveSpec
 from musatpy.sea.theory import LinearWave, Shape, linear_wave, wave_surface
@@ -76,7 +76,7 @@ def _part(experiment: Experiment, start: int) -> MappingErrors:
     points, cameras = experiment.points[start : start + _PART], experiment.cameras[:, None, :]
     rays = fermat.incidence(experiment.surface, cameras, points, experiment.index, experiment.times[:, None])
     air = rays.v / np.linalg.norm(rays.v, axis=-1, keepdims=True)
-    bent = bending.refracted_ray(Plane(level=experiment.level), cameras, air, experiment.index)
+    bent = bending.refracted_ray(PlanarSurface(level=experiment.level), cameras, air, experiment.index)
     mapped, parallax = intersect(bent.origin, bent.direction)
     return MappingErrors(
         points=points,
