@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from musatpy.depth.cameras import CameraStations, read_cameras
 from musatpy.depth.correction import Correction
 from musatpy.depth.csv_points import correct_csv
-from refraction.bisection import incidence_distance
+from reference.rays import incidence_distance
 
 INDEX = 1.34
 CAMERA = (152.4, 228.6, 228.6)  # mm

@@ -14,7 +14,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from musatpy.refraction.flat import air_tangent, incidence, water_vector
-from refraction.bisection import incidence_distance
+from reference.rays import incidence_distance
 
 POINTS, LOOPED, REPEATS = 1_000_000, 5_000, 5
 

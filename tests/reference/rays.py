@@ -1,5 +1,6 @@
 """Straight and refracted projection for the reference adjustment, safe for complex arguments."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -81,3 +82,25 @@ def sighted(camera: np.ndarray, depth: np.ndarray, n: np.ndarray | float) -> np.
     ratio = np.where(vertical, 1.0 / (n * H + safe), tangent_in_water(D, H, safe, n) / D)
     water = np.stack([camera[..., 0] * ratio * safe, camera[..., 1] * ratio * safe, safe], axis=-1)
     return np.where(wet[..., None], water, 0.0)
+
+
+def incidence_distance(
+    height: float, depth: float, distance: float, index: float, tolerance: float = 1e-6
+) -> float:
+    """Return Q, the horizontal distance from the camera to the water point, to `tolerance` metres.
+
+    WATPNT as printed in 1983 (ETL-0306, section 4.2.2): binary interpolation of the refraction angle, ray by ray.
+    The maximum of the refraction angle is asin(1/n), its minimum 0.
+    """
+    low, high = 0.0, math.asin(1.0 / index)
+    while True:
+        theta = 0.5 * (low + high)
+        incidence = math.asin(min(1.0, index * math.sin(theta)))
+        q = height * math.tan(incidence)
+        excess = q + depth * math.tan(theta) - distance
+        if abs(excess) < tolerance:
+            return q
+        if excess > 0.0:
+            high = theta
+        else:
+            low = theta

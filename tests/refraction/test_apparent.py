@@ -16,7 +16,7 @@ from musatpy.refraction.apparent import (
     true_points,
 )
 from musatpy.refraction.depth_factor import departure, model_factor, pair_factor
-from refraction.bisection import incidence_distance
+from reference.rays import incidence_distance
 
 FOOT = 0.3048
 HEIGHT, BASE, INDEX = 2500.0 * FOOT, 1126.0 * FOOT, 1.35

@@ -11,7 +11,7 @@ from musatpy.refraction.flat import water_tangent_ratio
 from musatpy.refraction.stationary import RayEnds
 from musatpy.refraction.surface import Gridded, PlanarSurface
 from musatpy.refraction.waves import sinusoidal
-from refraction.bisection import incidence_distance
+from reference.rays import incidence_distance
 from refraction.seas import SEAS
 
 CAMERA = np.array([40.0, -60.0, 480.0])
