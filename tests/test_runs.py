@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,7 @@ from musatpy.campaign.locks import folder_locks
 from musatpy.errors import MusatError
 from musatpy.examples import examples
 from musatpy.files import is_alive, remove_leftovers, together, whole_file, whole_path, write_files
-from musatpy.model import RecordContent
+from musatpy.model import RecordContent, Refraction
 from musatpy.runs import ExitStatus, check_outputs, output_paths, run_deck
 
 DECK = FIXTURES / "st_thomas" / "st_thomas.crd"
@@ -125,7 +126,10 @@ def test_public_names_do_what_the_command_does(deck):
     musatpy.write_deck(solution.block, deck.parent / "again.crd")
     assert (deck.parent / "again.crd").read_bytes() == deck.read_bytes()
     assert run_deck(deck).listing.read_text() == musatpy.listing(solution)
-    assert set(musatpy.__all__) <= set(dir(musatpy))
+    assert sorted([*musatpy.__all__, "__version__"]) == dir(musatpy)
+    assert repr(musatpy.verdict(solution)).startswith(f"Verdict({musatpy.verdict(solution).grade}")
+    options = replace(solution.block.options, refraction=Refraction.NONE)
+    assert musatpy.adjust(solution.block, options=options).block.options == options
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         musatpy.nothing  # noqa: B018
 

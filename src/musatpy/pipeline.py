@@ -12,7 +12,7 @@ from musatpy import adjustment
 from musatpy.adjustment.job import with_plate_sigmas
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.errors import AdjustmentError, NumericalError, Problem, and_warnings, numerics
-from musatpy.model import Block, Cause, CauseKind, CauseSearch, Editing, Finding, Order, Solution
+from musatpy.model import Block, Cause, CauseKind, CauseSearch, Editing, Finding, Options, Order, Solution
 from musatpy.model.block import in_order_of_ids
 from musatpy.model.findings import NO_CARD_EXPLAINS, OF_FLAGS, SEARCH_GIVEN_UP
 from musatpy.model.progress import Progress
@@ -32,8 +32,12 @@ def adjust(
     progress: Progress | None = None,
     sea: Sea | None = None,
     causes: CauseSearch = CauseSearch.USUAL,
+    *,
+    options: Options | None = None,
 ) -> Solution:
     """Return the solution of a block by the program of its options, its blunders listed or edited as these say.
+
+    Other `options` stand in place of those of the block.
 
     A block of raw plates is reduced first: the block of the solution has their refined coordinates. Where the rows
     are to be in the order of the identifiers (OP2), the block of the solution has them so. `progress` is called
@@ -41,6 +45,8 @@ def adjust(
     is not accepted are looked for. Raises `AdjustmentError` with every reason where the block cannot be adjusted,
     as it is or edited, `PlatesError` where plates are refused, and `DeckError` where calibrations cannot be used.
     """
+    if options is not None:
+        block = replace(block, options=options)
     if block.options.order is Order.IDS:
         block = in_order_of_ids(block)
     if block.raw:

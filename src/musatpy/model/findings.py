@@ -260,7 +260,7 @@ class Reason:
     section: str  # beginning of the title of the section of the listing where it shows
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Verdict:
     """The grade of a solution: that of its worst reason. Notes are worth knowing and cast no doubt."""
 
@@ -276,6 +276,10 @@ class Verdict:
     def usable(self) -> bool:
         """True where the answer was accepted, or is doubtful."""
         return self.grade in (Grade.ACCEPTED, Grade.DOUBTFUL)
+
+    def __repr__(self) -> str:
+        more = f"; and {len(self.reasons) - 1} more" if len(self.reasons) > 1 else ""
+        return f"Verdict({self.grade}{f': {self.reasons[0].text}{more}' if self.reasons else ''})"
 
     def __str__(self) -> str:
         texts = "; ".join(reason.text for reason in self.reasons)
