@@ -32,9 +32,7 @@ STYLE: Any = {
     "lines.markersize": 4,
     "grid.alpha": 0.4,
     "image.interpolation": "nearest",
-    "savefig.bbox": "tight",
     "savefig.dpi": 110,
-    "savefig.pad_inches": 0.08,
     "svg.fonttype": "none",
     "svg.hashsalt": "musatpy",
 }
@@ -43,6 +41,7 @@ _DIGITS = re.compile(rb"(\d+\.\d{2})\d+")  # of a tag, beyond a hundredth of a p
 # Inches.
 LETTER, _LINE, _HEADING = 0.073, 0.2, 0.3  # of a mean letter, a line of a legend, a title of axes
 _BESIDE, _BELOW = 0.85, 0.7  # between axes, for their ticks and labels
+_BORDER = 0.08  # around all that is drawn
 _KEY, _COLUMNS = 0.55, 5  # beside each name of a legend, with its sign
 
 P = ParamSpec("P")
@@ -151,7 +150,8 @@ def image_of(figure: Any, kind: str) -> bytes:
         "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
     }
     buffer = BytesIO()
-    figure.savefig(buffer, format=kind, metadata=dates[kind])
+    box = figure.get_tightbbox().padded(_BORDER)  # "tight" would draw the figure once more before
+    figure.savefig(buffer, format=kind, metadata=dates[kind], bbox_inches=box)
     if kind != "svg":
         return buffer.getvalue()
     return _TAG.sub(lambda tag: _DIGITS.sub(rb"\1", tag[0]), buffer.getvalue())
