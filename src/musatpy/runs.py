@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError, numerics
 from musatpy.files import real_path, write_files
 from musatpy.formats.musat import CheckedDeck, checked_deck, deck_bytes, read_deck
+from musatpy.jobs.point_flags import PointFlags, flags_set
 from musatpy.memory import give_back
 from musatpy.model import Block, CauseSearch, Grade, RecordContent, Solution, Verdict
 from musatpy.model.progress import Progress, begin
 from musatpy.pipeline import adjust
-from musatpy.point_flags import PointFlags, flags_set
 from musatpy.reports.listing import printed, sections_of
 from musatpy.reports.pages import csv_files
 from musatpy.reports.record import record_of, texts_of

@@ -46,7 +46,7 @@ def check_packages(wanted: Shown) -> None:
         check_page_packages()
     if wanted.gis:
         from musatpy.geometry.projected import crs_of
-        from musatpy.interchange.packages import package
+        from musatpy.interchange.layers import package
 
         package("pyogrio", "GeoPackages need")
         package("shapely", "GeoPackages need")

@@ -17,7 +17,7 @@ import numpy as np
 import pyproj
 
 from musatpy.interchange import dxf, geopackage
-from musatpy.interchange.layers import Column, Lines
+from musatpy.interchange.layers import LayerColumn, Lines
 
 VERTICES, OF_A_LINE = 1_000_000, 50
 TARGET = 15.0  # s of CPU, both written
@@ -30,7 +30,7 @@ def contours(vertices: int) -> Lines:
     depths = np.arange(count) % 7 + 0.5
     paths = np.array([290000.0, 2030000.0, 0.0]) + np.cumsum(rng.normal(size=(count, OF_A_LINE, 3)), axis=1)
     paths[:, :, 2] = -depths[:, None]
-    columns = {"depth": Column.of(depths, "m")}
+    columns = {"depth": LayerColumn.of(depths, "m")}
     closed = np.arange(count) % 3 == 0
     return Lines(vertices=list(paths), closed=closed, columns=columns, crs=pyproj.CRS("EPSG:32620"))
 

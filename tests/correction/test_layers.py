@@ -30,7 +30,7 @@ from musatpy.geometry.projected import crs_of
 from musatpy.geometry.systems import System
 from musatpy.interchange import geotiff, xyz
 from musatpy.interchange.any_file import Layers, read_layers, write_layers
-from musatpy.interchange.layers import LOCAL, Column, Grid, Lines, Points
+from musatpy.interchange.layers import LOCAL, Grid, LayerColumn, Lines, Points
 from musatpy.refraction.apparent import Stations, apparent_points
 
 INDEX = 1.34
@@ -126,7 +126,7 @@ def test_contours_of_a_map_go_through_a_geopackage(run_record: Path, tmp_path: P
     true, apparent = bottom_of(run_record, system_of("EPSG:26720", of_record(run_record).ellipsoid))
     lines = Lines(
         vertices=[apparent[:20], apparent[20:]], closed=np.zeros(2, bool), crs=pyproj.CRS.from_epsg(26720),
-        columns={"depth": Column.of(np.array([5.0, 10.0]), "m")},
+        columns={"depth": LayerColumn.of(np.array([5.0, 10.0]), "m")},
     )  # fmt: skip
     write_layers(tmp_path / "a.gpkg", {"contours": lines})
     result = by_model(run_record, tmp_path / "a.gpkg", tmp_path / "true.gpkg")
@@ -143,7 +143,7 @@ def test_lines_are_cut_where_no_photo_shows_them_and_stay_on_land(stations: Path
     lines = Lines(
         vertices=[np.column_stack([x, np.zeros(7), np.full(7, -4.0)]), ring],
         closed=np.array([False, True]),
-        columns={"name": Column.of(["a", "b"])},
+        columns={"name": LayerColumn.of(["a", "b"])},
     )
     write_layers(tmp_path / "a.gpkg", {"lines": lines})
     result = by_stations(stations, tmp_path / "a.gpkg", tmp_path / "true.gpkg")

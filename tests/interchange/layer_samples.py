@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pyproj
 
-from musatpy.interchange.layers import Column, Grid, Lines, Points
+from musatpy.interchange.layers import Grid, LayerColumn, Lines, Points
 
 UTM = pyproj.CRS("EPSG:32620")
 EAST, NORTH = 290000.0, 2030000.0  # St. Thomas
@@ -18,7 +18,7 @@ def points(crs: pyproj.CRS | None = UTM, count: int = 40) -> Points:
     rng = np.random.default_rng(7)
     depth = rng.uniform(0.5, 30.0, count)
     depth[3] = np.nan
-    columns = {"depth": Column.of(depth, "m"), "rays": Column.of(np.arange(count) % 5)}
+    columns = {"depth": LayerColumn.of(depth, "m"), "rays": LayerColumn.of(np.arange(count) % 5)}
     xyz = rng.uniform((EAST, NORTH, -30.0), (EAST + 900.0, NORTH + 900.0, 0.0), (count, 3))
     return Points(xyz=xyz, columns=columns, crs=crs, heights=HEIGHTS)
 
@@ -33,7 +33,7 @@ def lines(crs: pyproj.CRS | None = UTM) -> Lines:
         )
         for depth in depths
     ]
-    columns = {"depth": Column.of(depths, "m"), "kind": Column.of(["index", "Höhe", "a", "b", "c", ""])}
+    columns = {"depth": LayerColumn.of(depths, "m"), "kind": LayerColumn.of(["index", "Höhe", "a", "b", "c", ""])}
     return Lines(vertices=vertices, closed=np.arange(6) % 2 == 0, columns=columns, crs=crs, heights=HEIGHTS)
 
 

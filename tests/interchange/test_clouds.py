@@ -13,7 +13,7 @@ import pytest
 from interchange.layer_samples import DIGIT, HEIGHTS, UTM, points, same_twice
 from musatpy.errors import InterchangeError
 from musatpy.interchange import las, xyz
-from musatpy.interchange.layers import LOCAL, Column
+from musatpy.interchange.layers import LOCAL, LayerColumn
 
 CHARLOTTE = pyproj.CRS("EPSG:4979")
 
@@ -60,7 +60,7 @@ def test_columns_are_extra_bytes(tmp_path: Path, kind: str, crs: pyproj.CRS | No
 
 
 def test_what_a_file_cannot_hold(tmp_path: Path) -> None:
-    texts = {"why": Column.of(["dry"] * 40)}
+    texts = {"why": LayerColumn.of(["dry"] * 40)}
     with pytest.raises(InterchangeError, match="columns why: texts; expected: numbers"):
         las.write(tmp_path / "a.las", replace(points(), columns=texts))
     far = np.array([[0.0, 0.0, 0.0], [1e7, 0.0, 0.0]])  # 1e11 digits
@@ -71,7 +71,7 @@ def test_what_a_file_cannot_hold(tmp_path: Path) -> None:
 
 def test_named_columns_are_read_by_csv(tmp_path: Path) -> None:
     given = points()
-    given = replace(given, columns=given.columns | {"why": Column.of(['dry, or "wet"'] * len(given.xyz))})
+    given = replace(given, columns=given.columns | {"why": LayerColumn.of(['dry, or "wet"'] * len(given.xyz))})
     text = same_twice(tmp_path / "a.csv", lambda target: xyz.write(target, given)).decode()
     names, *rows = csv.reader(text.splitlines())
     assert names == ["x", "y", "z", "depth [m]", "rays", "why"]
@@ -122,6 +122,6 @@ def test_names_of_coordinates_go_with_their_system(tmp_path: Path) -> None:
 
 
 def test_texts_do_not_go_among_bare_numbers(tmp_path: Path) -> None:
-    texts = {"why": Column.of(["dry"] * 40)}
+    texts = {"why": LayerColumn.of(["dry"] * 40)}
     with pytest.raises(InterchangeError, match="columns why: texts in a file of bare numbers"):
         xyz.write(tmp_path / "a.xyz", replace(points(), columns=texts))

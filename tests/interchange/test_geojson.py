@@ -12,7 +12,7 @@ import pytest
 from interchange.layer_samples import HEIGHTS, UTM, lines, points, same_twice
 from musatpy.errors import InterchangeError
 from musatpy.interchange import geojson
-from musatpy.interchange.layers import LOCAL, Column, Lines, Points, Polygons
+from musatpy.interchange.layers import LOCAL, LayerColumn, Lines, Points, Polygons
 
 DEGREES = 0.5001e-9  # half of the last digit that is written
 SPACE = pyproj.CRS("EPSG:4979")
@@ -124,7 +124,7 @@ def test_heights_along_a_line_need_a_datum(tmp_path: Path) -> None:
 
 
 def test_a_column_that_has_the_name_of_heights(tmp_path: Path) -> None:
-    columns = {"z": Column.of(np.zeros(40))}
+    columns = {"z": LayerColumn.of(np.zeros(40))}
     with pytest.raises(InterchangeError, match="column z: it has the name of the heights"):
         geojson.write(tmp_path / "a.geojson", replace(points(), columns=columns))
 
@@ -248,7 +248,9 @@ def test_properties_that_are_missing(tmp_path: Path) -> None:
     columns = {name: column.values.tolist() for name, column in answer.columns.items()}
     assert columns["a"][0] == 5.0 and np.isnan(columns["a"][1])
     assert (columns["b"], columns["c"]) == (["x", ""], ["", "[1]"])
-    assert answer.heights == HEIGHTS and not any(isinstance(c, Column) and c.unit for c in answer.columns.values())
+    assert answer.heights == HEIGHTS and not any(
+        isinstance(c, LayerColumn) and c.unit for c in answer.columns.values()
+    )
 
 
 @pytest.mark.parametrize("step", [1, -1])

@@ -15,7 +15,7 @@ from interchange.layer_samples import grid, lines, points
 from musatpy.errors import InterchangeError
 from musatpy.files import remove_leftovers, whole_path
 from musatpy.interchange import dxf, geojson, geopackage, geotiff, las, xyz
-from musatpy.interchange.layers import Column, Grid, Lines, Points
+from musatpy.interchange.layers import Grid, LayerColumn, Lines, Points
 
 FILES: dict[str, tuple[str, Callable[[Path], None]]] = {
     "a.gpkg": ("gis", lambda path: geopackage.write(path, {"contours": lines()})),
@@ -171,7 +171,7 @@ def test_a_missing_package_is_named(tmp_path: Path, name: str, extra: str, monke
         partial(Points, xyz=np.zeros((3, 2))),
         partial(Points, xyz=np.full((3, 3), np.nan)),
         partial(Lines, vertices=[np.full((3, 3), np.inf)], closed=np.array([False])),
-        partial(Points, xyz=np.zeros((3, 3)), columns={"a": Column.of([1.0])}),
+        partial(Points, xyz=np.zeros((3, 3)), columns={"a": LayerColumn.of([1.0])}),
         partial(Lines, vertices=[np.zeros((1, 3))], closed=np.array([False])),
         partial(Lines, vertices=[np.zeros((2, 3))], closed=np.array([])),
         partial(Grid, west=0.0, south=0.0, spacing=1.0, bands={"a": np.zeros((2, 3)), "b": np.zeros((3, 2))}),

@@ -12,7 +12,7 @@ from musatpy.errors import DeckError
 from musatpy.formats.musat import deck_bytes
 from musatpy.jobs.extract import extracted, photos_named
 from musatpy.jobs.merge import MergeOptions
-from musatpy.jobs.naming import Kind, assigned, deck_number, new_names, prefixed, renamed
+from musatpy.jobs.naming import NamedKind, assigned, deck_number, new_names, prefixed, renamed
 from musatpy.jobs.plan_positions import near_control
 
 JOIN = MergeOptions(join_photos=True)
@@ -53,12 +53,12 @@ def test_everything_in_a_deck_is_carried() -> None:
     }
     assert found.block.photos.ids.tolist() == ["21", "22", "23"]
     assert {kind: len(shared) for kind, shared in found.shared.items()} == {
-        Kind.CAMERA: 1,
-        Kind.PHOTO: 1,
-        Kind.POINT: 22,
-        Kind.GROUP: 1,
-        Kind.TIDE: 1,
-        Kind.DAY: 1,
+        NamedKind.CAMERA: 1,
+        NamedKind.PHOTO: 1,
+        NamedKind.POINT: 22,
+        NamedKind.GROUP: 1,
+        NamedKind.TIDE: 1,
+        NamedKind.DAY: 1,
     }
 
 
@@ -100,7 +100,7 @@ def test_cameras_of_one_name_are_one_camera(change: dict[str, object], message: 
     west, east = strips()
     other = replace(east, cameras=replace(east.cameras, **change))
     assert complaints(west, other) == [f"camera RC8: {message}: one camera has one name; rename one of them"]
-    apart = merge(west, renamed(other, {Kind.CAMERA: {"RC8": "RC8B"}}, "b.crd")).block
+    apart = merge(west, renamed(other, {NamedKind.CAMERA: {"RC8": "RC8B"}}, "b.crd")).block
     assert apart.cameras.ids.tolist() == ["RC8", "RC8B"]
     assert apart.cameras.ids[apart.photos.camera].tolist() == ["RC8", "RC8", "RC8B"]
     assert apart.distortion.camera.tolist() == [0, 0, 1, 1]
@@ -213,7 +213,7 @@ def test_groups_of_one_name_are_one_group() -> None:
     message = "group SHORE has a sigma of 0.1 m in a.crd, 0.2 m in b.crd"
     assert complaints(other, wider) == [message]
     assert merge(other, wider, prefer=1).block.equal_elevations.sigma.tolist() == [0.2]
-    apart = merge(other, renamed(wider, {Kind.GROUP: {"SHORE": "SOUTH"}}, "b.crd")).block
+    apart = merge(other, renamed(wider, {NamedKind.GROUP: {"SHORE": "SOUTH"}}, "b.crd")).block
     assert apart.equal_elevations.ids.tolist() == ["SHORE", "SOUTH"]
 
 
@@ -222,7 +222,7 @@ def test_tides_with_a_correction_in_common_are_noted() -> None:
         with_options(one, program=model.Program.IIIA, water_level=model.WaterLevel.DAY) for one in strips()
     )
     assert merge(west, east).notes == ()
-    same = renamed(east, {Kind.DAY: {"2": "1"}}, "b.crd")
+    same = renamed(east, {NamedKind.DAY: {"2": "1"}}, "b.crd")
     assert merge(west, same).notes == ("tides of day 1 have one unknown correction: a.crd, b.crd",)
 
 
@@ -234,15 +234,15 @@ def test_renamed_photos_and_points_stand_side_by_side() -> None:
     second = renamed(
         block,
         {
-            Kind.PHOTO: prefixed(block, Kind.PHOTO, "X", {}),
-            Kind.POINT: prefixed(block, Kind.POINT, "X", {}, ["1101", "1103"]),
+            NamedKind.PHOTO: prefixed(block, NamedKind.PHOTO, "X", {}),
+            NamedKind.POINT: prefixed(block, NamedKind.POINT, "X", {}, ["1101", "1103"]),
         },
         "b.crd",
     )
     found = merge(block, second)
     assert len(found.block.photos.ids) == 20
     assert len(found.block.points.ids) == 2 * 98 - 2
-    assert [name for name, _ in found.shared[Kind.POINT]] == ["1103", "1101"]
+    assert [name for name, _ in found.shared[NamedKind.POINT]] == ["1103", "1101"]
     assert len(found.block.control.point) == 2 * 42 - 2
     west = extracted(found.block, photos_named(found.block, ["837-846"])).block
     assert cards(west) == cards(block)
@@ -250,13 +250,13 @@ def test_renamed_photos_and_points_stand_side_by_side() -> None:
 
 def test_names_are_given_all_at_once() -> None:
     block = st_thomas()
-    turned = renamed(block, {Kind.PHOTO: {"21": "23", "23": "21"}}, "a.crd")
+    turned = renamed(block, {NamedKind.PHOTO: {"21": "23", "23": "21"}}, "a.crd")
     assert turned.photos.ids.tolist() == ["23", "22", "21"]
 
 
 def test_two_things_of_one_name_are_an_error() -> None:
     with pytest.raises(DeckError) as error:
-        renamed(st_thomas(), {Kind.POINT: {"101": "102"}, Kind.PHOTO: {"99": "98"}}, "a.crd")
+        renamed(st_thomas(), {NamedKind.POINT: {"101": "102"}, NamedKind.PHOTO: {"99": "98"}}, "a.crd")
     assert [problem.headline() for problem in error.value.problems] == [
         "a.crd: no photo 99 to be renamed 98",
         "a.crd: points 102 and 101 would both be called 102",
@@ -267,9 +267,9 @@ def test_files_of_new_names() -> None:
     text = "# deck kind old new\nb photo 21 121\n* point 'A 1' A1  # a blank\n\nx/a.crd camera RC8 RC8A\n"
     lines = new_names(text, "names.txt")
     assert [(one.deck, one.kind, one.old, one.new, one.line) for one in lines] == [
-        ("b", Kind.PHOTO, "21", "121", 2),
-        ("*", Kind.POINT, "A 1", "A1", 3),
-        ("x/a.crd", Kind.CAMERA, "RC8", "RC8A", 5),
+        ("b", NamedKind.PHOTO, "21", "121", 2),
+        ("*", NamedKind.POINT, "A 1", "A1", 3),
+        ("x/a.crd", NamedKind.CAMERA, "RC8", "RC8A", 5),
     ]
 
 
@@ -285,7 +285,10 @@ def test_a_line_that_gives_no_new_name(line: str) -> None:
 def test_new_names_go_to_their_decks() -> None:
     parts = [("x/a.crd", st_thomas()), ("b.crd", cayman())]
     names = assigned(new_names("a photo 21 121\n* camera RC8 RMK\n", "names.txt"), parts)
-    assert names == [{Kind.PHOTO: {"21": "121"}, Kind.CAMERA: {"RC8": "RMK"}}, {Kind.CAMERA: {"RC8": "RMK"}}]
+    assert names == [
+        {NamedKind.PHOTO: {"21": "121"}, NamedKind.CAMERA: {"RC8": "RMK"}},
+        {NamedKind.CAMERA: {"RC8": "RMK"}},
+    ]
     with pytest.raises(DeckError) as error:
         assigned(new_names("b photo 21 1\nc photo 21 1\n* point NONE 1\na photo 21 1\na photo 21 2\n", "n"), parts)
     assert [problem.headline() for problem in error.value.problems] == [
@@ -308,7 +311,7 @@ def test_which_deck_is_meant() -> None:
 
 def test_control_of_two_names_at_one_place_is_found() -> None:
     block = st_thomas()
-    other = renamed(block, {Kind.POINT: {"101": "7"}}, "b.crd")
+    other = renamed(block, {NamedKind.POINT: {"101": "7"}}, "b.crd")
     # half a metre north: not the same name, but one of its own
     other = altered(other, control={"position": added((1, 0), 0.5 / 6.37e6)})
     ((first, one, second, same, distance),) = near_control([block, other], 1.0)

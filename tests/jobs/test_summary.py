@@ -21,7 +21,7 @@ from musatpy.formats.musat import check_deck
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import extracted, photos_showing
 from musatpy.jobs.merge import merged
-from musatpy.jobs.naming import Kind, prefixed, renamed
+from musatpy.jobs.naming import NamedKind, prefixed, renamed
 from musatpy.jobs.plan_positions import Area
 from musatpy.jobs.punch import Content, Punch, punched
 from musatpy.jobs.summary import rays_histogram, summary
@@ -129,7 +129,9 @@ def two_parts() -> Block:
 
 def copied(block: Block, prefix: str) -> Block:
     """The block with a prefix before the names of its photos and points."""
-    return renamed(block, {kind: prefixed(block, kind, prefix, {}) for kind in (Kind.PHOTO, Kind.POINT)}, prefix)
+    return renamed(
+        block, {kind: prefixed(block, kind, prefix, {}) for kind in (NamedKind.PHOTO, NamedKind.POINT)}, prefix
+    )
 
 
 def test_parts_that_nothing_ties_and_the_gap_between() -> None:

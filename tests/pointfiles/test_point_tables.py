@@ -11,33 +11,33 @@ from musatpy.depth.correction import Correction
 from musatpy.depth.csv_points import ADDED, correct_csv
 from musatpy.errors import DepthError
 from musatpy.pointfiles import point_tables
-from musatpy.pointfiles.columns import AXES, MAP_PLACES, PLAN, Column, Wanted, place_columns
-from musatpy.pointfiles.point_tables import Table, read_chunks, read_table
+from musatpy.pointfiles.columns import AXES, MAP_PLACES, PLAN, FileColumn, Wanted, place_columns
+from musatpy.pointfiles.point_tables import PointTable, read_chunks, read_table
 
 LAGOON = Path(__file__).parents[2] / "fixtures" / "lagoon"
 POINTS = Wanted(columns=place_columns(), bare=AXES)
 STATIONS = Wanted(
     columns=(
-        Column(name="name", kind="text", unique=True, expected="a name"),
+        FileColumn(name="name", kind="text", unique=True, expected="a name"),
         *place_columns(),
-        Column(name="sigma", unit="m", required=False, blank=True, least=0.0, expected="0 or more, or nothing"),
-        Column(name="day", kind="date", required=False, blank=True, expected="a date YYYY-MM-DD"),
+        FileColumn(name="sigma", unit="m", required=False, blank=True, least=0.0, expected="0 or more, or nothing"),
+        FileColumn(name="day", kind="date", required=False, blank=True, expected="a date YYYY-MM-DD"),
     ),
     closed=True,
 )
 PLACED = Wanted(
-    columns=(*MAP_PLACES, Column(name="depth", unit="m"), Column(name="height", unit="m")),
+    columns=(*MAP_PLACES, FileColumn(name="depth", unit="m"), FileColumn(name="height", unit="m")),
     forms=((*PLAN, "depth"), (*PLAN, "height"), ("lat", "lon", "depth")),
 )
 
 
-def table_of(tmp_path: Path, text: str, wanted: Wanted = POINTS) -> Table:
+def table_of(tmp_path: Path, text: str, wanted: Wanted = POINTS) -> PointTable:
     """Return the table of a text."""
     (tmp_path / "a.csv").write_text(text, newline="")
     return read_table(tmp_path / "a.csv", wanted)
 
 
-def faults(table: Table) -> list[str]:
+def faults(table: PointTable) -> list[str]:
     """Return what is wrong with a table in its lines."""
     if not table.problems:
         return []
@@ -166,7 +166,7 @@ def test_files_of_any_size_come_in_chunks(tmp_path: Path, monkeypatch: pytest.Mo
     rows = [",".join(map(str, row)) for row in numbers.tolist()]
     path = tmp_path / "a.csv"
     path.write_text("\n".join(["x,y,z", *rows, ""]))
-    for wanted in (POINTS, Wanted(columns=(*place_columns(), Column(name="id", kind="text", required=False)))):
+    for wanted in (POINTS, Wanted(columns=(*place_columns(), FileColumn(name="id", kind="text", required=False)))):
         tables = list(read_chunks(path, wanted, DepthError))
         assert [len(table.rows) for table in tables] == [20, 20, 10] and tables[1].lines[0] == 22
         np.testing.assert_array_equal(np.concatenate([table.numbers(*AXES) for table in tables]), numbers)

@@ -3,10 +3,10 @@
 import numpy as np
 
 from musatpy.geometry.collinearity import attitude_matrix
-from musatpy.reduction.comparator import Comparator
+from musatpy.reduction.displacements import DOWN, View
 from musatpy.reduction.distortion import Lens, Side
 from musatpy.reduction.fiducials import Marks
-from musatpy.reduction.nadir import DOWN, View
+from musatpy.reduction.planar import Comparator
 from musatpy.reduction.reseau import Reseau
 
 IDS = np.array(["1", "2", "3", "4", "5", "6", "7", "8"])

@@ -6,33 +6,31 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from musatpy.reduction import comparator, fiducials, planar
-from musatpy.reduction.atmosphere import Refraction
-from musatpy.reduction.comparator import Comparator
-from musatpy.reduction.curvature import Curvature
+from musatpy.reduction import fiducials, planar
+from musatpy.reduction.displacements import Curvature, Refraction
 from musatpy.reduction.distortion import Side
-from musatpy.reduction.fiducials import Limits, Reason
-from musatpy.reduction.planar import Kind, Plane
+from musatpy.reduction.fiducials import FiducialLimits, Reason
+from musatpy.reduction.planar import Comparator, PlanarKind, PlanarTransformation
 from reduction import plates
 from reduction.plates import CORNERS, IDS, MARKS, SIDES
 
-TURNED = Plane(kind=Kind.SIMILARITY, parameters=np.array([0.3, 0.95, 210.0, -40.0]))
+TURNED = PlanarTransformation(kind=PlanarKind.SIMILARITY, parameters=np.array([0.3, 0.95, 210.0, -40.0]))
 NOISE = np.random.default_rng(8).normal(0.0, 0.003, (8, 2))
 
 
 def _transform(kind, xy, ids=IDS, limits=None, calibrated=MARKS):
-    limits = limits or Limits()
+    limits = limits or FiducialLimits()
     return fiducials.transform(kind, plates.marks(xy, ids), plates.marks(calibrated), limits)
 
 
-@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("kind", PlanarKind)
 def test_exact_marks_give_the_transformation_back(kind):
     parameters = {
-        Kind.SIMILARITY: [0.3, 0.95, 210.0, -40.0],
-        Kind.AFFINE: [0.9, -0.4, 0.41, 0.93, 12.0, 30.0],
-        Kind.PROJECTIVE: [0.9, -0.4, 12.0, 0.41, 0.93, 30.0, 3e-5, -2e-5],
+        PlanarKind.SIMILARITY: [0.3, 0.95, 210.0, -40.0],
+        PlanarKind.AFFINE: [0.9, -0.4, 0.41, 0.93, 12.0, 30.0],
+        PlanarKind.PROJECTIVE: [0.9, -0.4, 12.0, 0.41, 0.93, 30.0, 3e-5, -2e-5],
     }[kind]
-    plane = Plane(kind=kind, parameters=np.array(parameters))
+    plane = PlanarTransformation(kind=kind, parameters=np.array(parameters))
     solution = _transform(kind, plane.inverse(MARKS))
     assert solution.refusal is None
     # 1e-13 of plates of 100 mm; the projective terms act through their squares
@@ -40,7 +38,7 @@ def test_exact_marks_give_the_transformation_back(kind):
     np.testing.assert_allclose(solution.fit.residuals, 0.0, atol=1e-11)
 
 
-@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("kind", PlanarKind)
 @pytest.mark.slow
 def test_covariance_is_that_of_many_plates(kind):
     """The parameters of 250 noisy plates scatter as the covariance says, of marks and readings both unsure."""
@@ -63,11 +61,11 @@ def test_covariance_is_that_of_many_plates(kind):
 
 def test_a_calibrated_comparator_is_the_affine_part():
     one = plates.comparator()
-    got = comparator.from_matrix(one.matrix())
+    got = planar.from_matrix(one.matrix())
     np.testing.assert_allclose(got.parameters(), one.parameters(), rtol=0.0, atol=1e-14)  # rounding
     assert got.left_handed == one.left_handed
     with pytest.raises(ValueError, match="parallel"):
-        comparator.from_matrix(np.ones((2, 2)))
+        planar.from_matrix(np.ones((2, 2)))
 
 
 @pytest.mark.slow
@@ -81,11 +79,11 @@ def test_a_grid_plate_calibrates_a_comparator():
     zero, sigma = np.zeros_like(grid), np.full(grid.shape, 0.002)
     found, claimed = [], np.zeros((4, 4))
     for _ in range(250):
-        fit = planar.fit(Kind.AFFINE, read + rng.normal(0.0, 0.002, read.shape), grid, sigma, zero)
-        got = comparator.from_matrix(fit.plane.matrix()[:2, :2])
+        fit = planar.fit(PlanarKind.AFFINE, read + rng.normal(0.0, 0.002, read.shape), grid, sigma, zero)
+        got = planar.from_matrix(fit.plane.matrix()[:2, :2])
         assert got.left_handed
         found.append(got.parameters())
-        claimed += comparator.parameter_covariance(got, fit.linear_covariance) / 250
+        claimed += planar.parameter_covariance(got, fit.linear_covariance) / 250
     np.testing.assert_allclose(
         np.mean(found, axis=0), one.parameters(), rtol=0.0, atol=2e-6
     )  # 5 of 6e-6 / sqrt(250)
@@ -99,14 +97,14 @@ def test_a_grid_plate_calibrates_a_comparator():
 def test_a_mark_that_the_camera_does_not_have_is_named_and_left_out():
     ids = IDS.copy()
     ids[3] = "X"
-    solution = _transform(Kind.AFFINE, TURNED.inverse(MARKS), ids)
+    solution = _transform(PlanarKind.AFFINE, TURNED.inverse(MARKS), ids)
     assert solution.refusal is None
     assert solution.unknown == ("X",)
     assert solution.missing == ("4",)
     assert len(solution.ids) == 7
 
 
-@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("kind", PlanarKind)
 @pytest.mark.parametrize("pair", [(0, 1), (4, 6), (2, 7)])
 def test_exchanged_marks_are_named(kind, pair):
     read = TURNED.inverse(MARKS) + NOISE
@@ -119,7 +117,7 @@ def test_exchanged_marks_are_named(kind, pair):
     assert "exchanged" in solution.refusal.message
 
 
-@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("kind", PlanarKind)
 def test_exchanged_neighbours_of_four(kind):
     """A projective transformation of four marks fits them under any names: they must be looked at before."""
     read = TURNED.inverse(CORNERS)
@@ -133,7 +131,7 @@ def test_exchanged_neighbours_of_four(kind):
 def test_exchanged_opposite_ones_of_four_could_be_a_mirrored_plate():
     read = TURNED.inverse(CORNERS)
     read[[0, 2]] = read[[2, 0]]
-    refusal = _transform(Kind.AFFINE, read, calibrated=CORNERS).refusal
+    refusal = _transform(PlanarKind.AFFINE, read, calibrated=CORNERS).refusal
     assert refusal.reason is Reason.MIRRORED
     assert [one.mirrored for one in refusal.exchanges] == [True, False, False]
     assert {frozenset(name for pair in one.names for name in pair) for one in refusal.exchanges[1:]} == {
@@ -145,7 +143,7 @@ def test_exchanged_opposite_ones_of_four_could_be_a_mirrored_plate():
 def test_three_marks_in_a_ring_of_names():
     read = TURNED.inverse(MARKS)
     read[[0, 1, 4]] = read[[1, 4, 0]]
-    refusal = _transform(Kind.AFFINE, read).refusal
+    refusal = _transform(PlanarKind.AFFINE, read).refusal
     assert refusal.reason is Reason.SWAPPED
     assert dict(refusal.exchanges[0].names) == {"1": "2", "2": "5", "5": "1"}
 
@@ -154,7 +152,9 @@ def test_a_mark_under_the_name_of_one_not_measured():
     read = TURNED.inverse(MARKS)[:7]
     ids = IDS[:7].copy()
     ids[6] = "8"  # it was mark 7
-    refusal = fiducials.transform(Kind.AFFINE, plates.marks(read, ids), plates.marks(MARKS), Limits()).refusal
+    refusal = fiducials.transform(
+        PlanarKind.AFFINE, plates.marks(read, ids), plates.marks(MARKS), FiducialLimits()
+    ).refusal
     assert refusal.reason is Reason.SWAPPED
     assert refusal.exchanges[0].names == (("8", "7"),)
 
@@ -163,20 +163,20 @@ def test_a_mark_under_the_name_of_one_not_measured():
 def test_a_mark_out_of_place_is_named(count):
     read = TURNED.inverse(MARKS[:count])
     read[1] += [9.0, 4.0]
-    refusal = _transform(Kind.AFFINE, read, calibrated=MARKS[:count]).refusal
+    refusal = _transform(PlanarKind.AFFINE, read, calibrated=MARKS[:count]).refusal
     assert refusal.reason is Reason.MISPLACED
     assert refusal.ids == ("2",)
 
 
 def test_marks_on_a_line():
     line = np.stack([np.linspace(-100, 100, 4), np.linspace(-50, 50, 4)], axis=1)
-    refusal = _transform(Kind.AFFINE, line, calibrated=line).refusal
+    refusal = _transform(PlanarKind.AFFINE, line, calibrated=line).refusal
     assert refusal.reason is Reason.DEGENERATE
-    assert _transform(Kind.SIMILARITY, line, calibrated=line).refusal is None
+    assert _transform(PlanarKind.SIMILARITY, line, calibrated=line).refusal is None
 
 
 def test_normalized_residuals_need_control():
-    fit = planar.fit(Kind.PROJECTIVE, SIDES + 0.01, SIDES, np.zeros((4, 2)), np.ones((4, 2)))
+    fit = planar.fit(PlanarKind.PROJECTIVE, SIDES + 0.01, SIDES, np.zeros((4, 2)), np.ones((4, 2)))
     assert fit.freedom == 0
     assert np.isnan(fit.sigma0)
     assert np.isnan(fit.normalized).all()
@@ -184,10 +184,12 @@ def test_normalized_residuals_need_control():
 
 
 PLANES = {
-    "similarity": Plane(kind=Kind.SIMILARITY, parameters=np.array([0.99, 0.3, 4.0, -7.0])),
-    "affine": Plane(kind=Kind.AFFINE, parameters=np.array([0.99, 0.01, -0.02, 1.02, 4.0, -7.0])),
-    "projective": Plane(
-        kind=Kind.PROJECTIVE, parameters=np.array([0.99, 0.01, 4.0, -0.02, 1.02, -7.0, 2e-5, -3e-5])
+    "similarity": PlanarTransformation(kind=PlanarKind.SIMILARITY, parameters=np.array([0.99, 0.3, 4.0, -7.0])),
+    "affine": PlanarTransformation(
+        kind=PlanarKind.AFFINE, parameters=np.array([0.99, 0.01, -0.02, 1.02, 4.0, -7.0])
+    ),
+    "projective": PlanarTransformation(
+        kind=PlanarKind.PROJECTIVE, parameters=np.array([0.99, 0.01, 4.0, -0.02, 1.02, -7.0, 2e-5, -3e-5])
     ),
 }
 STEPS = {

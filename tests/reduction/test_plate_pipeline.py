@@ -6,26 +6,26 @@ from functools import cache
 import numpy as np
 import pytest
 
-from musatpy.reduction import atmosphere
-from musatpy.reduction.atmosphere import Model, Refraction
-from musatpy.reduction.curvature import Curvature
+from musatpy.reduction import displacements
+from musatpy.reduction.displacements import Curvature, Model, Refraction
 from musatpy.reduction.distortion import Side
-from musatpy.reduction.fiducials import Limits, Reason
-from musatpy.reduction.mark_distances import Scales
-from musatpy.reduction.planar import Kind, Plane
+from musatpy.reduction.fiducials import FiducialLimits, Reason, Scales
+from musatpy.reduction.planar import PlanarKind, PlanarTransformation
 from musatpy.reduction.plate_steps import PlateReduction, reduce_plate, restore, transformation_covariance
-from musatpy.reduction.quantities import quantities
-from musatpy.reduction.readings import Calibration, Grid, MarkDistances, Plan, PlateReadings
+from musatpy.reduction.readings import Calibration, Grid, MarkDistances, PlateReadings, ReductionPlan
+from musatpy.reduction.readings_job import quantities
 from reduction import plates
 from reduction.plates import IDS, MARKS
 
 STEPS = ("comparator", "fiducials", "reseau", "lens", "refraction", "curvature")
 # where the plate lay on the comparator, and how the film shrank as a whole
-LAID = Plane(kind=Kind.AFFINE, parameters=np.array([0.998, 0.0602, -0.0598, 0.9985, 140.0, -30.0]))
+LAID = PlanarTransformation(
+    kind=PlanarKind.AFFINE, parameters=np.array([0.998, 0.0602, -0.0598, 0.9985, 140.0, -30.0])
+)
 CROSS_IDS = np.array([[f"{row}{column}" for column in range(6)] for row in range(5)])
-PLAN = Plan(
+PLAN = ReductionPlan(
     comparator=plates.comparator(),
-    limits=Limits(residual=0.02),
+    limits=FiducialLimits(residual=0.02),
     refraction=Model.US1976,
     curvature=True,
 )
@@ -52,7 +52,7 @@ def _plate(xy: np.ndarray, attitude: tuple[float, float, float] = (0.03, -0.05, 
     """A plate whose points are refined to xy: everything that the reduction does, undone."""
     view = plates.view(attitude)
     seen = Curvature(view=view, height=5600.0).inverse(xy)
-    K = atmosphere.constant(Model.US1976, 6000.0, 400.0)
+    K = displacements.constant(Model.US1976, 6000.0, 400.0)
     seen = Refraction(view=view, K=K).inverse(seen)
     film = plates.reseau().inverse(plates.lens(Side.IDEAL).inverse(seen))
     return PlateReadings(
@@ -206,7 +206,7 @@ def test_a_camera_without_any_calibration_of_its_frame():
 # --- by distances ---
 
 
-def _by_distances() -> tuple[Calibration, Plan]:
+def _by_distances() -> tuple[Calibration, ReductionPlan]:
     sides = MARKS[4:]
     ends = np.array([["7", "5"], ["8", "6"], ["5", "6"], ["6", "7"], ["7", "8"], ["8", "5"]])
     row = {name: i for i, name in enumerate(IDS[4:])}
@@ -265,7 +265,7 @@ def test_parameters_of_every_step_have_names():
     assert named["reseau"]["largest deformation"].value == pytest.approx(gap, abs=1e-9)
     assert named["lens"]["p3"].value == 3e-6
     assert named["lens"]["distortion at 45.000 mm"].value == 0.0045
-    assert named["refraction"]["K"].value == atmosphere.constant(Model.US1976, 6000.0, 400.0)
+    assert named["refraction"]["K"].value == displacements.constant(Model.US1976, 6000.0, 400.0)
     assert named["curvature"]["height above ground"].value == 5600.0
     assert quantities(reduce_plate(_plate(XY), _camera(), replace(PLAN, lens=False)), "lens") == ()
 
@@ -273,7 +273,7 @@ def test_parameters_of_every_step_have_names():
 def test_sigmas_of_single_readings():
     """A reading's own sigma goes before that of the plan."""
     plate, camera = _plate(XY[:2]), replace(_camera(), lens=None, reseau=None)
-    plan = Plan(fiducials=Kind.SIMILARITY, reading_sigma=0.004)
+    plan = ReductionPlan(fiducials=PlanarKind.SIMILARITY, reading_sigma=0.004)
     sigma = np.array([[0.001, 0.002], [np.nan, np.nan]])
     done = reduce_plate(replace(plate, point_sigma=sigma, points=XY[:2], marks=MARKS), camera, plan)
     np.testing.assert_allclose(done.sigma, [[0.001, 0.002], [0.004, 0.004]], rtol=1e-9)  # an identity

@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from musatpy.reduction import atmosphere, mark_distances
-from musatpy.reduction.atmosphere import Model, Refraction
-from musatpy.reduction.curvature import Curvature
+from musatpy.reduction import displacements, fiducials
+from musatpy.reduction.displacements import DOWN, Curvature, Model, Refraction, View
 from musatpy.reduction.distortion import Lens, Side
-from musatpy.reduction.inversion import invert
-from musatpy.reduction.mark_distances import Axes, Scales
-from musatpy.reduction.nadir import DOWN, View
-from musatpy.reduction.planar import Kind, Plane
-from musatpy.reduction.repeats import mean_readings
+from musatpy.reduction.fiducials import Axes, Scales
+from musatpy.reduction.planar import PlanarKind, PlanarTransformation, invert
+from musatpy.reduction.readings import mean_readings
 from musatpy.reduction.reseau import Reseau
 from reduction import plates
 
@@ -55,8 +52,10 @@ def test_single_readings_have_no_spread():
 # --- distances between marks ---
 
 # what the film and comparator did: shrinkage and shear, a turn and a shift
-FILM = Plane(kind=Kind.AFFINE, parameters=np.array([0.9985, 0.0007, 0.0007, 0.9991, 0.0, 0.0]))
-TURN = Plane(kind=Kind.SIMILARITY, parameters=np.array([math.cos(0.4), math.sin(0.4), 130.0, 20.0]))
+FILM = PlanarTransformation(kind=PlanarKind.AFFINE, parameters=np.array([0.9985, 0.0007, 0.0007, 0.9991, 0.0, 0.0]))
+TURN = PlanarTransformation(
+    kind=PlanarKind.SIMILARITY, parameters=np.array([math.cos(0.4), math.sin(0.4), 130.0, 20.0])
+)
 SIDE_MARKS = np.array([[112.0, 0.0], [0.0, 112.006], [-112.004, 0.0], [0.0, -111.998]])
 CORNER_MARKS = np.array([[106.0, 106.0], [-106.0, 106.0], [-106.0, -106.0], [106.0, -106.0]])
 ENDS = np.array([[0, 2], [3, 1], [0, 1], [1, 2], [2, 3], [3, 0]])
@@ -76,7 +75,7 @@ def _distances(marks: np.ndarray) -> np.ndarray:
 def test_distances_give_the_fiducial_system(marks, axes):
     """Marks on their axes: shape from the distances, place from the lines that join them."""
     read = TURN.apply(FILM.inverse(marks))
-    fit = mark_distances.transform(Scales.AFFINE, read, ENDS, _distances(marks), np.full(6, 0.003), axes)
+    fit = fiducials.fit_distances(Scales.AFFINE, read, ENDS, _distances(marks), np.full(6, 0.003), axes)
     np.testing.assert_allclose(fit.plane.apply(read), marks, rtol=0.0, atol=1e-10)  # rounding of 100 mm
     np.testing.assert_allclose(fit.residuals, 0.0, atol=1e-10)
     assert fit.freedom == 3
@@ -89,8 +88,10 @@ def test_kinds_of_scales():
         (Scales.UNIFORM, [0.9985, 0.0, 0.0, 0.9985, 0.0, 0.0], 1),
         (Scales.AXES, [0.9985, 0.0, 0.0, 0.9991, 0.0, 0.0], 2),
     ):
-        read = Plane(kind=Kind.AFFINE, parameters=np.array(film)).inverse(SIDE_MARKS) + np.array([130.0, 20.0])
-        fit = mark_distances.transform(scales, read, ENDS, _distances(SIDE_MARKS), np.full(6, 0.003), axes)
+        read = PlanarTransformation(kind=PlanarKind.AFFINE, parameters=np.array(film)).inverse(
+            SIDE_MARKS
+        ) + np.array([130.0, 20.0])
+        fit = fiducials.fit_distances(scales, read, ENDS, _distances(SIDE_MARKS), np.full(6, 0.003), axes)
         np.testing.assert_allclose(fit.plane.apply(read), SIDE_MARKS, rtol=0.0, atol=1e-10)  # rounding
         assert len(fit.metric) == elements
         np.testing.assert_allclose(np.sqrt(fit.metric[0]), 0.9985, rtol=1e-12)
@@ -100,7 +101,7 @@ def test_metric_scatters_as_its_cofactors_say():
     rng = np.random.default_rng(2)
     axes = Axes(first=(2, 0), second=(3, 1))
     fits = [
-        mark_distances.transform(
+        fiducials.fit_distances(
             Scales.AFFINE,
             SIDE_MARKS,
             ENDS,
@@ -121,14 +122,14 @@ def test_distances_that_do_not_do():
     sigma = np.full(6, 0.003)
     known = _distances(SIDE_MARKS)
     # too few
-    assert mark_distances.transform(Scales.AFFINE, SIDE_MARKS, ENDS[:2], known[:2], sigma[:2], axes) is None
+    assert fiducials.fit_distances(Scales.AFFINE, SIDE_MARKS, ENDS[:2], known[:2], sigma[:2], axes) is None
     one_way = np.array([[0, 2], [2, 0]])
-    assert mark_distances.transform(Scales.AXES, SIDE_MARKS, one_way, known[[0, 0]], sigma[:2], axes) is None
+    assert fiducials.fit_distances(Scales.AXES, SIDE_MARKS, one_way, known[[0, 0]], sigma[:2], axes) is None
     mirrored = SIDE_MARKS * [1.0, -1.0]
-    assert mark_distances.transform(Scales.AXES, mirrored, ENDS, known, sigma, axes) is None
+    assert fiducials.fit_distances(Scales.AXES, mirrored, ENDS, known, sigma, axes) is None
     parallel = Axes(first=(2, 0), second=(2, 0))
-    assert mark_distances.transform(Scales.AXES, SIDE_MARKS, ENDS, known, sigma, parallel) is None
-    assert mark_distances.transform(Scales.AXES, 0.0 * SIDE_MARKS, ENDS, known, sigma, axes) is None
+    assert fiducials.fit_distances(Scales.AXES, SIDE_MARKS, ENDS, known, sigma, parallel) is None
+    assert fiducials.fit_distances(Scales.AXES, 0.0 * SIDE_MARKS, ENDS, known, sigma, axes) is None
 
 
 # --- reseau ---
@@ -235,7 +236,7 @@ ATMOSPHERE = {
 @pytest.mark.parametrize("height", ATMOSPHERE)
 def test_standard_atmosphere(height):
     # the thinnest density has four digits
-    np.testing.assert_allclose(atmosphere.air(height), ATMOSPHERE[height], rtol=6e-5)
+    np.testing.assert_allclose(displacements.air(height), ATMOSPHERE[height], rtol=6e-5)
 
 
 def test_refraction_of_a_ray_traced_through_the_layers():
@@ -243,12 +244,12 @@ def test_refraction_of_a_ray_traced_through_the_layers():
     camera, ground, q = 7000.0, 500.0, math.radians(40.0)
 
     def n(z: float) -> float:
-        return 1.0 + 2.26e-4 * atmosphere.air(z)[1]
+        return 1.0 + 2.26e-4 * displacements.air(z)[1]
 
     sine = n(camera) * math.sin(q)
     reach, _ = integrate.quad(lambda z: math.tan(math.asin(sine / n(z))), ground, camera, epsabs=1e-9, limit=200)
     straight = math.atan(reach / (camera - ground))
-    K = atmosphere.constant(Model.US1976, camera, ground)
+    K = displacements.constant(Model.US1976, camera, ground)
     # first order in n - 1 = 3e-4: of 6e-5 rad, 2e-8; and the heights are geopotential in both
     assert K * math.tan(q) == pytest.approx(q - straight, rel=1e-3)
     image = plates.PRINCIPAL_POINT + plates.F * math.tan(q) * np.array([0.6, 0.8])
@@ -260,7 +261,7 @@ def test_refraction_of_a_ray_traced_through_the_layers():
 def test_the_two_atmospheres_agree_over_ground_at_sea_level():
     """Within 5 urad up to 30 km: 1 um at 100 mm."""
     for camera in (1000.0, 3000.0, 6000.0, 9000.0, 12000.0, 15000.0, 20000.0, 30000.0):
-        a, b = (atmosphere.constant(model, camera, 0.0) for model in Model)
+        a, b = (displacements.constant(model, camera, 0.0) for model in Model)
         assert a == pytest.approx(b, abs=5e-6)
 
 
@@ -277,7 +278,7 @@ def test_the_two_atmospheres_agree_over_ground_at_sea_level():
 )
 def test_heights_that_the_models_do_not_have(model, camera, ground):
     with pytest.raises(ValueError, match="needs"):
-        atmosphere.constant(model, camera, ground)
+        displacements.constant(model, camera, ground)
 
 
 def test_refraction_of_a_vertical_photo_is_the_textbook_formula():

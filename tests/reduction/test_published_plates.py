@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from musatpy.reduction import comparator, fiducials, mark_distances, planar
-from musatpy.reduction.atmosphere import Model
+from musatpy.reduction import fiducials, planar
+from musatpy.reduction.displacements import Model
 from musatpy.reduction.distortion import Lens, Side
-from musatpy.reduction.fiducials import Limits, Marks
-from musatpy.reduction.planar import Kind
+from musatpy.reduction.fiducials import FiducialLimits, Marks
+from musatpy.reduction.planar import PlanarKind
 from musatpy.reduction.plate_steps import reduce_plate
-from musatpy.reduction.readings import Calibration, Plan, PlateReadings
+from musatpy.reduction.readings import Calibration, PlateReadings, ReductionPlan
 from reduction import published_plates as public
 
 CASES = list(public.PARAMETERS)
@@ -18,7 +18,7 @@ CASES = list(public.PARAMETERS)
 def _fit(photo: str, kind: str) -> planar.Fit:
     """The published fits have unit weights."""
     ones = np.ones_like(public.MARKS)
-    fit = planar.fit(Kind(kind), public.READ[photo], public.MARKS, 0.0 * ones, ones)
+    fit = planar.fit(PlanarKind(kind), public.READ[photo], public.MARKS, 0.0 * ones, ones)
     assert fit is not None
     return fit
 
@@ -40,7 +40,7 @@ def test_fiducial_transformation_of_the_lab(photo, kind):
 
 @pytest.mark.parametrize("photo", ["027", "028"])
 def test_scales_and_angle_of_the_lab(photo):
-    found = comparator.from_matrix(_fit(photo, "AFFINE").plane.matrix()[:2, :2])
+    found = planar.from_matrix(_fit(photo, "AFFINE").plane.matrix()[:2, :2])
     want = public.AFFINITY[photo]
     np.testing.assert_allclose(found.scale, want[:2], rtol=0.0, atol=0.51e-8)  # 8 decimals printed
     # 4 decimals of a degree printed
@@ -68,7 +68,7 @@ def test_reduction_of_photo_27_from_pixels_to_refined_coordinates():
         camera_height=public.CAMERA_HEIGHT,
         ground_height=public.GROUND_HEIGHT,
     )
-    done = reduce_plate(plate, _camera(), Plan(refraction=Model.ARDC))
+    done = reduce_plate(plate, _camera(), ReductionPlan(refraction=Model.ARDC))
     # The lab transforms with parameters rounded to 4 decimals of the shifts: 0.5e-4 mm each.
     np.testing.assert_allclose(done.step("fiducials").after, public.FIDUCIAL_027, rtol=0.0, atol=0.6e-4)
     np.testing.assert_allclose(done.xy - public.PRINCIPAL_POINT, public.CORRECTED_027, rtol=0.0, atol=0.7e-4)
@@ -88,20 +88,20 @@ def test_corrections_of_the_lab(given, want):
         camera_height=public.CAMERA_HEIGHT,
         ground_height=public.GROUND_HEIGHT,
     )
-    done = reduce_plate(plate, _camera(), Plan(fiducials=None, refraction=Model.ARDC))
+    done = reduce_plate(plate, _camera(), ReductionPlan(fiducials=None, refraction=Model.ARDC))
     # Five decimals printed in and out. The lab takes refraction at the radius before distortion: K * 0.01 mm =
     # 1e-7 mm.
     np.testing.assert_allclose(done.xy - public.PRINCIPAL_POINT, want, rtol=0.0, atol=1.1e-5)
 
 
 def test_calibrated_distances_give_the_coordinates_of_the_marks():
-    fit = mark_distances.transform(
-        mark_distances.Scales.AFFINE,
+    fit = fiducials.fit_distances(
+        fiducials.Scales.AFFINE,
         public.READ["027"],
         np.array([[0, 1], [2, 3], [4, 5], [6, 7]]),
         public.DISTANCES,
         np.full(4, 0.003),
-        mark_distances.Axes(first=(4, 5), second=(7, 6)),
+        fiducials.Axes(first=(4, 5), second=(7, 6)),
     )
     assert fit is not None
     # The lab's affine transformation leaves 11 um of pixel noise at the marks; the side marks that carry the axes
@@ -115,10 +115,10 @@ def test_noobeed_interior_orientation():
     reading, mark = public.NOOBEED_SIGMAS
     ids = np.array(["1", "2", "3", "4"])
     solution = fiducials.transform(
-        Kind.AFFINE,
+        PlanarKind.AFFINE,
         Marks(ids=ids, xy=public.NOOBEED_READ, sigma=np.full((4, 2), reading)),
         Marks(ids=ids, xy=public.NOOBEED_MARKS, sigma=np.full((4, 2), mark)),
-        Limits(),
+        FiducialLimits(),
     )
     fit = solution.fit
     assert fit is not None

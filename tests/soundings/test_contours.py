@@ -11,7 +11,7 @@ from musatpy.arrays import FloatArray
 from musatpy.errors import ProblemsError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.interchange import dxf, geojson, geopackage
-from musatpy.interchange.layers import Column, Lines, Points
+from musatpy.interchange.layers import LayerColumn, Lines, Points
 from musatpy.soundings.contours import ContourLines, area_between, largest_of_most, offsets, read_contours
 from musatpy.units import DEGREE
 
@@ -118,7 +118,7 @@ def test_a_path_there_and_back_is_no_ring() -> None:
 
 def lines(crs: str = "", depth: bool = False) -> Lines:
     shift = [EAST, NORTH, 0.0] if crs else np.zeros(3)
-    columns = {"depth": Column.of([5.2, 7.7])} if depth else {}
+    columns = {"depth": LayerColumn.of([5.2, 7.7])} if depth else {}
     paths = [path + shift for path in PATHS]
     return Lines.of_paths(paths, columns=columns, crs=pyproj.CRS(crs) if crs else None)
 
@@ -203,7 +203,7 @@ def test_systems_and_layers_that_do_not_fit(tmp_path: Path) -> None:
     with pytest.raises(ProblemsError, match="it has points"):
         read_contours(tmp_path / "b.gpkg", None)
     geopackage.write(
-        tmp_path / "c.gpkg", {"contours": Lines.of_paths(PATHS, columns={"depth": Column.of([1.0, np.nan])})}
+        tmp_path / "c.gpkg", {"contours": Lines.of_paths(PATHS, columns={"depth": LayerColumn.of([1.0, np.nan])})}
     )
     with pytest.raises(ProblemsError, match="line 2: it has no depth"):
         read_contours(tmp_path / "c.gpkg", None)

@@ -10,7 +10,7 @@ from musatpy.arrays import FloatArray
 from musatpy.errors import ProblemsError, SoundingError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.interchange import las
-from musatpy.interchange.layers import Column, Points
+from musatpy.interchange.layers import LayerColumn, Points
 from musatpy.refraction.flat import air_tangent
 from musatpy.soundings.differences import (
     DepthDifferences,
@@ -261,7 +261,7 @@ def test_dates_are_read_where_they_are_asked_for(tmp_path: Path) -> None:
 
 def cloud(crs: str = "", **columns: list[float]) -> Points:
     xyz = np.array([[EAST, NORTH, -3.5], [EAST + 100.0, NORTH + 50.0, 0.25]])
-    values = {name: Column.of(np.array(of), "m") for name, of in columns.items()}
+    values = {name: LayerColumn.of(np.array(of), "m") for name, of in columns.items()}
     return Points(xyz=xyz, columns=values, crs=pyproj.CRS(crs) if crs else None)
 
 

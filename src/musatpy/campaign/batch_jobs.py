@@ -15,8 +15,8 @@ import musatpy
 from musatpy.campaign.program import sources_sha256
 from musatpy.errors import MusatError, Problem
 from musatpy.files import real_path
+from musatpy.jobs.point_flags import PointFlags
 from musatpy.model import CauseSearch, Grade, RecordContent
-from musatpy.point_flags import PointFlags
 from musatpy.runs import ExitStatus, output_paths
 from musatpy.specs import key, require
 

@@ -65,7 +65,7 @@ def command(
     complain_of(warnings)
     if submerged is not None:
         from musatpy.formats.job_tables import with_flags
-        from musatpy.point_flags import PointFlags, flags_of_parts
+        from musatpy.jobs.point_flags import PointFlags, flags_of_parts
 
         more = flags_of_parts(parts, PointFlags(submerged=submerged))
         parts = {role: with_flags(role, table, more.flags) for role, table in parts.items()}

@@ -15,7 +15,7 @@ from musatpy.errors import DeckError
 
 if TYPE_CHECKING:
     from musatpy.jobs.agreement import Part
-    from musatpy.jobs.naming import Kind
+    from musatpy.jobs.naming import NamedKind
     from musatpy.model import Block
 
 
@@ -68,7 +68,7 @@ def command(
     """
     from musatpy.formats.job_tables import card_family
     from musatpy.jobs.merge import MergeOptions, merged
-    from musatpy.jobs.naming import Kind
+    from musatpy.jobs.naming import NamedKind
     from musatpy.reports.jobs import merge_text
 
     if len(decks) < 2:
@@ -81,8 +81,8 @@ def command(
         prefer=_number("--prefer", prefer, files) if prefer else -1,
     )
     prefix = {
-        Kind.PHOTO: _by_deck("--prefix", prefixes, files),
-        Kind.POINT: _by_deck("--point-prefix", point_prefixes, files),
+        NamedKind.PHOTO: _by_deck("--prefix", prefixes, files),
+        NamedKind.POINT: _by_deck("--point-prefix", point_prefixes, files),
     }
     blocks = read_for_editing(decks, family)
     parts, names = _renamed(files, blocks, renames, prefix, {name.strip() for name in shared.split(",")})
@@ -116,9 +116,9 @@ def _renamed(
     files: list[str],
     blocks: list[Block],
     renames: Sequence[Path],
-    prefix: dict[Kind, dict[int, str]],
+    prefix: dict[NamedKind, dict[int, str]],
     shared: set[str],
-) -> tuple[list[Part], list[dict[Kind, dict[str, str]]]]:
+) -> tuple[list[Part], list[dict[NamedKind, dict[str, str]]]]:
     """Return the parts with their new names, and these."""
     from musatpy.jobs.agreement import Part
     from musatpy.jobs.naming import assigned, new_names, prefixed, renamed, text_of

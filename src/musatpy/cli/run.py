@@ -96,8 +96,8 @@ def command(
     all accepted or doubtful, 1 a deck or its data cannot be used, 3 a run did not converge, 4 an answer is rejected
     (with --strict: or doubtful).
     """
+    from musatpy.jobs.point_flags import PointFlags
     from musatpy.model import CauseSearch, RecordContent
-    from musatpy.point_flags import PointFlags
     from musatpy.runs import ExitStatus, check_outputs, run_deck
 
     wanted = shown_of(given)

@@ -11,8 +11,7 @@ from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import Compiled
 from musatpy.model import CoordinateSystem
 from musatpy.systems import own_statement, statement_of
-from musatpy.systems.blocks import coordinates_of, level_of, rates_at
-from musatpy.systems.solutions import reached
+from musatpy.systems.blocks import coordinates_of, level_of, rates_at, reached
 from musatpy.units import DEGREE
 
 _ANGULAR, _PLANE = (10, 10, 4), (4, 4, 4)  # decimals

@@ -13,10 +13,10 @@ from musatpy.compilation.bottom import Bottom, PostGrid
 from musatpy.compilation.compiled import Compiled, DepthDatum
 from musatpy.compilation.joined_surfaces import Of
 from musatpy.errors import CompilationError, Problem
-from musatpy.geometry.crs import Plan, system_of
+from musatpy.geometry.crs import MapPlan, system_of
 from musatpy.geometry.projected import crs_of
 from musatpy.geometry.systems import Geocentric
-from musatpy.interchange.layers import Column, Grid, Lines, Points
+from musatpy.interchange.layers import Grid, LayerColumn, Lines, Points
 from musatpy.units import MICROMETRE
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def _placement(compiled: Compiled, crs: str) -> _Placement:
 
     heights, frame = "above the ellipsoid of the job", compiled.run.frame
     if not crs:
-        plan = Plan.about(system, position[known])
+        plan = MapPlan.about(system, position[known])
         return _Placement(places=plan.places, crs=pyproj.CRS.from_user_input(plan.map.definition), heights=heights)
     assert system.ellipsoid is not None  # of a job that is on one
     target = system_of(crs, system.ellipsoid)
@@ -91,9 +91,9 @@ def _contours(bottom: Bottom, datum: DepthDatum, at: _Placement, place: dict[str
             path[:, 2] = datum.height - line.level
         paths.append(np.concatenate([path[:-1], path[:1]]) if line.closed else path)
     columns = {
-        "surface": Column.of([sheet.name for sheet, _ in lines]),
-        str(bottom.of): Column.of([line.level for _, line in lines], "m"),
-        "index_line": Column.of([int(line.index) for _, line in lines]),
+        "surface": LayerColumn.of([sheet.name for sheet, _ in lines]),
+        str(bottom.of): LayerColumn.of([line.level for _, line in lines], "m"),
+        "index_line": LayerColumn.of([int(line.index) for _, line in lines]),
     }
     return Lines.of_paths(paths, columns=columns, **place)
 
@@ -116,7 +116,7 @@ def raster_of(grid: PostGrid, datum: DepthDatum) -> Grid:
     )
 
 
-def _columns(compiled: Compiled, known: Any) -> dict[str, Column]:
+def _columns(compiled: Compiled, known: Any) -> dict[str, LayerColumn]:
     """Return the columns of the points that have a position."""
     values: dict[str, tuple[Any, str]] = {
         "model": (compiled.model_ids, ""),
@@ -132,4 +132,4 @@ def _columns(compiled: Compiled, known: Any) -> dict[str, Column]:
         "water_level": (compiled.points.water_level, "m"),
         "y_parallax": (compiled.points.y_parallax / MICROMETRE, "um"),
     }
-    return {name: Column.of(of[known], unit) for name, (of, unit) in values.items()}
+    return {name: LayerColumn.of(of[known], unit) for name, (of, unit) in values.items()}

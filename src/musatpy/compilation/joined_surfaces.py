@@ -20,7 +20,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.compiled import Compiled, CompiledModel, DepthDatum
 from musatpy.compilation.profiles import profiles_of
 from musatpy.errors import SurfaceError
-from musatpy.geometry.crs import Plan
+from musatpy.geometry.crs import MapPlan
 from musatpy.model.compilation import AGAIN, SHORE
 from musatpy.surfaces.tin import Tin
 
@@ -87,7 +87,7 @@ class JoinedSurface:
     models: tuple[str, ...]
     points: DepthPoints
     tin: Tin | None
-    plan: Plan | None
+    plan: MapPlan | None
     reason: str = ""
     left_out: int = 0
 
@@ -152,12 +152,12 @@ def surfaces_of(compiled: Compiled, of: Of = Of.DEPTH) -> tuple[tuple[JoinedSurf
     return tuple(surfaces), tuple(edges)
 
 
-def _parts(compiled: Compiled, longest_edge: float, of: Of) -> tuple[Plan | None, list[_Points]]:
+def _parts(compiled: Compiled, longest_edge: float, of: Of) -> tuple[MapPlan | None, list[_Points]]:
     """Return the map of the job, and the points of each model that make its surface."""
     value, sigma, used = _values(compiled, of)
     position, system = compiled.points.position, compiled.run.map_system
     on_shore = (compiled.kind == SHORE) & (of is Of.DEPTH)
-    plan = None if system is None or not used.any() else Plan.about(system, position[used])
+    plan = None if system is None or not used.any() else MapPlan.about(system, position[used])
     parts, first = [], 0
     for model in compiled.models:
         rows = first + np.flatnonzero(used[first : first + len(model.rows)])
@@ -239,7 +239,7 @@ def _less_other(part: _Points, other: _Points) -> tuple[IntArray, FloatArray, Fl
 
 
 def _surface(
-    parts: list[_Points], beyond: list[BoolArray], plan: Plan | None, longest_edge: float
+    parts: list[_Points], beyond: list[BoolArray], plan: MapPlan | None, longest_edge: float
 ) -> JoinedSurface:
     """Return the surface of models by their points that are not `beyond` the middle of an overlap."""
     kept = ~np.concatenate(beyond)

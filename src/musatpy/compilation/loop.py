@@ -28,7 +28,7 @@ from musatpy.errors import CompilationError, Problem
 from musatpy.geometry import collinearity
 from musatpy.geometry.geodesy import surface
 from musatpy.model import CoordinateSystem
-from musatpy.pointfiles.columns import Column, Wanted
+from musatpy.pointfiles.columns import FileColumn, Wanted
 from musatpy.pointfiles.point_tables import read_table
 from musatpy.refraction import flat
 from musatpy.units import DEGREE
@@ -160,7 +160,7 @@ def read_path(source: Path, stereo: Stereomodel, *, of_job: bool = False) -> Flo
     """
     angular = of_job and stereo.run.block.options.system is CoordinateSystem.GEOGRAPHIC
     columns = ("t", "lat", "lon", "height") if angular else ("t", "x", "y", "z")
-    table = read_table(source, Wanted(columns=tuple(Column(name=name) for name in columns), bare=columns))
+    table = read_table(source, Wanted(columns=tuple(FileColumn(name=name) for name in columns), bare=columns))
     path = table.numbers(*columns)
     for row in np.flatnonzero(np.diff(path[:, 0]) <= 0.0) + 1:
         table.refuse("time does not go on", int(row), "t")

@@ -12,7 +12,7 @@ import numpy as np
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.compiled import Compiled, CompiledModel, DepthDatum
 from musatpy.errors import CompilationError, Problem
-from musatpy.geometry.crs import Plan
+from musatpy.geometry.crs import MapPlan
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import IN_PROFILE
 from musatpy.surfaces.profiles import LineProfile, profile
@@ -43,7 +43,7 @@ class CompiledProfile:
     time: FloatArray
     stages: FloatArray
     ends: FloatArray
-    plan: Plan | None
+    plan: MapPlan | None
     reason: str = ""
 
     def posts(self, datum: DepthDatum) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -238,7 +238,7 @@ def _along(compiled: Compiled, row: int, line: int, rows: IntArray, ends: FloatA
         count = "1 reading" if len(rows) == 1 else f"{len(rows)} readings"
         return _without(compiled, row, rows, f"{count} with a position", line)
     system, position = compiled.run.map_system, np.concatenate([ends, compiled.points.position[rows]])
-    plan = None if system is None else Plan.about(system, position)
+    plan = None if system is None else MapPlan.about(system, position)
     xy = (position if plan is None else plan.places(position))[:, :2]
     if not np.linalg.norm(xy[1] - xy[0]) > 0.0:
         return _without(compiled, row, rows, "its ends are in one place", line)

@@ -16,7 +16,7 @@ from musatpy.geometry.projected import crs_of
 from musatpy.geometry.systems import System
 from musatpy.interchange import geotiff
 from musatpy.interchange.any_file import write_layers
-from musatpy.interchange.layers import LOCAL, Column, Lines, Posts
+from musatpy.interchange.layers import LOCAL, LayerColumn, Lines, Posts
 from musatpy.surfaces.contours import Contours, grid_contours, levels_between
 from musatpy.surfaces.tin import EMPTY, INSIDE, OUTSIDE, SurfaceValues
 
@@ -204,7 +204,7 @@ def _lines(drawn: Contours, posts: Posts, is_depth: bool, datum: float) -> Lines
         if line.closed:
             path[-1] = path[0]
     columns = {
-        "depth" if is_depth else "height": Column.of(levels, "m"),
-        "index_line": Column.of([int(line.index) for line in drawn.lines]),
+        "depth" if is_depth else "height": LayerColumn.of(levels, "m"),
+        "index_line": LayerColumn.of([int(line.index) for line in drawn.lines]),
     }
     return Lines.of_paths(paths, columns=columns, crs=posts.crs, heights=posts.heights)

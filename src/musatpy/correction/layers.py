@@ -23,7 +23,7 @@ from musatpy.depth.csv_points import SIGMAS
 from musatpy.depth.misplaced_points import attempted, require_sight
 from musatpy.errors import DepthError, Problem
 from musatpy.interchange.any_file import RASTERS, Layers, read_layers
-from musatpy.interchange.layers import Column, Grid, Lines, Points, placed
+from musatpy.interchange.layers import Grid, LayerColumn, Lines, Points, placed
 from musatpy.pointfiles.las_files import SUFFIXES
 from musatpy.refraction.apparent import REASONS, Fault, TruePoints
 
@@ -81,12 +81,12 @@ def correct_layers(
         place = np.where(points.good[:, None], points.true, apparent)
         if isinstance(part, Points):
             columns = dict(part.columns) | {
-                f"apparent_{axis}": Column.of(values) for axis, values in zip("xyz", apparent.T, strict=True)
+                f"apparent_{axis}": LayerColumn.of(values) for axis, values in zip("xyz", apparent.T, strict=True)
             }
             for column, values in points.columns.items():
-                columns[column] = Column.of(values, "m" if values.dtype.kind == "f" else "")
+                columns[column] = LayerColumn.of(values, "m" if values.dtype.kind == "f" else "")
             faults = points.fault.tolist()
-            columns["reason"] = Column.of(faults if numbered else [reasons[fault] for fault in faults])
+            columns["reason"] = LayerColumn.of(faults if numbered else [reasons[fault] for fault in faults])
             true["points" if part is not layer else name] = replace(part, xyz=place, columns=columns)
         else:
             true[name] = _cut(part, place, points.good | np.isin(points.fault, DRY))

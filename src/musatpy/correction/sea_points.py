@@ -18,7 +18,7 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.correction.layers import BARE, NAMED, CorrectedPoints, correct_layers, kind_of, read_heights
 from musatpy.errors import CollocationError, Problem, ProblemsError, SeaError
 from musatpy.files import whole_file
-from musatpy.geometry.crs import Plan, system_of
+from musatpy.geometry.crs import MapPlan, system_of
 from musatpy.geometry.projected import Projected, crs_of
 from musatpy.geometry.systems import System
 from musatpy.interchange.any_file import RASTERS, write_layers
@@ -137,7 +137,7 @@ class ThroughSurface(SeaCorrection):
 
     def corrected(self, points: FloatArray, covariance: FloatArray) -> Outcome:
         """Return true places, faults, depths, parallaxes and sigmas; without a covariance by the precision."""
-        plan = None if self.map is None else Plan(system=self.system, map=self.map)
+        plan = None if self.map is None else MapPlan(system=self.system, map=self.map)
         apparent = points if plan is None else plan.places(points)
         unknown = np.isnan(covariance[:, 0, 0])
         self.lacking.append(int(np.count_nonzero(unknown)))
@@ -159,7 +159,7 @@ class ByControl(SeaCorrection):
     """Heights less the errors that are interpolated between control points, on the map of a plan if any."""
 
     interpolation: Interpolation
-    plan: Plan | None = None
+    plan: MapPlan | None = None
     squares: list[float] = field(default_factory=list)  # m2, sums of corrections
     error = CollocationError
     added: ClassVar[Mapping[str, str]] = {

@@ -21,7 +21,7 @@ from musatpy.errors import DepthError, Problem
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.crs import own_ellipsoid, system_of
 from musatpy.geometry.systems import System
-from musatpy.pointfiles.columns import ABOVE_ZERO, AXES, Column, Wanted, place_columns
+from musatpy.pointfiles.columns import ABOVE_ZERO, AXES, FileColumn, Wanted, place_columns
 from musatpy.pointfiles.las_files import SUFFIXES, crs_definition
 from musatpy.pointfiles.point_tables import read_table
 from musatpy.refraction.apparent import Stations
@@ -33,16 +33,18 @@ _ATTITUDE, _CAMERA = ("omega", "phi", "kappa"), ("focal", "width", "height")
 _SIGMAS = tuple(f"sigma_{name}" for name in (*AXES, *_ATTITUDE))
 _STATIONS = Wanted(
     columns=(
-        Column(name="name", kind="text", unique=True, expected="a name"),
+        FileColumn(name="name", kind="text", unique=True, expected="a name"),
         *place_columns(),
-        Column(name="tide", unit="m", required=False),
-        *(Column(name=name, unit="deg", required=False) for name in _ATTITUDE),
+        FileColumn(name="tide", unit="m", required=False),
+        *(FileColumn(name=name, unit="deg", required=False) for name in _ATTITUDE),
         *(
-            Column(name=name, unit="mm", required=False, least=ABOVE_ZERO, expected="a number greater than zero")
+            FileColumn(
+                name=name, unit="mm", required=False, least=ABOVE_ZERO, expected="a number greater than zero"
+            )
             for name in _CAMERA
         ),
-        *(Column(name=name, unit="m", required=False, least=0.0) for name in (*_SIGMAS[:3], "sigma_tide")),
-        *(Column(name=name, unit="deg", required=False, least=0.0) for name in _SIGMAS[3:]),
+        *(FileColumn(name=name, unit="m", required=False, least=0.0) for name in (*_SIGMAS[:3], "sigma_tide")),
+        *(FileColumn(name=name, unit="deg", required=False, least=0.0) for name in _SIGMAS[3:]),
     ),
     together=(_ATTITUDE, _CAMERA, _SIGMAS),
     bare=("name", *AXES),

@@ -22,7 +22,7 @@ from musatpy.figures import INK, add_bar, image_of, lay_out, new_panels, styled
 from musatpy.files import write_files
 from musatpy.geometry.crs import local_map
 from musatpy.geometry.systems import geographic
-from musatpy.pointfiles.columns import PLAN, Column, Wanted
+from musatpy.pointfiles.columns import PLAN, FileColumn, Wanted
 from musatpy.pointfiles.point_tables import read_table
 from musatpy.refraction.apparent import REASONS, Fault, Stations
 from musatpy.refraction.depth_factor import DepthDeparture, departure, pair_factor
@@ -163,7 +163,7 @@ def read_places(path: Path) -> dict[str, FloatArray]:
 
     Raises `DepthError` with every line that cannot be used, and `OSError`.
     """
-    columns = tuple(Column(name=name) for name in sum(_PLACES, ()))
+    columns = tuple(FileColumn(name=name) for name in sum(_PLACES, ()))
     table = read_table(path, Wanted(columns=columns, forms=_PLACES, bare=PLAN))
     table.require(DepthError, empty="no places")
     return dict(table.values)

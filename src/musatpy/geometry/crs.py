@@ -4,7 +4,7 @@ Coordinates stand in the order x, y, z whatever order the register gives the axe
 projected systems, longitude, latitude, height of geographic ones. Heights are metres, above the ellipsoid or above
 a geoid model that is given with the system; the heights of a compound system are not known without one.
 
-A `Plan` makes a plane of the ellipsoid: metres east and north of the middle of points, and heights.
+A `MapPlan` makes a plane of the ellipsoid: metres east and north of the middle of points, and heights.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def _require_metres(name: str, axes: Any) -> None:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Plan:
+class MapPlan:
     """The system of a file of points, and the map on which they are worked with: x, y, ellipsoidal height.
 
     Where a surface is a function of the place, of which the level one is 0, nothing that hangs on it is bent.
@@ -145,7 +145,7 @@ class Plan:
     map: Projected
 
     @classmethod
-    def about(cls, system: System, coordinates: FloatArray) -> Plan:
+    def about(cls, system: System, coordinates: FloatArray) -> MapPlan:
         """Return the plan about the middle of points (n, 3). Raises `SystemsError`, without points `ValueError`."""
         if not len(coordinates):
             raise ValueError("no point")

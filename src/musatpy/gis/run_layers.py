@@ -13,7 +13,7 @@ from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.crs import LongitudeLatitude, system_of
 from musatpy.geometry.projected import Geoid, Projected, crs_of
 from musatpy.geometry.systems import Geocentric, LocalRectangular, System
-from musatpy.interchange.layers import Column, Lines, Points, Polygons
+from musatpy.interchange.layers import LayerColumn, Lines, Points, Polygons
 from musatpy.plots.plane import ground_of, map_about, outlines, plane_of
 from musatpy.records.run_tables import job_system
 from musatpy.records.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
@@ -93,47 +93,47 @@ def layers_of(tables: Tables, crs: str = "") -> dict[str, Points | Lines]:
     return layers
 
 
-def _placed(places: FloatArray, columns: Mapping[str, Column], target: TargetSystem) -> Points:
+def _placed(places: FloatArray, columns: Mapping[str, LayerColumn], target: TargetSystem) -> Points:
     """Return rows that have a place."""
     known = np.isfinite(places).all(axis=1)
     kept = {name: replace(column, values=column.values[known]) for name, column in columns.items()}
     return Points(xyz=places[known], columns=kept, crs=target.crs, heights=target.heights)
 
 
-def _vector(name: str, values: FloatArray, unit: str, axes: tuple[str, ...] = _AXES) -> dict[str, Column]:
-    return {f"{name}{axis}": Column.of(values[:, i], unit) for i, axis in enumerate(axes)}
+def _vector(name: str, values: FloatArray, unit: str, axes: tuple[str, ...] = _AXES) -> dict[str, LayerColumn]:
+    return {f"{name}{axis}": LayerColumn.of(values[:, i], unit) for i, axis in enumerate(axes)}
 
 
-def _of_stations(tables: Tables) -> dict[str, Column]:
+def _of_stations(tables: Tables) -> dict[str, LayerColumn]:
     stations = part(tables, "stations")
     tide = numbers(part(tables, "adjusted_water"), "tide")
     return {
-        "photo": Column.of(texts(stations, "photo")),
-        "camera": Column.of(texts(stations, "camera")),
+        "photo": LayerColumn.of(texts(stations, "photo")),
+        "camera": LayerColumn.of(texts(stations, "camera")),
         **_vector("", numbers(stations, "attitude", 3) / DEGREE, "deg", _ANGLES),
         **_vector("sigma_", numbers(stations, "position_sigma", 3), "m"),
         **_vector("sigma_", numbers(stations, "attitude_sigma", 3) / DEGREE, "deg", _ANGLES),
-        **({"water_level": Column.of(tide, "m")} if len(tide) else {}),
+        **({"water_level": LayerColumn.of(tide, "m")} if len(tide) else {}),
     }
 
 
-def _of_points(tables: Tables) -> dict[str, Column]:
+def _of_points(tables: Tables) -> dict[str, LayerColumn]:
     points, wet = part(tables, "points"), part(tables, "bathymetric_points")
     ids = texts(points, "point")
     row = rows_of(ids, texts(wet, "point"))
 
-    def spread(field: str) -> Column:
+    def spread(field: str) -> LayerColumn:
         values = np.full(len(ids), np.nan)
         values[row] = numbers(wet, field)
-        return Column.of(values, "m")
+        return LayerColumn.of(values, "m")
 
     return {
-        "point": Column.of(ids),
-        "submerged": Column.of(flags(points, "bathymetric").astype(np.int64)),
-        "dry": Column.of(flags(points, "dry").astype(np.int64)),
-        "status": Column.of(texts(points, "status")),
-        "reason": Column.of(texts(points, "reason")),
-        "rays": Column.of(np.nan_to_num(numbers(points, "rays")).astype(np.int64)),
+        "point": LayerColumn.of(ids),
+        "submerged": LayerColumn.of(flags(points, "bathymetric").astype(np.int64)),
+        "dry": LayerColumn.of(flags(points, "dry").astype(np.int64)),
+        "status": LayerColumn.of(texts(points, "status")),
+        "reason": LayerColumn.of(texts(points, "reason")),
+        "rays": LayerColumn.of(np.nan_to_num(numbers(points, "rays")).astype(np.int64)),
         **_vector("sigma_", numbers(points, "sigma", 3), "m"),
         "depth": spread("depth"),
         "depth_sigma": spread("depth_sigma"),
@@ -142,10 +142,10 @@ def _of_points(tables: Tables) -> dict[str, Column]:
     }
 
 
-def _of_control(control: Mapping[str, Any]) -> dict[str, Column]:
+def _of_control(control: Mapping[str, Any]) -> dict[str, LayerColumn]:
     return {
-        "point": Column.of(texts(control, "point")),
-        "kind": Column.of(texts(control, "kind")),
+        "point": LayerColumn.of(texts(control, "point")),
+        "kind": LayerColumn.of(texts(control, "kind")),
         **_vector("difference_", numbers(control, "difference", 3), "m"),
     }
 
@@ -160,7 +160,7 @@ def _footprints(tables: Tables, target: TargetSystem) -> Polygons:
     around = target.system.coordinates(plane.system.level(corners)).reshape(-1, 4, 3)
     return Polygons.of_outlines(
         list(around),
-        columns={"photo": Column.of(texts(part(tables, "stations"), "photo")[known])},
+        columns={"photo": LayerColumn.of(texts(part(tables, "stations"), "photo")[known])},
         crs=target.crs,
         heights=target.heights,
     )
@@ -179,14 +179,14 @@ def _observations(tables: Tables, stations: FloatArray, points: FloatArray, targ
     at_photo = rows_of(texts(part(tables, "stations"), "photo"), photo)
     places = np.where((at_point >= 0)[:, None], at_rows(points, at_point), at_rows(stations, at_photo))
     columns = {
-        "kind": Column.of(kinds),
-        "photo": Column.of(photo),
-        "point": Column.of(point),
-        "component": Column.of(texts(observed, "component")),
-        "residual": Column.of(numbers(observed, "residual")),
-        "sigma": Column.of(numbers(observed, "sigma")),
-        "unit": Column.of([_UNITS.get(kind, "m") for kind in kinds.tolist()]),
-        "redundancy": Column.of(numbers(observed, "redundancy")),
-        "standardised": Column.of(numbers(observed, "standardised")),
+        "kind": LayerColumn.of(kinds),
+        "photo": LayerColumn.of(photo),
+        "point": LayerColumn.of(point),
+        "component": LayerColumn.of(texts(observed, "component")),
+        "residual": LayerColumn.of(numbers(observed, "residual")),
+        "sigma": LayerColumn.of(numbers(observed, "sigma")),
+        "unit": LayerColumn.of([_UNITS.get(kind, "m") for kind in kinds.tolist()]),
+        "redundancy": LayerColumn.of(numbers(observed, "redundancy")),
+        "standardised": LayerColumn.of(numbers(observed, "standardised")),
     }
     return _placed(places, columns, target)

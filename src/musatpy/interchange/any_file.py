@@ -9,8 +9,7 @@ import pyproj
 
 from musatpy.errors import InterchangeError
 from musatpy.interchange import dxf, geojson, geopackage, geotiff, las, xyz
-from musatpy.interchange.layers import Grid, Lines, Points
-from musatpy.interchange.packages import refuse
+from musatpy.interchange.layers import Grid, Lines, Points, refuse
 from musatpy.pointfiles.columns import AXES
 
 Layers = dict[str, Points | Lines | Grid]

@@ -24,8 +24,18 @@ import pyproj
 from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError, Problem
 from musatpy.files import write_file
-from musatpy.interchange.layers import Column, Lines, Points, placed
-from musatpy.interchange.packages import fault, gdal_options, package, refuse, require_content, upsets
+from musatpy.interchange.layers import (
+    LayerColumn,
+    Lines,
+    Points,
+    fault,
+    gdal_options,
+    package,
+    placed,
+    refuse,
+    require_content,
+    upsets,
+)
 
 _USE = "DXF files need"
 _DEPTH = "depth"  # column by which lines go to layers, and whose numbers stand at points
@@ -275,5 +285,5 @@ def _without_heights(path: Path, entities: Sequence[Entity]) -> Iterator[Problem
         yield fault(path, "", f"no line has a height (2-D): {kinds}", expected)
 
 
-def _layers(entities: Sequence[Entity]) -> dict[str, Column]:
-    return {"layer": Column.of(np.array([entity.layer for entity in entities], dtype=np.str_))}
+def _layers(entities: Sequence[Entity]) -> dict[str, LayerColumn]:
+    return {"layer": LayerColumn.of(np.array([entity.layer for entity in entities], dtype=np.str_))}

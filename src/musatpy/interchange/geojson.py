@@ -28,8 +28,17 @@ from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError
 from musatpy.files import write_file
 from musatpy.geometry.projected import no_network
-from musatpy.interchange.layers import Column, Lines, Points, Polygons, continuous
-from musatpy.interchange.packages import fault, refuse, require_content, upsets
+from musatpy.interchange.layers import (
+    LayerColumn,
+    Lines,
+    Points,
+    Polygons,
+    continuous,
+    fault,
+    refuse,
+    require_content,
+    upsets,
+)
 
 _PLAN, _SPACE = "OGC:CRS84", "EPSG:4979"
 _SAME = ("urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:OGC::CRS84", "EPSG:4326")  # in files before RFC 7946
@@ -214,7 +223,7 @@ def _parts(path: FloatArray, is_area: bool) -> list[FloatArray]:
     return [part - turn * (part[:, 0].max() > 180.0) for part in extended]
 
 
-def _values(column: Column) -> list[Any]:
+def _values(column: LayerColumn) -> list[Any]:
     """Return values as JSON has them: what is no number is null."""
     return [None if value != value else value for value in column.values.tolist()]
 
@@ -255,7 +264,9 @@ def _vertices(feature: dict[str, Any], kind: str, in_space: bool) -> FloatArray:
     return vertices[:, :3]
 
 
-def _columns(features: list[dict[str, Any]], units: dict[str, Any], left_out: Sequence[str]) -> dict[str, Column]:
+def _columns(
+    features: list[dict[str, Any]], units: dict[str, Any], left_out: Sequence[str]
+) -> dict[str, LayerColumn]:
     """Return the properties of features; one that some of them lack is NaN there, or an empty text."""
     rows = [_mapping(feature.get("properties")) for feature in features]
     names = dict.fromkeys(name for row in rows for name in row if name not in left_out)
@@ -264,7 +275,7 @@ def _columns(features: list[dict[str, Any]], units: dict[str, Any], left_out: Se
         values = [_scalar(row.get(name)) for row in rows]
         if all(value is None or isinstance(value, int | float) for value in values) and None in values:
             values = [np.nan if value is None else float(value) for value in values]
-        columns[name] = Column.of(values, str(units.get(name, "")))
+        columns[name] = LayerColumn.of(values, str(units.get(name, "")))
     return columns
 
 

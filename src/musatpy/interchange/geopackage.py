@@ -18,8 +18,19 @@ import pyproj
 from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError
 from musatpy.files import whole_path
-from musatpy.interchange.layers import Column, Lines, Points, Polygons, placed
-from musatpy.interchange.packages import fault, gdal_options, package, refuse, require_content, upsets
+from musatpy.interchange.layers import (
+    LayerColumn,
+    Lines,
+    Points,
+    Polygons,
+    fault,
+    gdal_options,
+    package,
+    placed,
+    refuse,
+    require_content,
+    upsets,
+)
 
 _USE = "GeoPackages need"
 _LAST_CHANGE = "1983-09-01T00:00:00.000Z"  # the month of ETL-0306: equal layers make equal files
@@ -83,12 +94,16 @@ def read(path: Path, layer: str = "", crs: pyproj.CRS | None = None, heights: st
         meta, _, encoded, values = pyogrio.raw.read(path, layer=name)
         units, description, srs = _described(path, name)
     fields = [str(field) for field in meta["fields"]]
-    columns = {field: Column.of(value, units.get(field, "")) for field, value in zip(fields, values, strict=True)}
+    columns = {
+        field: LayerColumn.of(value, units.get(field, "")) for field, value in zip(fields, values, strict=True)
+    }
     with upsets(path, f"layer {name} cannot be read"):
         geometries = shapely.from_wkb(encoded)
     _check(shapely, path, name, geometries)
     parts, rows = shapely.get_parts(geometries, return_index=True)
-    columns = {field: Column(values=column.values[rows], unit=column.unit) for field, column in columns.items()}
+    columns = {
+        field: LayerColumn(values=column.values[rows], unit=column.unit) for field, column in columns.items()
+    }
     xyz, index = shapely.get_coordinates(parts, include_z=True, return_index=True)
     is_defined = bool(meta["crs"]) and srs not in (_CARTESIAN, _GEOGRAPHIC)
     if srs == _GEOGRAPHIC and crs is not None and not crs.is_geographic:
@@ -120,7 +135,7 @@ def _encoded(shapely: Any, layer: Points | Lines) -> Any:
     return shapely.to_wkb(geometries, output_dimension=3, flavor="iso")
 
 
-def _stored(column: Column) -> Any:
+def _stored(column: LayerColumn) -> Any:
     return column.values.astype(object) if column.is_text else column.values
 
 

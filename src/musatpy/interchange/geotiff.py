@@ -18,8 +18,7 @@ import pyproj
 from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError, Problem
 from musatpy.files import whole_path
-from musatpy.interchange.layers import LOCAL, Grid, Posts, placed
-from musatpy.interchange.packages import fault, package, refuse, require_content, upsets
+from musatpy.interchange.layers import LOCAL, Grid, Posts, fault, package, placed, refuse, require_content, upsets
 
 _USE = "GeoTIFFs need"
 _HEIGHTS = "HEIGHTS"  # tag with the words for heights

@@ -15,8 +15,7 @@ import numpy as np
 import pyproj
 
 from musatpy.files import whole_file
-from musatpy.interchange.layers import Column, Points, joined, placed
-from musatpy.interchange.packages import refuse, require_content
+from musatpy.interchange.layers import LayerColumn, Points, joined, placed, refuse, require_content
 from musatpy.pointfiles.las_files import chunks, coordinates, crs_definition, opened, package, upsets, written
 
 _RECORD = "musatpy"  # user of the record with the words for heights
@@ -86,5 +85,5 @@ def read_chunks(path: Path, crs: pyproj.CRS | None = None, heights: str = "") ->
             raise refuse(path, "", "there are no points", "points")
         for record in chunks(reader, path):
             with upsets(path, "its points cannot be read"):
-                columns = {d.name: Column.of(np.array(record[d.name]), d.description) for d in extra}
+                columns = {d.name: LayerColumn.of(np.array(record[d.name]), d.description) for d in extra}
             yield Points(xyz=coordinates(record), columns=columns, crs=system, heights=heights)

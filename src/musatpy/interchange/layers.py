@@ -2,6 +2,8 @@
 
 Coordinates stand in the order x (easting, longitude), y (northing, latitude), z, whatever order the register gives
 the axes of the system.
+
+Packages of the extra `gis`, loaded where they are used, and the problems of files that they read and write.
 """
 
 from __future__ import annotations
@@ -18,6 +20,15 @@ from musatpy.pointfiles.columns import number
 if TYPE_CHECKING:
     import pyproj
 
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+
+from musatpy.errors import InterchangeError, MusatError, Problem
+
 # The engineering system by which files and callers say that coordinates are local, where a system is required.
 LOCAL = (
     'ENGCRS["local",EDATUM["local"],CS[Cartesian,2],AXIS["easting",east],AXIS["northing",north],'
@@ -26,7 +37,7 @@ LOCAL = (
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Column:
+class LayerColumn:
     """One value of each point or line: numbers, NaN where there is none, or texts."""
 
     values: FloatArray | IntArray | TextArray  # (n,)
@@ -43,7 +54,7 @@ class Column:
         return self.values.dtype.kind == "i"
 
     @classmethod
-    def of(cls, values: Any, unit: str = "") -> Column:
+    def of(cls, values: Any, unit: str = "") -> LayerColumn:
         """Return a column of any values (n,): whole numbers, numbers (None is NaN), or else texts (None is '')."""
         array = np.asarray(values)
         if array.dtype.kind in "biu":
@@ -72,7 +83,7 @@ class Points(Layer):
     """n points. Raises `ValueError` for what is no number, and for arrays of other lengths; lines do too."""
 
     xyz: FloatArray  # (n, 3)
-    columns: Mapping[str, Column] = field(default_factory=dict)
+    columns: Mapping[str, LayerColumn] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.xyz.ndim != 2 or self.xyz.shape[1] != 3:
@@ -84,7 +95,7 @@ class Points(Layer):
 def joined(chunks: Sequence[Points]) -> Points:
     """Return the points of chunks, one or more, with the same columns as one layer."""
     columns = {
-        name: Column.of(np.concatenate([chunk.columns[name].values for chunk in chunks]), column.unit)
+        name: LayerColumn.of(np.concatenate([chunk.columns[name].values for chunk in chunks]), column.unit)
         for name, column in chunks[0].columns.items()
     }
     return replace(chunks[0], xyz=np.concatenate([chunk.xyz for chunk in chunks]), columns=columns)
@@ -95,15 +106,15 @@ def with_numbers(points: Points) -> Points:
     return replace(points, columns={name: _as_numbers(column) for name, column in points.columns.items()})
 
 
-def _as_numbers(column: Column) -> Column:
+def _as_numbers(column: LayerColumn) -> LayerColumn:
     if not column.is_text:
         return column
     texts = [text.strip() for text in column.values.tolist()]
     values = np.array([number(text) for text in texts])
     given = np.array([text.lower() not in ("", "nan") for text in texts], dtype=bool)
     if np.isfinite(values[given]).all():
-        return Column.of(values, column.unit)
-    return Column.of(texts, column.unit)
+        return LayerColumn.of(values, column.unit)
+    return LayerColumn.of(texts, column.unit)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,7 +126,7 @@ class Lines(Layer):
 
     vertices: Sequence[FloatArray]  # n of (k, 3)
     closed: BoolArray  # (n,)
-    columns: Mapping[str, Column] = field(default_factory=dict)
+    columns: Mapping[str, LayerColumn] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for line in self.vertices:
@@ -230,7 +241,69 @@ def _require_finite(xyz: FloatArray) -> None:
         raise ValueError("a coordinate is no number: what has no place has no row in a layer")
 
 
-def _require_length(columns: Mapping[str, Column], count: int) -> None:
+def _require_length(columns: Mapping[str, LayerColumn], count: int) -> None:
     for name, column in columns.items():
         if column.values.shape != (count,):
             raise ValueError(f"column {name} has the shape {column.values.shape}, and there are {count} rows")
+
+
+def package(name: str, use: str) -> Any:
+    """Return a module of a package of the extra `gis`.
+
+    Raises `InterchangeError` that names the extra where the package is missing; `use`: what needs it.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        message = f"{use} the package {name.partition('.')[0]}: pip install 'musatpy[gis]'"
+        raise InterchangeError([Problem(message=message)]) from error
+
+
+def fault(path: Path, place: str, found: str, expected: str, line: int | None = None) -> Problem:
+    """Return what is wrong at a place of a file (a feature, a layer, a column), and what is expected there."""
+    message = f"{place}: {found}; expected: {expected}" if place else f"{found}; expected: {expected}"
+    return Problem(file=str(path), line=line, message=message, found=found, expected=expected)
+
+
+def refuse(path: Path, place: str, found: str, expected: str) -> InterchangeError:
+    """Return the error of one fault."""
+    return InterchangeError([fault(path, place, found, expected)])
+
+
+@contextmanager
+def gdal_options(use: str, options: Mapping[str, str]) -> Iterator[None]:
+    """Set configuration options of the GDAL of pyogrio for a while."""
+    pyogrio = package("pyogrio", use)
+    before = {name: pyogrio.get_gdal_config_option(name) for name in options}
+    pyogrio.set_gdal_config_options(options)
+    try:
+        yield
+    finally:
+        pyogrio.set_gdal_config_options(before)
+
+
+@contextmanager
+def upsets(path: Path, what: str) -> Iterator[None]:
+    """Turn what a package raises over a file into an `InterchangeError` that begins with `what` went wrong.
+
+    The errors of these packages have no common kind, and the bytes of files upset them in every way; errors of the
+    system about files (`OSError` with its number) stay.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of what these packages put right by themselves
+            yield
+    except MusatError:
+        raise
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        text = " ".join(str(error).split()) or type(error).__name__
+        raise InterchangeError([Problem(file=str(path), message=f"{what}: {text}")]) from error
+
+
+def require_content(path: Path) -> None:
+    """Raise `InterchangeError` for an empty file, and `OSError` for none."""
+    with path.open("rb") as file:
+        if not file.read(1):
+            raise refuse(path, "", "the file is empty", "points, lines or a grid")

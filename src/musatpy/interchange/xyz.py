@@ -17,8 +17,7 @@ import pyproj
 from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError
 from musatpy.files import whole_file
-from musatpy.interchange.layers import Column, Points, joined, with_numbers
-from musatpy.interchange.packages import refuse, require_content
+from musatpy.interchange.layers import LayerColumn, Points, joined, refuse, require_content, with_numbers
 from musatpy.pointfiles.columns import AXES, Wanted, place_columns
 from musatpy.pointfiles.point_tables import ENCODING
 from musatpy.pointfiles.point_tables import read_chunks as read_tables
@@ -63,7 +62,8 @@ def read_chunks(
         yield Points(
             xyz=table.numbers(*(place.name for place in places)),
             columns={
-                name: Column(values=np.array(of, dtype=np.str_), unit=unit) for name, (of, unit) in others.items()
+                name: LayerColumn(values=np.array(of, dtype=np.str_), unit=unit)
+                for name, (of, unit) in others.items()
             },
             crs=crs,
             heights=heights,
@@ -94,7 +94,7 @@ def _fixed(values: FloatArray, decimals: int) -> list[str]:
     return [form % value for value in (np.round(values, decimals) + 0.0).tolist()]  # no zero has a sign
 
 
-def _texts(column: Column, empty: str) -> list[str]:
+def _texts(column: LayerColumn, empty: str) -> list[str]:
     values = column.values
     if column.is_text or column.is_whole:
         return [str(value) for value in values.tolist()]

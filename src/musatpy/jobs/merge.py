@@ -12,8 +12,7 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import DeckError, Problem
 from musatpy.jobs import agreement
 from musatpy.jobs.agreement import Part
-from musatpy.jobs.linking import Linking, Once, once
-from musatpy.jobs.naming import Kind
+from musatpy.jobs.naming import Linking, NamedKind, Once, once
 from musatpy.model import Block, EqualElevations, Photos, PlateMeasurements, Points, WaterLevel
 from musatpy.model.block import in_order, linking
 from musatpy.model.tables import taken
@@ -34,7 +33,9 @@ class Merged:
     """The merged block, and what was found to be the same."""
 
     block: Block
-    shared: dict[Kind, tuple[tuple[str, tuple[str, ...]], ...]]  # kind -> names that several decks have, and these
+    shared: dict[
+        NamedKind, tuple[tuple[str, tuple[str, ...]], ...]
+    ]  # kind -> names that several decks have, and these
     once: dict[str, int]  # what several decks give alike -> how many of them were dropped
     believed: tuple[str, ...]  # what differs, and holds as the preferred deck says
     notes: tuple[str, ...]
@@ -76,7 +77,7 @@ class _Merger:
         self._note_water(block)
         return Merged(
             block=in_order(block),
-            shared={kind: shared for kind in Kind if (shared := self.names.shared(kind))},
+            shared={kind: shared for kind in NamedKind if (shared := self.names.shared(kind))},
             once={what: double.dropped for what, double in self.doubles.items() if double.dropped},
             believed=tuple(name for double in self.doubles.values() for name in double.believed),
             notes=tuple(self.notes),
@@ -87,7 +88,7 @@ class _Merger:
         return replace(
             self.head,
             titles=tuple(dict.fromkeys(title for part in self.parts for title in part.block.titles)),
-            cameras=taken(self.names.table("cameras"), self._first(Kind.CAMERA)),
+            cameras=taken(self.names.table("cameras"), self._first(NamedKind.CAMERA)),
             **{name: self._of_first_decks(name) for name in linking(self.head, "cameras") if name != "photos"},
             photos=self._photos(),
             fiducial_measurements=self._on_photos("fiducial_measurements", "fiducial mark"),
@@ -101,7 +102,7 @@ class _Merger:
             height_differences=self._measured("height_differences", "difference", turn=-1.0),
         )
 
-    def _first(self, kind: Kind) -> IntArray:
+    def _first(self, kind: NamedKind) -> IntArray:
         """Return the row, among those of all parts, in which each name first appears."""
         return np.unique(self.names.all_links(kind), return_index=True)[1]
 
@@ -136,31 +137,31 @@ class _Merger:
     def _of_first_decks(self, name: str) -> Any:
         """Return what belongs to each camera in the first deck that has it."""
         table = self.names.table(name)
-        deck = self.names.deck("cameras")[self._first(Kind.CAMERA)]
+        deck = self.names.deck("cameras")[self._first(NamedKind.CAMERA)]
         return taken(table, self.names.deck(name) == deck[table.camera])
 
     def _photos(self) -> Photos:
         table: Photos = self.names.table("photos")
-        shared = self.names.shared(Kind.PHOTO)
+        shared = self.names.shared(NamedKind.PHOTO)
         if shared and not self.options.join_photos:
             self.problems += [
                 Problem(message=f"photo {name} is in several decks: {', '.join(decks)}") for name, decks in shared
             ]
-            return taken(table, self._first(Kind.PHOTO))
-        links = self.names.all_links(Kind.PHOTO)
+            return taken(table, self._first(NamedKind.PHOTO))
+        links = self.names.all_links(NamedKind.PHOTO)
         kept: Photos = self._once("photos", "photo", table, links[:, None], table.ids, ("ids",))
-        number = self.names.number[Kind.PHOTO]
+        number = self.names.number[NamedKind.PHOTO]
         return taken(kept, np.argsort([number[name] for name in kept.ids.tolist()]))
 
     def _on_photos(self, name: str, label: str) -> Any:
         """Return the measured marks, or crosses, of all photos."""
-        table, photos = self.names.table(name), self.names.ids(Kind.PHOTO)
+        table, photos = self.names.table(name), self.names.ids(NamedKind.PHOTO)
         what = [f"{mark} of photo {photos[photo]}" for mark, photo in zip(table.ids, table.photo, strict=True)]
         key = self._nth(name, np.stack([table.photo, _ranks(table.ids)], axis=1))
         return self._once(name, label, table, key, what, ("photo", "ids"))
 
     def _air_bases(self) -> Any:
-        table, photos = self.names.table("air_bases"), self.names.ids(Kind.PHOTO)
+        table, photos = self.names.table("air_bases"), self.names.ids(NamedKind.PHOTO)
         ends = np.sort(table.photo, axis=1)
         what = [f"{photos[a]}-{photos[b]}" for a, b in ends]
         return self._once("air_bases", "air base", table, ends, what, ("photo",))
@@ -168,12 +169,12 @@ class _Merger:
     # --- points ---
 
     def _points(self) -> Points:
-        ids = self.names.ids(Kind.POINT)
+        ids = self.names.ids(NamedKind.POINT)
         wet: list[list[str]] = [[] for _ in ids]  # names of decks
         dry: list[list[str]] = [[] for _ in ids]
         certain = np.zeros(len(ids), dtype=bool)  # dry by the flag of one deck at least
         for part in self.parts:
-            block, links = part.block, self.names.links(part, Kind.POINT)
+            block, links = part.block, self.names.links(part, NamedKind.POINT)
             certain[links[block.points.dry]] = True
             for point in np.unique(np.concatenate([block.plates.point, block.control.point])).tolist():
                 (wet if block.points.bathymetric[point] else dry)[links[point]].append(part.name)
@@ -187,10 +188,10 @@ class _Merger:
 
     def _plates(self) -> PlateMeasurements:
         table: PlateMeasurements = self.names.table("plates")
-        if self.names.shared(Kind.PHOTO) and not self.options.join_photos:
+        if self.names.shared(NamedKind.PHOTO) and not self.options.join_photos:
             return table  # an error already
         table = replace(table, sigma=np.concatenate([self._plate_sigma(part) for part in self.parts]))
-        photos, points = self.names.ids(Kind.PHOTO), self.names.ids(Kind.POINT)
+        photos, points = self.names.ids(NamedKind.PHOTO), self.names.ids(NamedKind.POINT)
         what = (f"of {points[q]} on {photos[p]}" for p, q in zip(table.photo, table.point, strict=True))
         key = self._nth("plates", np.stack([table.photo, table.point], axis=1))
         kept: PlateMeasurements = self._once("plates", "measurement", table, key, what, ("photo", "point"))
@@ -214,13 +215,13 @@ class _Merger:
         return sigma
 
     def _control(self) -> Any:
-        table, points = self.names.table("control"), self.names.ids(Kind.POINT)
+        table, points = self.names.table("control"), self.names.ids(NamedKind.POINT)
         what = (points[point] for point in table.point)
         return self._once("control", "control point", table, table.point[:, None], what, ("point",))
 
     def _groups(self) -> EqualElevations:
         """Return the groups of all parts: those of one name are one group, and a member of both is one member."""
-        number, points = self.names.number[Kind.GROUP], self.names.number[Kind.POINT]
+        number, points = self.names.number[NamedKind.GROUP], self.names.number[NamedKind.POINT]
         given: dict[str, tuple[float, int]] = {}  # sigma, and the part that gave it
         pairs: dict[tuple[int, int], None] = {}
         for place, part in enumerate(self.parts):
@@ -246,7 +247,7 @@ class _Merger:
         Ends may be given either way round, the value being `turn` times as large then. Other values are other
         measurements, and stay.
         """
-        table, points = self.names.table(name), self.names.ids(Kind.POINT)
+        table, points = self.names.table(name), self.names.ids(NamedKind.POINT)
         turned = table.point[:, 0] > table.point[:, 1]
         value = np.where(turned, turn, 1.0) * getattr(table, attribute)
         ends = np.sort(table.point, axis=1)
@@ -261,7 +262,7 @@ class _Merger:
         level, water = block.options.water_level, block.water
         if level is WaterLevel.ONE:
             self.notes.append("the tides of all decks have one unknown correction in common now")
-        kind = {WaterLevel.GROUP: Kind.TIDE, WaterLevel.DAY: Kind.DAY}.get(level)
+        kind = {WaterLevel.GROUP: NamedKind.TIDE, WaterLevel.DAY: NamedKind.DAY}.get(level)
         for name, decks in self.names.shared(kind) if kind else ():
             self.notes.append(f"tides of {kind} {name} have one unknown correction: {', '.join(decks)}")
         if water is not None and (water.tilt_east or water.tilt_north):

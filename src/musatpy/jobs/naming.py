@@ -1,19 +1,27 @@
-"""New names for cameras, photos, points, groups and tides of a block, and the files that list them."""
+"""New names for cameras, photos, points, groups and tides of a block, and the files that list them.
+
+The names of several blocks as one list, and their tables one below the other with links to it.
+
+What several give stands there once where they agree, from the deck that is to be believed where they do not.
+"""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
+from functools import cached_property
 from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import TextArray
+from musatpy.arrays import BoolArray, IntArray, TextArray
 from musatpy.errors import DeckError, Problem
+from musatpy.jobs.agreement import Part, same
 from musatpy.model import Block
+from musatpy.model.tables import renumbered, stacked
 
 EVERY_DECK = "*"
 
@@ -29,7 +37,7 @@ def names_of(text: str) -> list[str]:
     return [name for name in names if name]
 
 
-class Kind(StrEnum):
+class NamedKind(StrEnum):
     """What has a name."""
 
     CAMERA = "camera"
@@ -42,15 +50,15 @@ class Kind(StrEnum):
 
 # kind -> table and attribute with its names
 _PLACES = {
-    Kind.CAMERA: ("cameras", "ids"),
-    Kind.PHOTO: ("photos", "ids"),
-    Kind.POINT: ("points", "ids"),
-    Kind.GROUP: ("equal_elevations", "ids"),
-    Kind.TIDE: ("photos", "tide_group"),
-    Kind.DAY: ("photos", "tide_day"),
+    NamedKind.CAMERA: ("cameras", "ids"),
+    NamedKind.PHOTO: ("photos", "ids"),
+    NamedKind.POINT: ("points", "ids"),
+    NamedKind.GROUP: ("equal_elevations", "ids"),
+    NamedKind.TIDE: ("photos", "tide_group"),
+    NamedKind.DAY: ("photos", "tide_day"),
 }
-_LABELS = (Kind.TIDE, Kind.DAY)  # several photos may have the same one
-Names = Mapping[Kind, Mapping[str, str]]  # kind -> old -> new
+_LABELS = (NamedKind.TIDE, NamedKind.DAY)  # several photos may have the same one
+Names = Mapping[NamedKind, Mapping[str, str]]  # kind -> old -> new
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +66,7 @@ class NewName:
     """One line of a file of new names."""
 
     deck: str  # path or name without ending of a deck, `*` for every one
-    kind: Kind
+    kind: NamedKind
     old: str
     new: str
     file: str
@@ -79,19 +87,19 @@ def new_names(text: str, file: str) -> tuple[NewName, ...]:
             continue
         if not words:
             continue
-        if len(words) != 4 or words[1] not in set(Kind) or not all(words):
-            message = f"not 'deck kind old new' with a kind of {', '.join(Kind)}"
+        if len(words) != 4 or words[1] not in set(NamedKind) or not all(words):
+            message = f"not 'deck kind old new' with a kind of {', '.join(NamedKind)}"
             problems.append(Problem(file=file, line=number, message=message))
             continue
         names.append(
-            NewName(deck=words[0], kind=Kind(words[1]), old=words[2], new=words[3], file=file, line=number)
+            NewName(deck=words[0], kind=NamedKind(words[1]), old=words[2], new=words[3], file=file, line=number)
         )
     if problems:
         raise DeckError(problems)
     return tuple(names)
 
 
-def names_in(block: Block, kind: Kind) -> TextArray:
+def names_in(block: Block, kind: NamedKind) -> TextArray:
     """Return the names of a kind that a block has, one per row of their table."""
     table, attribute = _PLACES[kind]
     names: TextArray = getattr(getattr(block, table), attribute)
@@ -122,7 +130,7 @@ def renamed(block: Block, names: Names, deck: str) -> Block:
     return replace(block, **tables)
 
 
-def _taken_twice(kind: Kind, before: list[str], after: list[str], deck: str) -> Iterable[Problem]:
+def _taken_twice(kind: NamedKind, before: list[str], after: list[str], deck: str) -> Iterable[Problem]:
     first: dict[str, str] = {}
     for old, new in zip(before, after, strict=True):
         if new in first:
@@ -144,13 +152,13 @@ def deck_number(wanted: str, decks: Sequence[str]) -> int:
     raise DeckError([Problem(message=f"'{wanted}' is none of the decks {', '.join(decks)}")])
 
 
-def assigned(new: Iterable[NewName], parts: Sequence[tuple[str, Block]]) -> list[dict[Kind, dict[str, str]]]:
+def assigned(new: Iterable[NewName], parts: Sequence[tuple[str, Block]]) -> list[dict[NamedKind, dict[str, str]]]:
     """Return the new names of each part, name and block, that lines of a file give.
 
     `*` stands for every deck that has the name. Raises `DeckError` with every line that names no deck, nothing in
     it, or something twice.
     """
-    names: list[dict[Kind, dict[str, str]]] = [{} for _ in parts]
+    names: list[dict[NamedKind, dict[str, str]]] = [{} for _ in parts]
     decks = [deck for deck, _ in parts]
     problems = []
     for change in new:
@@ -173,8 +181,112 @@ def assigned(new: Iterable[NewName], parts: Sequence[tuple[str, Block]]) -> list
     return names
 
 
-def prefixed(block: Block, kind: Kind, prefix: str, names: Names, but: Container[str] = ()) -> dict[str, str]:
+def prefixed(block: Block, kind: NamedKind, prefix: str, names: Names, but: Container[str] = ()) -> dict[str, str]:
     """Return the new names of a kind: what `names` say, and `prefix` before all others that are not in `but`."""
     given = dict(names.get(kind, {}))
     others = (name for name in names_in(block, kind).tolist() if name not in given and name not in but)
     return given | {name: prefix + name for name in others}
+
+
+_LINKS = {"cameras": NamedKind.CAMERA, "photos": NamedKind.PHOTO, "points": NamedKind.POINT}  # tables with names
+
+
+class Linking:
+    """The names of all parts in the order of first appearance; equal ones are one thing."""
+
+    def __init__(self, parts: Sequence[Part]) -> None:
+        self.parts = tuple(parts)
+
+    @cached_property
+    def number(self) -> dict[NamedKind, dict[str, int]]:
+        """The number of each name of a kind."""
+        numbers = {}
+        for kind in NamedKind:
+            names = dict.fromkeys(name for part in self.parts for name in names_in(part.block, kind).tolist())
+            numbers[kind] = {name: number for number, name in enumerate(names)}
+        return numbers
+
+    def ids(self, kind: NamedKind) -> list[str]:
+        """Return the names of a kind."""
+        return list(self.number[kind])
+
+    def links(self, part: Part, kind: NamedKind) -> IntArray:
+        """Return the number of each thing that one part has."""
+        number = self.number[kind]
+        return np.array([number[name] for name in names_in(part.block, kind).tolist()], dtype=int)
+
+    def all_links(self, kind: NamedKind) -> IntArray:
+        """Return the numbers of the things of all parts, one part after the other."""
+        return np.concatenate([self.links(part, kind) for part in self.parts])
+
+    def shared(self, kind: NamedKind) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """Return the names of a kind that several decks have, and these decks."""
+        decks: dict[str, list[str]] = {}
+        for part in self.parts:
+            for name in dict.fromkeys(names_in(part.block, kind).tolist()):
+                decks.setdefault(name, []).append(part.name)
+        return tuple((name, tuple(those)) for name, those in decks.items() if name and len(those) > 1)
+
+    def table(self, name: str) -> Any:
+        """Return a table of all parts, its links those of the common names."""
+        return stacked([renumbered(getattr(part.block, name), self._numbers(part)) for part in self.parts])
+
+    def _numbers(self, part: Part) -> dict[str, IntArray]:
+        return {table: self.links(part, kind) for table, kind in _LINKS.items()}
+
+    def deck(self, name: str) -> IntArray:
+        """Return which part (k,) each row of such a table comes from."""
+        sizes = [getattr(part.block, name).count for part in self.parts]
+        return np.repeat(np.arange(len(self.parts)), sizes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Once:
+    """Which rows (k,) of stacked tables stay, what was dropped as said before, and where one deck was believed."""
+
+    stays: BoolArray
+    dropped: int
+    believed: tuple[str, ...]  # what these rows are called
+    problems: tuple[Problem, ...]
+
+
+def once(
+    table: Any,
+    key: IntArray,
+    part: IntArray,
+    names: Sequence[str],
+    *,
+    what: Sequence[str],
+    apart: Sequence[str] = (),
+    prefer: int = -1,
+) -> Once:
+    """Return each row of a table that several decks give only once.
+
+    Rows with the same `key` (k, q) of different decks `part` (k,) are the same thing, called `what` (k,); the
+    attributes `apart` of the key are not compared. Where they differ, the row of deck `prefer` holds (-1: none
+    does), and without one that is a problem, which names the decks by `names`. Rows of one deck stay as they are.
+    """
+    stays = np.ones(len(part), dtype=bool)
+    dropped, believed, problems = 0, [], []
+    columns = [column.name for column in fields(table) if column.name not in apart]
+    _, inverse = np.unique(key, axis=0, return_inverse=True)
+    inverse = inverse.reshape(-1)
+    repeated = np.flatnonzero(np.bincount(inverse)[inverse] > 1) if len(inverse) else np.zeros(0, dtype=int)
+    decided = set(inverse[part == prefer].tolist())
+    kept: dict[int, int] = {}
+    for row in repeated.tolist():
+        first = kept.setdefault(int(inverse[row]), row)
+        if part[first] == part[row]:
+            continue
+        differ = [name for name in columns if not same(getattr(table, name)[first], getattr(table, name)[row])]
+        if differ and int(inverse[row]) not in decided:
+            message = f"{what[row]} differs in {', '.join(differ)}: {names[part[first]]} and {names[part[row]]}"
+            problems.append(Problem(message=message))
+        elif differ:
+            believed.append(what[row])
+        else:
+            dropped += 1
+        loser = first if differ and part[row] == prefer else row
+        stays[loser] = False
+        kept[int(inverse[row])] = row if loser == first else first
+    return Once(stays=stays, dropped=dropped, believed=tuple(dict.fromkeys(believed)), problems=tuple(problems))

@@ -9,8 +9,8 @@ from musatpy.errors import DeckError, Problem, in_order
 from musatpy.formats.cards.manual import card_of
 from musatpy.formats.cards.settings import PARTS, Setting, SettingError, setting_of
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.pointfiles.columns import Column, Wanted
-from musatpy.pointfiles.point_tables import Table, read_table
+from musatpy.pointfiles.columns import FileColumn, Wanted
+from musatpy.pointfiles.point_tables import PointTable, read_table
 
 
 def cards_of_table(path: Path, spec: CardSpec, family: Family) -> list[str]:
@@ -46,14 +46,14 @@ def wanted_of(spec: CardSpec) -> Wanted:
         if field.blank == "error" and not any(field.name.startswith(f"{angle}_") for angle in angles)
     }
     columns = [
-        Column(name=name.lower(), aliases=(), kind="text", required=name in must, blank=name not in must)
+        FileColumn(name=name.lower(), aliases=(), kind="text", required=name in must, blank=name not in must)
         for name in [*names, *angles]
     ]
     return Wanted(columns=tuple(columns), closed=True)
 
 
 def _settings(
-    spec: CardSpec, table: Table, row: int, values: dict[str, str]
+    spec: CardSpec, table: PointTable, row: int, values: dict[str, str]
 ) -> tuple[list[Setting], list[Problem]]:
     """Return what the columns of the card of a row are to be, and the values that cannot stand there."""
     settings, problems = list[Setting](), list[Problem]()

@@ -17,22 +17,22 @@ from musatpy.errors import DeckError, Problem
 from musatpy.formats.cards.deck import CardDeck, read_cards
 from musatpy.formats.cards.settings import blank_card, card_with, setting_of
 from musatpy.formats.cards.spec import END_MNEMONIC, CardSpec, Family
-from musatpy.pointfiles.columns import Column, Wanted
-from musatpy.pointfiles.point_tables import Table, read_table
+from musatpy.pointfiles.columns import FileColumn, Wanted
+from musatpy.pointfiles.point_tables import PointTable, read_table
 
 LONGEST_GAP = 1800.0  # s between two readings: beyond it the water may have done anything
 _FEWEST = 3  # readings: one is left out to see what a gap is worth
 _ZONE = re.compile(r"([+-])(\d\d):?(\d\d)")
 _READINGS = Wanted(
     columns=(
-        Column(name="time", aliases=("t", "date", "datetime"), kind="text", expected="a time"),
-        Column(name="height", aliases=("level", "water", "tide", "z", "value"), unit="m"),
+        FileColumn(name="time", aliases=("t", "date", "datetime"), kind="text", expected="a time"),
+        FileColumn(name="height", aliases=("level", "water", "tide", "z", "value"), unit="m"),
     )
 )
 _EXPOSURES = Wanted(
     columns=(
-        Column(name="photo", aliases=("id", "name", "image"), kind="text", unique=True, expected="a photo"),
-        Column(name="time", aliases=("t", "date", "datetime"), kind="text", expected="a time"),
+        FileColumn(name="photo", aliases=("id", "name", "image"), kind="text", unique=True, expected="a photo"),
+        FileColumn(name="time", aliases=("t", "date", "datetime"), kind="text", expected="a time"),
     )
 )
 
@@ -125,7 +125,7 @@ def _zone(text: str) -> timezone:
     return timezone(-offset if parts[1] == "-" else offset)
 
 
-def _times(table: Table, zone: str) -> FloatArray:
+def _times(table: PointTable, zone: str) -> FloatArray:
     """Return the times (n,) of a table, NaN for those that are wrong, which are told."""
     times = np.full(len(table.rows), np.nan)
     if not table.has("time"):

@@ -59,7 +59,7 @@ def parted(heading: str) -> tuple[str, str]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Column:
+class FileColumn:
     """What a column is called, and what may stand in it."""
 
     name: str
@@ -96,7 +96,7 @@ class Column:
 class Wanted:
     """The columns that a table must or may have; other ones are left alone, unless it is `closed`."""
 
-    columns: tuple[Column, ...]
+    columns: tuple[FileColumn, ...]
     forms: tuple[tuple[str, ...], ...] = ()  # a table has the columns of one of them, the first that is complete
     together: tuple[tuple[str, ...], ...] = ()  # all of these columns, or none
     bare: tuple[str, ...] = ()  # the first columns of a table without names; empty: it must have them
@@ -117,7 +117,7 @@ class Wanted:
                 taken.update(alike)
         return {name: at for name, at in places.items() if at}
 
-    def read(self, headings: Sequence[str]) -> dict[int, Column]:
+    def read(self, headings: Sequence[str]) -> dict[int, FileColumn]:
         """Return the columns that are read, by their places: not those of other forms than the table has."""
         places = self.places(headings)
         others = {*chain(*self.forms)} - {*(self._form(places) or ())}
@@ -131,7 +131,7 @@ class Wanted:
     def _form(self, places: Mapping[str, Sequence[int]]) -> tuple[str, ...] | None:
         return next((form for form in self.forms or ((),) if {*form} <= places.keys()), None)
 
-    def _missing(self, places: Mapping[str, Sequence[int]]) -> list[Column]:
+    def _missing(self, places: Mapping[str, Sequence[int]]) -> list[FileColumn]:
         needed = [column for column in self.columns if column.required and column.name not in chain(*self.forms)]
         return [column for column in needed if column.name not in places]
 
@@ -171,7 +171,7 @@ class Wanted:
 
 def place_columns(
     names: Sequence[str] = AXES, units: Sequence[str] = ("m", "m", "m"), *, blank: bool = False
-) -> tuple[Column, ...]:
+) -> tuple[FileColumn, ...]:
     """Return the columns of three coordinates; x, y and z go by all their names in their units, by others alone.
 
     Places in degrees are longitudes and latitudes, those in metres eastings and northings, in no unit either.
@@ -183,7 +183,7 @@ def place_columns(
         aliases = _OTHER_NAMES[axis] * (unit != "deg") + _OTHER_NAMES[angle] * (unit != "m")
         most = math.inf if blank else FAR
         columns.append(
-            Column(
+            FileColumn(
                 name=name.lower(),
                 aliases=aliases * (name == axis),
                 unit=unit if unit in ("m", "deg") else "",
@@ -197,8 +197,8 @@ def place_columns(
 
 MAP_PLACES = (  # degrees, or else x and y of a map
     *(
-        Column(name=name, unit="deg", least=-most, most=most, expected=f"{-most:g} to {most:g} degrees")
+        FileColumn(name=name, unit="deg", least=-most, most=most, expected=f"{-most:g} to {most:g} degrees")
         for name, most in (("lat", 90.0), ("lon", 360.0))
     ),
-    *(Column(name=name, unit="m") for name in PLAN),
+    *(FileColumn(name=name, unit="m") for name in PLAN),
 )

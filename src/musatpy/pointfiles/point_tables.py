@@ -22,7 +22,7 @@ import numpy as np
 
 from musatpy.arrays import DateArray, FloatArray
 from musatpy.errors import Problem, ProblemsError, in_order
-from musatpy.pointfiles.columns import ABOVE_ZERO, Column, Wanted, number, numbers, parted
+from musatpy.pointfiles.columns import ABOVE_ZERO, FileColumn, Wanted, number, numbers, parted
 
 csv.field_size_limit(2**31 - 1)  # what is no number is told with its line, and not as an error of the package
 ENCODING = {"encoding": "utf-8", "errors": "surrogateescape"}  # whatever the texts are, they come out as they were
@@ -42,7 +42,7 @@ class Layout:
     separator: str
     names: tuple[str, ...]
     units: tuple[str, ...]
-    columns: Mapping[int, Column]  # those of the wanted ones that are read, by their places
+    columns: Mapping[int, FileColumn]  # those of the wanted ones that are read, by their places
 
     def place(self, name: str) -> int:
         """Return where a wanted column stands."""
@@ -86,7 +86,7 @@ class Layout:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Table:
+class PointTable:
     """n rows of a file with as many values as it has columns, and what is wrong with these and the others."""
 
     layout: Layout
@@ -139,12 +139,12 @@ class Table:
             raise error([Problem(file=self.layout.source, message=empty)])
 
 
-def read_table(path: Path, wanted: Wanted) -> Table:
-    """Return the table of a file, with all that is wrong with it in `Table.problems`. Raises `OSError`."""
+def read_table(path: Path, wanted: Wanted) -> PointTable:
+    """Return the table of a file, with all that is wrong with it in `PointTable.problems`. Raises `OSError`."""
     return next(_tables(path, wanted, None, "replace"))
 
 
-def read_chunks(path: Path, wanted: Wanted, error: type[ProblemsError]) -> Iterator[Table]:
+def read_chunks(path: Path, wanted: Wanted, error: type[ProblemsError]) -> Iterator[PointTable]:
     """Yield the rows of a file of any size, `CHUNK` lines at a time; one table at least, for its layout.
 
     After what is wrong no more is yielded, but the rest is still looked through. Raises `error` with every fault,
@@ -161,7 +161,7 @@ def read_chunks(path: Path, wanted: Wanted, error: type[ProblemsError]) -> Itera
         raise error(problems[:_MOST_PROBLEMS])
 
 
-def _tables(path: Path, wanted: Wanted, size: int | None, errors: str) -> Iterator[Table]:
+def _tables(path: Path, wanted: Wanted, size: int | None, errors: str) -> Iterator[PointTable]:
     """Yield the chunks of a file with what is wrong with each; none of its rows where its names are wrong."""
     with path.open("rb") as binary, io.TextIOWrapper(binary, ENCODING["encoding"], errors, newline="") as file:
         layout, faults, first, lines = _layout_of(str(path), file, wanted)
@@ -176,7 +176,7 @@ def _tables(path: Path, wanted: Wanted, size: int | None, errors: str) -> Iterat
             values = _by_numpy(layout, [text for _, text in rows])
             if values is None:
                 rows, values = _one_by_one(layout, rows, seen, problems)
-            yield Table(
+            yield PointTable(
                 layout=layout,
                 lines=[line for line, _ in rows],
                 rows=[text for _, text in rows],

@@ -27,7 +27,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.reduction.inversion import inverse, invert
+from musatpy.reduction.planar import inverse, invert
 
 PARAMETERS = ("xs", "ys", "k0", "k1", "k2", "k3", "p1", "p2", "p3")
 

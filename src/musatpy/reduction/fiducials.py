@@ -3,11 +3,28 @@
 A refusal is data: its reason, the marks that it concerns and the residuals that led to it. Marks out of place are
 looked for before anything is fitted, by a similarity that leaves a correct plate's marks within a hundredth of
 their span: affine and projective transformations of few marks would follow exchanged ones.
+
+The fiducial transformation where only distances between marks are calibrated, not their coordinates.
+
+Certificates of older cameras give the distances between opposite marks; the classical correction divides each
+coordinate by the ratio of the measured to the calibrated distance along it (Wolf and Dewitt, Elements of
+Photogrammetry, chapter 4). Here the scales come from all calibrated distances by least squares, as the metric G
+of the readings, D^2 = d^T G d for a distance D between marks that are d apart in the readings:
+
+    UNIFORM  G = m I               one scale           one distance needed
+    AXES     G = diag(m, n)        a scale per rail    two distances in different directions
+    AFFINE   G = [[m, k], [k, n]]  scales and shear    three
+
+Centre and axes then come from two pairs of marks: the lines that join them meet in the origin (the fiducial
+centre). On plates with side marks the first line is the x axis, from its first mark to its second; with corner
+marks the lines are diagonals, the first from lower left to upper right, the second from lower right to upper
+left, and the x axis halves the angle between them.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
@@ -18,7 +35,7 @@ from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.fortran import decimals_of
 from musatpy.model.reduction import BY_HEIGHTS
 from musatpy.reduction import planar
-from musatpy.reduction.planar import Fit, Kind
+from musatpy.reduction.planar import Fit, PlanarKind, PlanarTransformation
 
 # Film shrinks by a thousandth or two and scanners err by less; marks that are exchanged differ by whole sides.
 _OUT_OF_PLACE = 0.01
@@ -77,7 +94,7 @@ class FiducialSolution:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class FiducialLimits:
     """What a plate must keep."""
 
     residual: float = float("inf")  # mm, of any coordinate of a mark
@@ -102,7 +119,7 @@ class Marks:
         return Marks(ids=self.ids[rows], xy=self.xy[rows], sigma=self.sigma[rows])
 
 
-def transform(kind: Kind, measured: Marks, calibrated: Marks, limits: Limits) -> FiducialSolution:
+def transform(kind: PlanarKind, measured: Marks, calibrated: Marks, limits: FiducialLimits) -> FiducialSolution:
     """Return the least squares transformation of a plate to its calibrated marks, or why there is none.
 
     Marks are matched by id; sigmas of the calibrated ones are mm, of the measured ones in the unit of the readings.
@@ -131,7 +148,7 @@ def transform(kind: Kind, measured: Marks, calibrated: Marks, limits: Limits) ->
 
 
 def _screened(
-    kind: Kind, marks: Marks, wanted: Marks, calibrated: Marks, limits: Limits
+    kind: PlanarKind, marks: Marks, wanted: Marks, calibrated: Marks, limits: FiducialLimits
 ) -> tuple[Refusal | None, FloatArray]:
     """Return a refusal that needs no fit of `kind`, and the residuals of the similarity that shows it."""
     residuals = np.full((len(marks.ids), 2), np.nan)
@@ -152,7 +169,7 @@ def _screened(
 
 
 def _judged(
-    kind: Kind, fit: Fit | None, marks: Marks, wanted: Marks, limits: Limits
+    kind: PlanarKind, fit: Fit | None, marks: Marks, wanted: Marks, limits: FiducialLimits
 ) -> tuple[Refusal | None, tuple[str, ...]]:
     """Return the refusal of a fit that fails or is worse than the limit, and the marks that may be at fault."""
     if fit is None:
@@ -261,3 +278,121 @@ def _namings(xy: FloatArray, places: FloatArray) -> Iterator[tuple[int, ...]]:
         names = np.abs(turned[:, None] - w[None]).argmin(axis=1)
         if len(set(names.tolist())) == len(names):
             yield tuple(int(name) for name in names)
+
+
+_STEPS = 50
+_SETTLED = 1e-14
+_SINGULAR = 1e-6  # least ratio of singular values: distances in nearly one direction give no second scale
+
+
+class Scales(StrEnum):
+    """What the distances determine."""
+
+    UNIFORM = "UNIFORM"
+    AXES = "AXES"
+    AFFINE = "AFFINE"
+
+
+_ELEMENTS = {
+    Scales.UNIFORM: np.array([[[1.0, 0.0], [0.0, 1.0]]]),
+    Scales.AXES: np.array([[[1.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]]]),
+    Scales.AFFINE: np.array([[[1.0, 0.0], [0.0, 0.0]], [[0.0, 1.0], [1.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]]]),
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DistanceFit:
+    """The affine transformation to the fiducial system, and how well e distances agree with it."""
+
+    plane: PlanarTransformation  # AFFINE
+    metric: FloatArray  # (k,) m; m, n; or m, k, n of G
+    cofactor: FloatArray  # (k, k) their covariance where sigma0 is 1
+    residuals: FloatArray  # (e,) mm, scaled minus calibrated distance
+    sigma0: float  # NaN without redundancy
+    freedom: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axes:
+    """The two pairs of marks, as rows of the measured ones, whose lines meet in the origin."""
+
+    first: tuple[int, int]
+    second: tuple[int, int]
+    corners: bool = False  # the lines are diagonals
+
+
+def fit_distances(
+    scales: Scales, marks: FloatArray, ends: IntArray, distance: FloatArray, sigma: FloatArray, axes: Axes
+) -> DistanceFit | None:
+    """Return the transformation of measured marks (q, 2) by e calibrated distances; None where they do not give it.
+
+    `ends` (e, 2) are rows of the marks, `distance` (e,) and `sigma` (e,) are mm. A mirrored plate, or parallel
+    lines of the axes, give none.
+    """
+    d = marks[ends[:, 1]] - marks[ends[:, 0]]
+    solved = _metric(scales, d, distance, sigma)
+    if solved is None:
+        return None
+    m, cofactor = solved
+    G = np.tensordot(m, _ELEMENTS[scales], axes=1)
+    if not (G[0, 0] > 0.0 and np.linalg.det(G) > 0.0):
+        return None
+    plane = _placed(np.linalg.cholesky(G).T, marks, axes)
+    if plane is None:
+        return None
+    v = _length(G, d) - distance
+    freedom = len(distance) - len(m)
+    return DistanceFit(
+        plane=plane,
+        metric=m,
+        cofactor=cofactor,
+        residuals=v,
+        sigma0=float(np.sqrt(np.square(v / sigma).sum() / freedom)) if freedom else float("nan"),
+        freedom=freedom,
+    )
+
+
+def _length(G: FloatArray, d: FloatArray) -> FloatArray:
+    return np.sqrt(np.einsum("ei,ij,ej->e", d, G, d))
+
+
+def _metric(
+    scales: Scales, d: FloatArray, distance: FloatArray, sigma: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the elements of G and their cofactors. Gauss and Newton; dD/dm = d^T E d / (2 D)."""
+    E = _ELEMENTS[scales]
+    if len(distance) < len(E) or np.any(np.linalg.norm(d, axis=1) == 0.0):
+        return None
+    square = np.einsum("ei,kij,ej->ek", d, E, d)
+    m = float((distance / np.linalg.norm(d, axis=1)).mean()) ** 2 * np.einsum("kii->k", E).clip(max=1.0)
+    root = np.eye(len(E))
+    for _ in range(_STEPS):
+        D = _length(np.tensordot(m, E, axes=1), d)
+        A = square / (2.0 * D * sigma)[:, None]
+        U, s, Vt = np.linalg.svd(A, full_matrices=False)
+        if not np.all(np.isfinite(s)) or s[-1] < _SINGULAR * s[0]:
+            return None
+        root = Vt.T / s
+        step = root @ (U.T @ ((distance - D) / sigma))
+        m = m + step
+        if np.all(np.abs(step) <= _SETTLED * np.abs(m).max()):
+            break
+    return m, root @ root.T
+
+
+def _placed(A: FloatArray, marks: FloatArray, axes: Axes) -> PlanarTransformation | None:
+    """Return the affine transformation with a linear part R A that puts centre and axes where the marks say."""
+    xy = marks @ A.T
+    a, b = xy[axes.first[0]], xy[axes.first[1]] - xy[axes.first[0]]
+    c, e = xy[axes.second[0]], xy[axes.second[1]] - xy[axes.second[0]]
+    area = b[0] * e[1] - b[1] * e[0]
+    if area <= _SINGULAR * np.linalg.norm(b) * np.linalg.norm(e):  # parallel, or mirrored
+        return None
+    centre = a + b * ((c - a)[0] * e[1] - (c - a)[1] * e[0]) / area
+    turn = math.atan2(b[1], b[0])
+    if axes.corners:
+        second = turn + math.atan2(area, b @ e)
+        turn = 0.5 * (turn + second) - 0.5 * math.pi  # the diagonals stand on both sides of the y axis
+    R = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+    B, shift = R @ A, -R @ centre
+    return PlanarTransformation(kind=PlanarKind.AFFINE, parameters=np.array([*B[0], *B[1], *shift]))

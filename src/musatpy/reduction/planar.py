@@ -6,10 +6,23 @@ serves: with q = (u, v, 1) and w = H[2] q,
     x = H[0] q / w,   dx/du = (H[0, :2] - x H[2, :2]) / w,   dx/dp_i = (E_i[0] q - x E_i[2] q) / w
 
 where E_i = dH/dp_i; y likewise.
+
+Comparator and stereocomparator: from readings along its rails to right-handed rectangular millimetres.
+
+With readings (u, v) along the two rails, scales s_u and s_v (mm per unit), the angle epsilon by which the v rail
+leans from the perpendicular towards u, the rotation rho of the rectangular system and h = -1 for a left-handed
+comparator, else 1:
+
+    x' = s_u u + s_v h v sin(epsilon)        x = x' cos(rho) - y' sin(rho)
+    y' =         s_v h v cos(epsilon)        y = x' sin(rho) + y' cos(rho)
+
+The inverse of a small displacement in the plate, by Newton's method.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -22,7 +35,7 @@ _SETTLED = 1e-13  # of the parameters' own size
 _SINGULAR = 1e-10  # least ratio of singular values of the scaled design: marks on a line fall far below
 
 
-class Kind(StrEnum):
+class PlanarKind(StrEnum):
     """Which transformation, by the number of its parameters."""
 
     SIMILARITY = "SIMILARITY"  # x = a u - b v + tx, y = b u + a v + ty
@@ -40,24 +53,24 @@ def _single(names: str, elements: str) -> _Places:
     return {name: ((int(element[0]), int(element[1]), 1.0),) for name, element in pairs}
 
 
-_PLACES: dict[Kind, _Places] = {
-    Kind.SIMILARITY: {
+_PLACES: dict[PlanarKind, _Places] = {
+    PlanarKind.SIMILARITY: {
         "a": ((0, 0, 1.0), (1, 1, 1.0)),
         "b": ((1, 0, 1.0), (0, 1, -1.0)),
         **_single("tx ty", "02 12"),
     },
-    Kind.AFFINE: _single("a b c d tx ty", "00 01 10 11 02 12"),
-    Kind.PROJECTIVE: _single("a1 a2 a3 b1 b2 b3 c1 c2", "00 01 02 10 11 12 20 21"),
+    PlanarKind.AFFINE: _single("a b c d tx ty", "00 01 10 11 02 12"),
+    PlanarKind.PROJECTIVE: _single("a1 a2 a3 b1 b2 b3 c1 c2", "00 01 02 10 11 12 20 21"),
 }
-MARKS_NEEDED = {Kind.SIMILARITY: 2, Kind.AFFINE: 3, Kind.PROJECTIVE: 4}
+MARKS_NEEDED = {PlanarKind.SIMILARITY: 2, PlanarKind.AFFINE: 3, PlanarKind.PROJECTIVE: 4}
 
 
-def parameter_names(kind: Kind) -> tuple[str, ...]:
+def parameter_names(kind: PlanarKind) -> tuple[str, ...]:
     """Return the names of the parameters, in the order of their array."""
     return tuple(_PLACES[kind])
 
 
-def _basis(kind: Kind) -> FloatArray:
+def _basis(kind: PlanarKind) -> FloatArray:
     """Return dH/dp, (k, 3, 3)."""
     places = _PLACES[kind]
     E = np.zeros((len(places), 3, 3))
@@ -68,10 +81,10 @@ def _basis(kind: Kind) -> FloatArray:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Plane:
+class PlanarTransformation:
     """One transformation: its kind and parameters (k,)."""
 
-    kind: Kind
+    kind: PlanarKind
     parameters: FloatArray
 
     def matrix(self) -> FloatArray:
@@ -118,7 +131,7 @@ def _homography(H: FloatArray, xy: FloatArray) -> FloatArray:
 class Fit:
     """A transformation fitted to q marks by least squares."""
 
-    plane: Plane
+    plane: PlanarTransformation
     cofactor: FloatArray  # (k, k) covariance of the parameters where sigma0 is 1
     residuals: FloatArray  # (q, 2) mm, transformed minus calibrated
     normalized: FloatArray  # (q, 2) residual over its own sigma; NaN where the mark is not controlled
@@ -138,7 +151,11 @@ class Fit:
 
 
 def fit(
-    kind: Kind, measured: FloatArray, calibrated: FloatArray, reading_sigma: FloatArray, mark_sigma: FloatArray
+    kind: PlanarKind,
+    measured: FloatArray,
+    calibrated: FloatArray,
+    reading_sigma: FloatArray,
+    mark_sigma: FloatArray,
 ) -> Fit | None:
     """Return the transformation from measured (q, 2) to calibrated (q, 2); None where the marks do not give it.
 
@@ -157,28 +174,29 @@ def fit(
         if solved is None:
             return None
         step, cofactor = solved
-        plane = Plane(kind=kind, parameters=plane.parameters + step)
+        plane = PlanarTransformation(kind=kind, parameters=plane.parameters + step)
         if np.all(np.abs(step) <= _SETTLED * _sizes(kind, plane, measured)):
             break
     return _summary(plane, measured, calibrated, C, cofactor)
 
 
-def _start(kind: Kind, measured: FloatArray, calibrated: FloatArray) -> Plane | None:
+def _start(kind: PlanarKind, measured: FloatArray, calibrated: FloatArray) -> PlanarTransformation | None:
     """Return a first transformation: the unit one for the linear kinds, the affine one for the projective."""
-    if kind is not Kind.PROJECTIVE:
-        return Plane(
-            kind=kind, parameters=np.array([1.0, 0, 0, 0] if kind is Kind.SIMILARITY else [1.0, 0, 0, 1, 0, 0])
+    if kind is not PlanarKind.PROJECTIVE:
+        return PlanarTransformation(
+            kind=kind,
+            parameters=np.array([1.0, 0, 0, 0] if kind is PlanarKind.SIMILARITY else [1.0, 0, 0, 1, 0, 0]),
         )
     ones = np.ones_like(calibrated)
-    affine = fit(Kind.AFFINE, measured, calibrated, np.zeros_like(ones), ones)
+    affine = fit(PlanarKind.AFFINE, measured, calibrated, np.zeros_like(ones), ones)
     if affine is None:
         return None
     a, b, c, d, tx, ty = affine.plane.parameters
-    return Plane(kind=kind, parameters=np.array([a, b, tx, c, d, ty, 0.0, 0.0]))
+    return PlanarTransformation(kind=kind, parameters=np.array([a, b, tx, c, d, ty, 0.0, 0.0]))
 
 
 def _residual_covariance(
-    plane: Plane, measured: FloatArray, reading_sigma: FloatArray, mark_sigma: FloatArray
+    plane: PlanarTransformation, measured: FloatArray, reading_sigma: FloatArray, mark_sigma: FloatArray
 ) -> FloatArray:
     """Return the covariances (q, 2, 2) of the discrepancies at the marks."""
     J = plane.partials(measured)
@@ -187,7 +205,7 @@ def _residual_covariance(
 
 
 def _step(
-    plane: Plane, measured: FloatArray, calibrated: FloatArray, C: FloatArray
+    plane: PlanarTransformation, measured: FloatArray, calibrated: FloatArray, C: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the step of the parameters and their cofactors; None where the design is singular."""
     L = np.linalg.inv(np.linalg.cholesky(C))  # whitens the discrepancies
@@ -203,7 +221,7 @@ def _step(
     return root @ (U.T @ b) / scale, root @ root.T / np.outer(scale, scale)
 
 
-def _sizes(kind: Kind, plane: Plane, measured: FloatArray) -> FloatArray:
+def _sizes(kind: PlanarKind, plane: PlanarTransformation, measured: FloatArray) -> FloatArray:
     """Return what each parameter is compared with: the change of it that moves a mark by the plate's size."""
     effect = np.abs(plane.by_parameters(measured)).max(axis=(0, 1))
     reach = np.abs(plane.apply(measured)).max()
@@ -211,7 +229,7 @@ def _sizes(kind: Kind, plane: Plane, measured: FloatArray) -> FloatArray:
 
 
 def _summary(
-    plane: Plane, measured: FloatArray, calibrated: FloatArray, C: FloatArray, cofactor: FloatArray
+    plane: PlanarTransformation, measured: FloatArray, calibrated: FloatArray, C: FloatArray, cofactor: FloatArray
 ) -> Fit:
     v = plane.apply(measured) - calibrated
     freedom = v.size - len(plane.parameters)
@@ -229,3 +247,127 @@ def _summary(
         sigma0=float(np.sqrt(squares / freedom)) if freedom else float("nan"),
         freedom=freedom,
     )
+
+
+COMPARATOR_PARAMETERS = ("scale u", "scale v", "non-orthogonality", "rotation")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparator:
+    """The calibration of a comparator; the angles in radians, the scales in mm per unit of the readings."""
+
+    scale: tuple[float, float] = (1.0, 1.0)
+    non_orthogonality: float = 0.0
+    rotation: float = 0.0
+    left_handed: bool = False
+
+    def parameters(self) -> FloatArray:
+        """Return (s_u, s_v, epsilon, rho)."""
+        return np.array([*self.scale, self.non_orthogonality, self.rotation])
+
+    def matrix(self) -> FloatArray:
+        """Return the matrix (2, 2) that takes readings to plate coordinates."""
+        s_u, s_v, epsilon, rho = self.parameters()
+        h = -1.0 if self.left_handed else 1.0
+        return _rotation(rho) @ np.array([[s_u, h * s_v * np.sin(epsilon)], [0.0, h * s_v * np.cos(epsilon)]])
+
+    def apply(self, xy: FloatArray) -> FloatArray:
+        """Return plate coordinates (..., 2) mm of readings (..., 2)."""
+        return xy @ self.matrix().T
+
+    def inverse(self, xy: FloatArray) -> FloatArray:
+        """Return the readings (..., 2) of plate coordinates (..., 2)."""
+        return solve(self.matrix(), xy)
+
+    def partials(self, xy: FloatArray) -> FloatArray:
+        """Return the derivatives (..., 2, 2) of the plate coordinates by the readings (..., 2)."""
+        return np.broadcast_to(self.matrix(), (*xy.shape[:-1], 2, 2))
+
+    def by_parameters(self, xy: FloatArray) -> FloatArray:
+        """Return the derivatives (..., 2, 4) of the plate coordinates by s_u, s_v, epsilon, rho."""
+        s_u, s_v, epsilon, rho = self.parameters()
+        u, v = xy[..., 0], xy[..., 1] * (-1.0 if self.left_handed else 1.0)
+        sin, cos = math.sin(epsilon), math.cos(epsilon)
+        zero = np.zeros_like(u)
+        plate = np.stack([s_u * u + s_v * v * sin, s_v * v * cos], axis=-1)
+        turned = np.stack([-plate[..., 1], plate[..., 0]], axis=-1)
+        columns = [
+            np.stack([u, zero], axis=-1),
+            np.stack([v * sin, v * cos], axis=-1),
+            np.stack([s_v * v * cos, -s_v * v * sin], axis=-1),
+            turned,
+        ]
+        return _rotation(rho) @ np.stack(columns, axis=-1)
+
+
+def from_matrix(A: FloatArray) -> Comparator:
+    """Return the calibration with the linear part A (2, 2) of an affine transformation: its scales and angles.
+
+    So an affine transformation fitted to a grid plate is a calibration, and that of a plate is read as one. The
+    rotation is that of the u rail. Raises `ValueError` where A is singular.
+    """
+    area = float(A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0])
+    s_u, s_v = float(np.hypot(A[0, 0], A[1, 0])), float(np.hypot(A[0, 1], A[1, 1]))
+    if not abs(area) > 0.0:
+        raise ValueError("the axes of a comparator are not parallel")
+    h = -1.0 if area < 0.0 else 1.0
+    cross = h * float(A[0, 0] * A[0, 1] + A[1, 0] * A[1, 1])
+    return Comparator(
+        scale=(s_u, s_v),
+        non_orthogonality=math.asin(max(-1.0, min(1.0, cross / (s_u * s_v)))),
+        rotation=math.atan2(A[1, 0], A[0, 0]),
+        left_handed=area < 0.0,
+    )
+
+
+def parameter_covariance(comparator: Comparator, linear: FloatArray) -> FloatArray:
+    """Return the covariance (4, 4) of scales and angles from that of the matrix elements, row by row (4, 4)."""
+    by_parameters = np.swapaxes(comparator.by_parameters(np.eye(2)), 0, 1).reshape(
+        4, 4
+    )  # columns of the matrix -> rows
+    J = np.linalg.inv(by_parameters)
+    return J @ linear @ J.T
+
+
+def _rotation(rho: float) -> FloatArray:
+    return np.array([[np.cos(rho), -np.sin(rho)], [np.sin(rho), np.cos(rho)]])
+
+
+PlaneFunction = Callable[[FloatArray], FloatArray]
+
+TOLERANCE = 1e-11  # mm: well below the 1e-9 mm that an inverse is good for
+_INVERSE_STEPS = 30
+
+
+def invert(function: PlaneFunction, partials: PlaneFunction, target: FloatArray) -> FloatArray:
+    """Return xy (..., 2) with function(xy) = target (..., 2), mm, to 1e-9 mm or better.
+
+    `function` moves points (..., 2) by little, `partials` are its derivatives (..., 2, 2). Points at which the
+    iteration does not settle, or settles where the plane is folded over (no plate has such distortion), are NaN.
+    """
+    xy = np.array(target, dtype=float)
+    settled = np.zeros(xy.shape[:-1], dtype=bool)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        for _ in range(_INVERSE_STEPS):
+            miss = function(xy) - target
+            step = solve(partials(xy), miss)
+            xy = np.where(settled[..., None], xy, xy - step)
+            settled |= np.abs(step).max(axis=-1) < TOLERANCE
+            if settled.all():
+                break
+        J = partials(xy)
+        settled &= (np.linalg.det(J) > 0.0) & (np.trace(J, axis1=-2, axis2=-1) > 0.0)
+    return np.where(settled[..., None], xy, np.nan)
+
+
+def solve(J: FloatArray, b: FloatArray) -> FloatArray:
+    """Return J^-1 b for 2 by 2 matrices J (..., 2, 2) and vectors b (..., 2); not finite where J is singular."""
+    return np.einsum("...ij,...j->...i", inverse(J), b)
+
+
+def inverse(J: FloatArray) -> FloatArray:
+    """Return the inverses of 2 by 2 matrices (..., 2, 2); not finite where there is none."""
+    a, b, c, d = J[..., 0, 0], J[..., 0, 1], J[..., 1, 0], J[..., 1, 1]
+    adjoint = np.empty_like(J)
+    adjoint[..., 0, 0], adjoint[..., 0, 1], adjoint[..., 1, 0], adjoint[..., 1, 1] = d, -b, -c, a
+    return adjoint / (a * d - b * c)[..., None, None]

@@ -15,14 +15,18 @@ from typing import Protocol
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.reduction import atmosphere, fiducials, mark_distances
-from musatpy.reduction.curvature import Curvature
-from musatpy.reduction.fiducials import FiducialSolution, Marks, Reason, Refusal
-from musatpy.reduction.mark_distances import Axes, DistanceFit
-from musatpy.reduction.nadir import View
-from musatpy.reduction.planar import Kind
-from musatpy.reduction.readings import Calibration, MarkDistances, Plan, PlateReadings
-from musatpy.reduction.repeats import Means, mean_readings
+from musatpy.reduction import displacements, fiducials
+from musatpy.reduction.displacements import Curvature, View
+from musatpy.reduction.fiducials import Axes, DistanceFit, FiducialSolution, Marks, Reason, Refusal
+from musatpy.reduction.planar import PlanarKind
+from musatpy.reduction.readings import (
+    Calibration,
+    MarkDistances,
+    Means,
+    PlateReadings,
+    ReductionPlan,
+    mean_readings,
+)
 from musatpy.reduction.reseau import Reseau
 
 
@@ -93,7 +97,7 @@ class PlateReduction:
         return next((applied for applied in self.steps if applied.name == name), None)
 
 
-def reduce_plate(plate: PlateReadings, camera: Calibration, plan: Plan) -> PlateReduction:
+def reduce_plate(plate: PlateReadings, camera: Calibration, plan: ReductionPlan) -> PlateReduction:
     """Return the refined coordinates of one plate, or why it is refused."""
     return _Reducer(plate, camera, plan).result()
 
@@ -122,7 +126,7 @@ def transformation_covariance(reduction: PlateReduction) -> FloatArray:
 class _Reducer:
     """One plate on its way: each step takes the points, and the marks and crosses as long as they are needed."""
 
-    def __init__(self, plate: PlateReadings, camera: Calibration, plan: Plan) -> None:
+    def __init__(self, plate: PlateReadings, camera: Calibration, plan: ReductionPlan) -> None:
         self.plate, self.camera, self.plan = plate, camera, plan
         sigma, limit = plan.reading_sigma, plan.repeat_limit
         self.marks = mean_readings(plate.mark_ids, plate.marks, sigma, limit)
@@ -200,7 +204,7 @@ class _Reducer:
         message = "the camera has no calibrated marks, distances or crosses that were measured"
         return Refusal(reason=Reason.MISSING, message=message)
 
-    def _fiducials(self, kind: Kind) -> Refusal | None:
+    def _fiducials(self, kind: PlanarKind) -> Refusal | None:
         mark_sigma = np.where(np.isfinite(self.camera.mark_sigma), self.camera.mark_sigma, self.plan.mark_sigma)
         turned = np.eye(2) if self.plan.comparator is None else self.plan.comparator.matrix()
         sigma = np.sqrt(np.square(self._sigma(self.marks, self.plate.mark_sigma)) @ np.square(turned).T)
@@ -225,7 +229,7 @@ class _Reducer:
         usable = np.array([a in row and b in row for a, b in known.ends.tolist()], dtype=bool)
         ends = np.array([[row[a], row[b]] for a, b in known.ends[usable].tolist()], dtype=np.int64).reshape(-1, 2)
         first, second = ((row[pair[0]], row[pair[1]]) for pair in (known.first, known.second))
-        self.by_distances = mark_distances.transform(
+        self.by_distances = fiducials.fit_distances(
             known.scales,
             self.mark_xy,
             ends,
@@ -267,10 +271,10 @@ class _Reducer:
         high, low = self.plate.camera_height, self.plate.ground_height
         if self.plan.refraction is not None:
             try:
-                K = atmosphere.constant(self.plan.refraction, high, low)
+                K = displacements.constant(self.plan.refraction, high, low)
             except ValueError as error:
                 return Refusal(reason=Reason.HEIGHTS, message=str(error))
-            self._take("refraction", atmosphere.Refraction(view=view, K=K))
+            self._take("refraction", displacements.Refraction(view=view, K=K))
         if self.plan.curvature:
             if not high > low:
                 message = "earth curvature needs the heights of camera and ground, the camera above"

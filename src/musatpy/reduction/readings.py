@@ -1,4 +1,7 @@
-"""What a plate reduction starts from: the camera's calibration, the readings of a plate, the plan of the job."""
+"""What a plate reduction starts from: the camera's calibration, the readings of a plate, the plan of the job.
+
+Repeated readings of the same mark or point on a plate: their means, and a test of their spread.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, TextArray
-from musatpy.reduction.atmosphere import Model
-from musatpy.reduction.comparator import Comparator
-from musatpy.reduction.curvature import EARTH_RADIUS
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.probability import probability_beyond
+from musatpy.reduction.displacements import DOWN, EARTH_RADIUS, Model
 from musatpy.reduction.distortion import Lens
-from musatpy.reduction.fiducials import Limits
-from musatpy.reduction.mark_distances import Scales
-from musatpy.reduction.nadir import DOWN
-from musatpy.reduction.planar import Kind
+from musatpy.reduction.fiducials import FiducialLimits, Scales
+from musatpy.reduction.planar import Comparator, PlanarKind
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,15 +75,15 @@ class PlateReadings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class ReductionPlan:
     """Which steps a job takes, and its limits. A step without its calibration in the camera is left out.
 
     Raises `ValueError` where the sigma of a reading is not positive, or that of a mark negative.
     """
 
     comparator: Comparator | None = None
-    fiducials: Kind | None = Kind.AFFINE  # None: the readings are in the fiducial system already
-    limits: Limits = field(default_factory=Limits)
+    fiducials: PlanarKind | None = PlanarKind.AFFINE  # None: the readings are in the fiducial system already
+    limits: FiducialLimits = field(default_factory=FiducialLimits)
     reading_sigma: float = 0.003  # of one reading, in its unit
     mark_sigma: float = 0.003  # mm, of calibrated marks whose certificate gives none
     repeat_limit: float = float("inf")  # of a reading's deviation from its mean, in the unit of the readings
@@ -96,3 +96,72 @@ class Plan:
     def __post_init__(self) -> None:
         if not (self.reading_sigma > 0.0 and self.mark_sigma >= 0.0):
             raise ValueError("readings need a positive sigma, marks none that is negative")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Means:
+    """The means of g targets read m times altogether, in the unit of the readings.
+
+    The spread of a target is the standard deviation of one reading, coordinate by coordinate; pooled over all
+    targets it has `freedom` = m - g degrees of freedom in each coordinate. `probability` is that of a chi-square
+    variable to exceed the sum of the squared deviations over the stated sigma of one reading.
+    """
+
+    ids: TextArray  # (g,) in the order in which they were first read
+    xy: FloatArray  # (g, 2)
+    count: IntArray  # (g,)
+    sigma: FloatArray  # (g, 2) of one reading; NaN where there is but one
+    target: IntArray  # (m,) row of ids that each reading belongs to
+    deviations: FloatArray  # (m, 2) reading minus mean
+    pooled: FloatArray  # (2,) sigma of one reading, NaN where nothing was read twice
+    freedom: int
+    probability: FloatArray  # (2,) NaN without a stated sigma or without repeated readings
+    beyond: BoolArray  # (m,) a deviation, x or y, is beyond the limit
+
+    @property
+    def largest(self) -> float:
+        """Return the largest deviation of a coordinate from its mean; 0 without readings."""
+        return float(np.abs(self.deviations).max(initial=0.0))
+
+
+def mean_readings(
+    ids: TextArray, xy: FloatArray, reading_sigma: float = float("nan"), limit: float = float("inf")
+) -> Means:
+    """Return the means of readings xy (m, 2) of the targets ids (m,).
+
+    `reading_sigma` is the stated sigma of one reading, against which the spread is tested; `limit` the deviation
+    beyond which a reading is reported. Nothing is left out: of two readings that differ neither is the wrong one.
+    """
+    names, first, target = np.unique(ids, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.argsort(order)
+    target, names = rank[target.reshape(-1)], names[order]
+    count = np.bincount(target, minlength=len(names))
+    mean = _sums(target, xy, len(names)) / count[:, None]
+    deviations = xy - mean[target]
+    squares = _sums(target, np.square(deviations), len(names))
+    freedom = len(xy) - len(names)
+    return Means(
+        ids=names,
+        xy=mean,
+        count=count,
+        sigma=np.sqrt(squares / np.where(count > 1, count - 1.0, np.nan)[:, None]),
+        target=target,
+        deviations=deviations,
+        pooled=np.sqrt(squares.sum(axis=0) / (freedom or np.nan)),
+        freedom=freedom,
+        probability=_probability(squares.sum(axis=0), reading_sigma, freedom),
+        beyond=np.asarray((np.abs(deviations) > limit).any(axis=1)),
+    )
+
+
+def _sums(target: IntArray, values: FloatArray, size: int) -> FloatArray:
+    total = np.zeros((size, 2))
+    np.add.at(total, target, values)
+    return total
+
+
+def _probability(squares: FloatArray, sigma: float, freedom: int) -> FloatArray:
+    if not freedom or not sigma > 0.0:
+        return np.full(2, np.nan)
+    return np.array([probability_beyond(float(total) / sigma**2, freedom) for total in squares])

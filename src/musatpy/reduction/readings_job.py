@@ -1,4 +1,7 @@
-"""A job that starts from comparator readings: reduced as its deck says, and the block comes back refined."""
+"""A job that starts from comparator readings: reduced as its deck says, and the block comes back refined.
+
+The parameters of the steps as named numbers with sigmas, for a listing.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +10,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.arrays import BoolArray
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.model import Block, CrossMeasurements, FiducialMeasurements, ReductionOptions, Refused
-from musatpy.model.reduction import Reduced, ReducedPlate, ReductionStep, Spread
+from musatpy.model.reduction import Quantity, Reduced, ReducedPlate, ReductionStep, Spread, Unit
 from musatpy.model.tables import empty, renumbered, taken
+from musatpy.reduction import distortion, planar
+from musatpy.reduction.displacements import Curvature, Refraction
+from musatpy.reduction.distortion import Lens
+from musatpy.reduction.planar import Comparator, PlanarTransformation
 from musatpy.reduction.plate_steps import PlateReduction
-from musatpy.reduction.quantities import quantities
+from musatpy.reduction.readings import Means
 from musatpy.reduction.refined_block import reduction_of, refined
-from musatpy.reduction.repeats import Means
+from musatpy.reduction.reseau import Reseau
 
 
 def reduce(block: Block) -> tuple[Block, Reduced]:
@@ -98,3 +105,81 @@ def _spreads(plate: PlateReduction) -> Iterator[Spread]:
                 largest=means.largest,
                 beyond=tuple(beyond),
             )
+
+
+def quantities(plate: PlateReduction, name: str) -> tuple[Quantity, ...]:
+    """Return the parameters of a step of a plate; none where the step was not taken."""
+    applied = plate.step(name)
+    if applied is None:
+        return ()
+    step = applied.step
+    if isinstance(step, Comparator):
+        return _comparator(step)
+    if isinstance(step, PlanarTransformation):
+        return _plane_quantities(step, plate)
+    if isinstance(step, Reseau):
+        return _reseau(step)
+    if isinstance(step, Lens):
+        return _lens(step)
+    if isinstance(step, Refraction):
+        return (Quantity(name="K", value=step.K, unit="rad"),)
+    if isinstance(step, Curvature):
+        height = Quantity(name="height above ground", value=step.height, unit="m")
+        return (height, Quantity(name="radius of the earth", value=step.radius, unit="m"))
+    raise TypeError(f"{type(step).__name__} is no step of a plate reduction")
+
+
+def _comparator(step: Comparator, covariance: FloatArray | None = None) -> tuple[Quantity, ...]:
+    """Return scales and angles, with sigmas where they were estimated."""
+    units: tuple[Unit, ...] = ("mm/unit", "mm/unit", "rad", "rad")
+    variance = np.full(4, np.nan) if covariance is None else np.diagonal(covariance)
+    sigma = np.sqrt(np.maximum(variance, 0.0))  # that of a similarity's lean is zero but for rounding errors
+    return tuple(
+        Quantity(name=name, value=float(value), unit=unit, sigma=float(spread))
+        for name, value, unit, spread in zip(
+            planar.COMPARATOR_PARAMETERS, step.parameters(), units, sigma, strict=True
+        )
+    )
+
+
+def _plane_quantities(step: PlanarTransformation, plate: PlateReduction) -> tuple[Quantity, ...]:
+    """Return the parameters with their sigmas, and scales and angles of the linear part."""
+    fit = plate.marks.fit if plate.marks is not None else None
+    sigma = np.full(len(step.parameters), np.nan) if fit is None else np.sqrt(np.diagonal(fit.covariance))
+    parameters = tuple(
+        Quantity(name=name, value=float(value), sigma=float(spread), unit="mm" if name in _SHIFTS else "")
+        for name, value, spread in zip(planar.parameter_names(step.kind), step.parameters, sigma, strict=True)
+    )
+    linear = planar.from_matrix(step.matrix()[:2, :2])
+    covariance = None if fit is None else planar.parameter_covariance(linear, fit.linear_covariance)
+    return parameters + _comparator(linear, covariance)
+
+
+_SHIFTS = ("tx", "ty", "a3", "b3")
+
+
+def _reseau(step: Reseau) -> tuple[Quantity, ...]:
+    known = np.isfinite(step.measured).all(axis=-1)
+    gap = step.deformation()[known]
+    return (
+        Quantity(name="crosses measured", value=float(known.sum()), unit="count"),
+        Quantity(name="crosses calibrated", value=float(known.size), unit="count"),
+        Quantity(name="rms deformation x", value=float(np.sqrt(np.square(gap[:, 0]).mean())), unit="mm"),
+        Quantity(name="rms deformation y", value=float(np.sqrt(np.square(gap[:, 1]).mean())), unit="mm"),
+        Quantity(name="largest deformation", value=float(np.linalg.norm(gap, axis=1).max()), unit="mm"),
+    )
+
+
+def _lens(step: Lens) -> tuple[Quantity, ...]:
+    """Return the centre and what is not zero of the coefficients, and the table."""
+    values = np.concatenate([step.centre, step.k, step.p])
+    named = [
+        Quantity(name=name, value=float(value), unit="mm" if name in ("xs", "ys") else "")
+        for name, value in zip(distortion.PARAMETERS, values, strict=True)
+        if value != 0.0 or name in ("xs", "ys")
+    ]
+    table = [
+        Quantity(name=f"distortion at {radius:.3f} mm", value=float(radial), unit="mm")
+        for radius, radial in zip(step.radius, step.radial, strict=True)
+    ]
+    return (*named, *table)

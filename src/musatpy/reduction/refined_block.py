@@ -21,14 +21,12 @@ from musatpy.model import (
     Transformation,
 )
 from musatpy.model.tables import taken
-from musatpy.reduction.atmosphere import Model
-from musatpy.reduction.comparator import Comparator
+from musatpy.reduction.displacements import DOWN, Model
 from musatpy.reduction.distortion import Lens, Side
-from musatpy.reduction.fiducials import Limits, Reason
-from musatpy.reduction.nadir import DOWN
-from musatpy.reduction.planar import Kind
+from musatpy.reduction.fiducials import FiducialLimits, Reason
+from musatpy.reduction.planar import Comparator, PlanarKind
 from musatpy.reduction.plate_steps import PlateReduction, reduce_plate
-from musatpy.reduction.readings import Calibration, Grid, MarkDistances, Plan, PlateReadings
+from musatpy.reduction.readings import Calibration, Grid, MarkDistances, PlateReadings, ReductionPlan
 from musatpy.units import MICROMETRE
 
 _AXES = {False: ("X", "Y"), True: ("D1", "D2")}  # of side marks, of corner marks
@@ -53,13 +51,17 @@ def reduction_of(block: Block) -> tuple[PlateReduction, ...]:
     )
 
 
-def _plan(options: ReductionOptions, spec: ComparatorSpec | None) -> Plan:
-    kinds = {Transformation.NONE: None, Transformation.DISTANCES: Kind.AFFINE}
-    kind = kinds[options.transformation] if options.transformation in kinds else Kind(options.transformation.value)
+def _plan(options: ReductionOptions, spec: ComparatorSpec | None) -> ReductionPlan:
+    kinds = {Transformation.NONE: None, Transformation.DISTANCES: PlanarKind.AFFINE}
+    kind = (
+        kinds[options.transformation]
+        if options.transformation in kinds
+        else PlanarKind(options.transformation.value)
+    )
     model = None if options.atmosphere is Atmosphere.NONE else Model(options.atmosphere.value)
-    plan = Plan(
+    plan = ReductionPlan(
         fiducials=kind,
-        limits=Limits(residual=_limit(options.residual_limit)),
+        limits=FiducialLimits(residual=_limit(options.residual_limit)),
         refraction=model,
         curvature=options.curvature is Curvature.YES,
     )

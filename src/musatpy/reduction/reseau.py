@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.reduction.inversion import inverse, solve
+from musatpy.reduction.planar import inverse, solve
 
 _STEPS = 20
 _EDGE = 1e-9  # of a cell: a point on the border of the grid lies inside

@@ -12,7 +12,7 @@ from musatpy.arrays import IntArray
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import Extract
 from musatpy.jobs.merge import Merged
-from musatpy.jobs.naming import Kind, Names
+from musatpy.jobs.naming import NamedKind, Names
 from musatpy.jobs.summary import NO_CONTROL, Summary, rays_histogram
 from musatpy.model import Block, ControlKind, Plates
 from musatpy.reports.fields import Field, Rows, identity
@@ -296,7 +296,7 @@ def merge_text(parts: Sequence[Part], names: Sequence[Names], merged: Merged) ->
             if changes:
                 lines += named(f"  {kind}s renamed", [f"{old} > {name}" for old, name in changes.items()])
     for kind, shared in merged.shared.items():
-        if kind in (Kind.TIDE, Kind.DAY):
+        if kind in (NamedKind.TIDE, NamedKind.DAY):
             continue  # a note, where it means anything
         lines += named(f"{kind}s in several decks, each one {kind}", [name for name, _ in shared])
     for what, count in merged.once.items():

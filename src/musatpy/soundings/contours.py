@@ -18,9 +18,8 @@ from musatpy.errors import Problem, SoundingError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import crs_of
 from musatpy.interchange import dxf, geojson, geopackage, xyz
-from musatpy.interchange.layers import Lines, Points
-from musatpy.interchange.packages import package, require_content
-from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, Column, Wanted
+from musatpy.interchange.layers import Lines, Points, package, require_content
+from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, FileColumn, Wanted
 from musatpy.pointfiles.point_tables import read_table
 from musatpy.soundings.sounding_files import FORMS, VALUES, job_places
 from musatpy.units import DEGREE
@@ -33,7 +32,9 @@ _LEVEL = 1e-3  # m, by which heights along a contour may differ
 _DEPTH, _LINE = "depth", "line"
 _LINE_OF_XYZ = "column4"  # behind x, y, z
 _FORMS = (*((*plan, "depth", "height") for plan in (LON_LAT, PLAN)), *FORMS)  # depths go before heights
-_TABLE = Wanted(columns=(*MAP_PLACES, *VALUES, Column(name=_LINE, kind="text", expected="a line")), forms=_FORMS)
+_TABLE = Wanted(
+    columns=(*MAP_PLACES, *VALUES, FileColumn(name=_LINE, kind="text", expected="a line")), forms=_FORMS
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

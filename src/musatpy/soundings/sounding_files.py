@@ -18,7 +18,7 @@ from musatpy.geometry.crs import system_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import crs_of
 from musatpy.interchange import las
-from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, Column, Wanted
+from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, FileColumn, Wanted
 from musatpy.pointfiles.las_files import SUFFIXES
 from musatpy.pointfiles.point_tables import read_table
 from musatpy.units import DEGREE
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
     import pyproj
 
 FORMS = tuple((*plan, value) for plan in (LON_LAT, PLAN) for value in ("depth", "height"))
-VALUES = tuple(Column(name=name, unit="m") for name in ("depth", "height"))
+VALUES = tuple(FileColumn(name=name, unit="m") for name in ("depth", "height"))
 _DATE = "date"
 NO_DATES = "no column date, by which soundings could be left out"
 _COLUMNS = (
     *MAP_PLACES,
     *VALUES,
-    Column(
+    FileColumn(
         name="sigma", unit="m", required=False, blank=True, least=0.0, expected="a number of 0 or more, or nothing"
     ),
-    Column(name="name", kind="text", required=False, blank=True),
+    FileColumn(name="name", kind="text", required=False, blank=True),
 )
-_DATES = Column(name=_DATE, kind="date", blank=True, expected="a date YYYY-MM-DD")
+_DATES = FileColumn(name=_DATE, kind="date", blank=True, expected="a date YYYY-MM-DD")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,18 +1,22 @@
-"""Whole blocks: from what a job states to what the adjustment knows, and back."""
+"""Sigmas in other words, and the correlations that are lost on the way because cards have sigmas only.
+
+Whole blocks: from what a job states to what the adjustment knows, and back.
+
+What an adjustment found, as a statement has it, with its covariances.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.errors import Problem
+from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.collinearity import orthogonal
-from musatpy.geometry.systems import Geocentric, System
-from musatpy.model import Block, CoordinateSystem, ReductionOptions, WaveOrigin
-from musatpy.systems.sigmas import Findings, Owners, propagated
+from musatpy.geometry.systems import Geocentric, MapFactors, System
+from musatpy.model import Block, CoordinateSystem, ReductionOptions, Solution, WaveOrigin
 from musatpy.systems.statement import (
     Axes,
     Sigmas,
@@ -22,6 +26,75 @@ from musatpy.systems.statement import (
     own_statement,
     require_same_earth,
 )
+
+MOST = 0.1  # correlation: a weight is a hundredth too small where it is left out
+_WORTH_SAYING = 0.005
+
+
+@dataclass
+class Findings:
+    """What is wrong, and what is worth saying, gathered so that every reason is told at once."""
+
+    refused: list[Problem] = field(default_factory=list)
+    warnings: list[Problem] = field(default_factory=list)
+
+    def refuse(self, rows: BoolArray, kind: str, ids: TextArray, why: str) -> None:
+        """Refuse each of the (n,) rows by its kind and name, which is `found` in the problem."""
+        for name in ids[rows]:
+            self.refused.append(Problem(message=f"{kind} {name}: {why}", found=str(name)))
+
+    def warn(self, message: str, found: str | None = None, field: str | None = None) -> None:
+        """Say something that stops nothing, of the photo or point `found` or a `field` of the spec if of one."""
+        self.warnings.append(Problem(message=message, severity="warning", found=found, field=field))
+
+    def stop(self) -> None:
+        """Raise `SystemsError` if anything was refused."""
+        if self.refused:
+            raise SystemsError(self.refused)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Owners:
+    """Whose sigmas they are."""
+
+    kind: str
+    ids: TextArray  # (n,)
+    what: str  # positions, attitudes
+
+
+def propagated(
+    sigma: FloatArray, partials: FloatArray, owners: Owners, plane_alone: bool, findings: Findings
+) -> FloatArray:
+    """Return the sigmas (n, 3) of what depends on uncorrelated values of these sigmas (n, 3) by partials (n, 3, 3).
+
+    A sigma that is not a number stays none: the first two together, and all three unless `plane_alone`. What would
+    be correlated by more than 0.1 is refused, because a job holds no correlations; less is left out, and said.
+    """
+    missing: BoolArray = np.asarray(np.isnan(sigma))
+    some, all_three = np.any(missing, axis=1, keepdims=True), np.all(missing, axis=1, keepdims=True)
+    torn = (some & ~all_three)[:, 0]
+    if plane_alone:
+        torn = missing[:, 0] != missing[:, 1]
+    why = f"some of the sigmas of its {owners.what} are not given, and the others cannot be restated without them"
+    findings.refuse(np.asarray(torn), owners.kind, owners.ids, why)
+    variance = np.where(missing, 0.0, sigma) ** 2
+    used = np.where(all_three[:, :, None], 0.0, partials)
+    covariance = np.einsum("nij,nj,nkj->nik", used, variance, used)
+    out = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    scale = out[:, :, None] * out[:, None, :]
+    correlation = np.divide(covariance, scale, out=np.zeros_like(covariance), where=scale > 0.0)
+    largest = np.abs(correlation - correlation * np.eye(3)).max(axis=(1, 2), initial=0.0)
+    why = f"the sigmas of its {owners.what} would be correlated by more than {MOST}, which no job can hold"
+    findings.refuse(np.asarray(largest > MOST), owners.kind, owners.ids, why)
+    most = float(largest.max(initial=0.0))
+    if _WORTH_SAYING < most <= MOST:
+        findings.warn(f"correlations of up to {most:.3f} between the sigmas of {owners.what} are left out")
+    gone = missing.copy()
+    gone[:, :2] |= np.any(missing[:, :2], axis=1, keepdims=True)
+    if not plane_alone:
+        gone |= some
+    return np.where(gone, np.nan, out)
+
 
 _ROUNDED = 1e-4  # elements of a matrix may be as far from those of a rotation as rounding on cards makes them
 
@@ -258,3 +331,97 @@ def _with(
         photos=replace(photos, position_sigma=sigmas[0], attitude_sigma=sigmas[1]),
         control=replace(block.control, position=mark, sigma=sigmas[2]),
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StatedSolution:
+    """Adjusted stations (n) and points (p) in the words of a statement, rows as in the block.
+
+    Coordinates are those of the system, angles radians. The covariances are a posteriori, of the coordinates in
+    their own units and of the stated angles (of the small rotations along the reference axes, where attitudes are
+    matrices), about axes held at the adjusted station. Places that the system does not reach are NaN.
+    """
+
+    statement: Statement
+    position: FloatArray  # (n, 3)
+    angles: FloatArray  # (n, 3), NaN where stated as matrices
+    matrix: FloatArray  # (n, 3, 3) reference axes to photo
+    covariance: FloatArray  # (n, 6, 6)
+    lost: BoolArray  # (n,) gimbal cases: first and third angle have no covariance of their own
+    points: FloatArray  # (p, 3) NaN where not determined
+    point_covariance: FloatArray  # (p, 3, 3)
+    apparent: FloatArray  # (s, 3) submerged points without refraction, rows as in the solution
+    predicted: FloatArray  # (s, 3) and as predicted
+    tide: FloatArray  # (n,) m, adjusted where the adjustment knows water, in heights of the system
+    undulation: FloatArray  # (n,) m, of the surface of these heights above the ellipsoid, at the stations
+    factors: MapFactors | None  # (n,) of the map at the stations; None: not projected
+    far_stations: BoolArray  # (n,) places that the system does not reach
+    far_points: BoolArray  # (p,)
+
+
+def stated_solution(solution: Solution, statement: Statement) -> StatedSolution:
+    """Return a solution in the words of a statement. Raises `SystemsError` where that cannot be."""
+    block, system = solution.block, statement.system
+    require_same_earth(block, system)
+    job_system = own_statement(block).system
+    stations, points = (
+        level_of(job_system, solution.stations.position),
+        level_of(job_system, solution.points.position),
+    )
+    station, point = reached(statement, stations), reached(statement, points)
+    turned = attitudes_out(statement, station, solution.stations.attitude)
+    rates = np.zeros((len(station), 6, 6))
+    rates[:, :3, :3], rates[:, 3:, 3:] = rates_at(system, station), turned.partials
+    by_point = rates_at(system, point)
+    undulation = system.undulation(station)
+    tide = block.photos.tide if solution.water is None else solution.water.tide
+    return StatedSolution(
+        statement=statement,
+        position=coordinates_of(system, station),
+        angles=turned.angles,
+        matrix=turned.matrix,
+        covariance=_at(station, rates @ solution.stations.covariance @ np.swapaxes(rates, 1, 2)),
+        lost=turned.lost,
+        points=coordinates_of(system, point),
+        point_covariance=_at(point, by_point @ solution.points.covariance @ np.swapaxes(by_point, 1, 2)),
+        apparent=coordinates_of(system, reached(statement, level_of(job_system, solution.bathymetric.apparent))),
+        predicted=coordinates_of(system, reached(statement, level_of(job_system, solution.bathymetric.predicted))),
+        tide=tide - undulation,
+        undulation=undulation,
+        factors=system.factors(station),
+        far_stations=_is_far(station, stations),
+        far_points=_is_far(point, points),
+    )
+
+
+def reached(statement: Statement, level: FloatArray) -> FloatArray:
+    """Return level positions (n, 3), NaN where the system of a statement does not reach."""
+    try:
+        _stand(statement, level)
+        return level
+    except SystemsError:
+        out, known = np.full(level.shape, np.nan), np.isfinite(level).all(axis=1)
+        for row in np.flatnonzero(known).tolist():
+            try:
+                _stand(statement, level[row : row + 1])
+            except SystemsError:
+                continue
+            out[row] = level[row]
+        return out
+
+
+def _stand(statement: Statement, level: FloatArray) -> None:
+    """Raise `SystemsError` unless all that is asked of a system can be had at level positions."""
+    coordinates_of(statement.system, level)
+    rates_at(statement.system, level)
+    statement.reference(level)
+
+
+def _at(places: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return covariances (n, k, k), NaN where the place (n, 3) is not known."""
+    unknown: BoolArray = np.asarray(np.isnan(places).any(axis=1))
+    return np.where(unknown[:, None, None], np.nan, covariance)
+
+
+def _is_far(reached_places: FloatArray, places: FloatArray) -> BoolArray:
+    return np.asarray(np.isnan(reached_places).any(axis=1) & np.isfinite(places).all(axis=1))

@@ -16,10 +16,10 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import CollocationError, Problem
-from musatpy.geometry.crs import LongitudeLatitude, Plan
+from musatpy.geometry.crs import LongitudeLatitude, MapPlan
 from musatpy.geometry.systems import System
 from musatpy.model import Block, ControlKind
-from musatpy.pointfiles.columns import PLAN, Column, Wanted, place_columns
+from musatpy.pointfiles.columns import PLAN, FileColumn, Wanted, place_columns
 from musatpy.pointfiles.point_tables import read_chunks, read_table
 from musatpy.records.json_files import read_record
 from musatpy.records.run_tables import SYSTEM, job_system, level_positions
@@ -29,9 +29,9 @@ from musatpy.systems.blocks import level_of
 from musatpy.systems.statement import own_statement
 
 _HEIGHTS = (
-    Column(name="id", kind="text", unique=True, expected="a name"),
-    *(Column(name=name, unit="m") for name in ("dz", "z_mapped", "z_true")),
-    Column(
+    FileColumn(name="id", kind="text", unique=True, expected="a name"),
+    *(FileColumn(name=name, unit="m") for name in ("dz", "z_mapped", "z_true")),
+    FileColumn(
         name="sigma", unit="m", required=False, blank=True, least=0.0, expected="a number of 0 or more, or nothing"
     ),
 )
@@ -137,7 +137,7 @@ def read_mapped(path: Path, wanted: Iterable[str], columns: Sequence[str], syste
     """
     looked_for, mapped = set(wanted), dict[str, tuple[float, float, float]]()
     places = place_columns(columns, system.units)
-    names = Column(name="id", kind="text", blank=True)
+    names = FileColumn(name="id", kind="text", blank=True)
     for table in read_chunks(path, Wanted(columns=(names, *places)), CollocationError):
         points = table.numbers(*(place.name for place in places)).tolist()
         for row, name in enumerate(table.texts("id")):
@@ -196,7 +196,7 @@ def _checks(ids: Sequence[str], heights: FloatArray, sigma: FloatArray, source: 
     return ControlTable(source=source, ids=names, values={"z_true": heights[known], "sigma": sigma[known]})
 
 
-def on_plan(control: ControlErrors, system: System) -> tuple[ControlErrors, Plan | None]:
+def on_plan(control: ControlErrors, system: System) -> tuple[ControlErrors, MapPlan | None]:
     """Return control points with their places on a map, and the plan of it; on no ellipsoid as they are.
 
     Raises `SystemsError` where the system does not reach one.
@@ -205,5 +205,5 @@ def on_plan(control: ControlErrors, system: System) -> tuple[ControlErrors, Plan
         return control, None
     observed = control.observed
     coordinates = np.column_stack([observed.place, np.zeros(len(observed.place))])
-    plan = Plan.about(system, coordinates)
+    plan = MapPlan.about(system, coordinates)
     return replace(control, observed=replace(observed, place=plan.places(coordinates)[:, :2])), plan

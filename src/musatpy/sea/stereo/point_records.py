@@ -16,9 +16,9 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SeaError
-from musatpy.geometry.crs import Plan
+from musatpy.geometry.crs import MapPlan
 from musatpy.geometry.systems import System
-from musatpy.pointfiles.columns import ABOVE_ZERO, AXES, Column, Wanted, place_columns
+from musatpy.pointfiles.columns import ABOVE_ZERO, AXES, FileColumn, Wanted, place_columns
 from musatpy.pointfiles.point_tables import read_table
 from musatpy.records.json_files import read_record
 from musatpy.records.run_tables import SYSTEM, job_system, level_positions
@@ -26,9 +26,9 @@ from musatpy.records.tables import numbers
 from musatpy.sea.stereo.surface_points import SurfacePoints, intersection_covariance
 
 SIGMA = ("sx", "sy", "sz")
-ID = Column(name="id", kind="text", unique=True, expected="a name")
+ID = FileColumn(name="id", kind="text", unique=True, expected="a name")
 SIGMA_COLUMNS = tuple(
-    Column(
+    FileColumn(
         name=name,
         unit="m",
         required=False,
@@ -53,7 +53,7 @@ class PointPrecision:
         """Whether it is said at all."""
         return self.sigma is not None or self.cameras is not None
 
-    def covariance(self, position: FloatArray, plan: Plan | None = None) -> FloatArray | None:
+    def covariance(self, position: FloatArray, plan: MapPlan | None = None) -> FloatArray | None:
         """Return (n, 3, 3) m2 of points (n, 3), on the map of a plan if there is one; None if nothing is known."""
         if self.sigma is not None:
             return np.tile(np.diag(np.square(self.sigma)), (len(position), 1, 1))
@@ -69,7 +69,7 @@ class ReadPoints:
 
     points: SurfacePoints
     left: tuple[str, ...] = ()
-    plan: Plan | None = None  # of points on the ellipsoid: they stand on its map
+    plan: MapPlan | None = None  # of points on the ellipsoid: they stand on its map
 
 
 def read_points(
@@ -107,7 +107,7 @@ def read_points(
     kept = [row for row, name in enumerate(names) if is_wanted(name, only)]
     _check_any(path, len(kept), only)
     position = table.numbers(*place_names)[kept]
-    plan = None if system is None or system.ellipsoid is None else Plan.about(system, position)
+    plan = None if system is None or system.ellipsoid is None else MapPlan.about(system, position)
     position = position if plan is None else plan.places(position)
     known = given[kept, 0]
     if known.all() and precision.is_known:
@@ -149,7 +149,7 @@ def _read_record(path: Path, precision: PointPrecision, only: Sequence[str]) -> 
     plan = None
     if system.ellipsoid is not None:
         level = level_positions(tables, position)
-        plan = Plan.about(system, system.coordinates(level))
+        plan = MapPlan.about(system, system.coordinates(level))
         position = plan.map.coordinates(level)
     try:
         known = SurfacePoints(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.collinearity import cross, nearest_point
-from musatpy.geometry.crs import Plan
+from musatpy.geometry.crs import MapPlan
 from musatpy.refraction.bending import WaveRay, refracted_ray
 from musatpy.sea.stereo.surface_points import FittedSurface
 
@@ -183,7 +183,7 @@ def correct(
     apparent: FloatArray,
     covariance: FloatArray,
     index: float,
-    plan: Plan | None = None,
+    plan: MapPlan | None = None,
 ) -> SeenThroughWaves:
     """Return the true points of apparent ones (n, 3), intersected in air from the cameras (2, 3) of a pair.
 
