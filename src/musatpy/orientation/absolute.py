@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.geometry.collinearity import skew, turn
-from musatpy.geometry.similarity import Similarity, cauchy, spread
+from musatpy.geometry.collinearity import turn
+from musatpy.geometry.similarity import Similarity, by_change, cauchy, spread
 
 _MOST_PAIRS = 2000  # of horizontal points that are tried
 _ROUNDS = 12
@@ -93,11 +93,7 @@ def _refined(targets: Targets, start: Similarity, up: FloatArray, floor: float) 
         error = np.where(targets.known, targets.position - Y, 0.0)
         robust = _robust_weights(targets, error, floor)
         middle = Y.mean(axis=0)
-        # of a point: arm by the scale, w x arm by a turn w, and the shift
-        J = np.zeros((len(Y), 3, 7))
-        J[:, :, 0] = Y - middle
-        J[:, :, 1:4] = -skew(Y - middle)
-        J[:, :, 4:] = np.eye(3)
+        J = by_change(Y - middle)
         N = np.einsum("kia,ki,kib->ab", J, robust, J)
         rhs = np.einsum("kia,ki,ki->a", J, robust, error)
         N[1:3, 1:3] += level * np.eye(2)

@@ -11,6 +11,7 @@ from musatpy.errors import numerics
 from musatpy.model import Block, OrientationMethod, Weights
 from musatpy.model.findings import Concern, Reason
 from musatpy.orientation.twomedia.oriented import Oriented, PlaneVerdict, orient
+from musatpy.orientation.twomedia.precision import inflation
 from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation, paper_partials, paper_vector
 from musatpy.orientation.twomedia.strip import orient_strip
 from musatpy.orienting.placement import Placement, doubt, left_out, misfit, rejection
@@ -67,6 +68,7 @@ def _answer(task: OrientationTask, oriented: Oriented) -> Answer:
     at, points, unknown, photos = oriented.at, oriented.points, oriented.problem.unknown, task.sights.photos
     scale = oriented.sigma0 if oriented.redundancy else 1.0
     sigma = np.where(unknown, scale * oriented.sigma, np.nan)
+    error = oriented.sigma[unknown]
     by_photo = sigma[:-WATER].reshape(-1, PHOTO)
     J = paper_partials(at)
     variance = np.diagonal(J @ (scale**2 * oriented.covariance) @ J.T)
@@ -101,8 +103,8 @@ def _answer(task: OrientationTask, oriented: Oriented) -> Answer:
         paper_sigma=paper_sigma,
         residuals=oriented.image_residuals * task.block.cameras.focal_length[camera][:, None],
         names=tuple(name for name, varied in zip(names, unknown, strict=True) if varied),
-        correlations=oriented.correlations[np.ix_(unknown, unknown)],
-        inflation=oriented.inflation[unknown],
+        correlations=oriented.covariance[np.ix_(unknown, unknown)] / np.outer(error, error),
+        inflation=inflation(oriented.adjusted, unknown)[unknown],
         roots=roots,
         root_photos=(
             np.repeat(np.arange(1, len(roots.level) + 1), len(photos)),

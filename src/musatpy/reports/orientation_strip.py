@@ -65,7 +65,7 @@ TRIPLETS: Rows[StripAnswer, StripAnswer] = Rows(
               ("Tilt X\narc sec", "Tilt Y\narc sec"), "F12.2"),
         Field("level", "number", "of the water, over the middle of the points", "levels", "Level\nm", "F14.4"),
         Field("share", "number?", "sigma of the level, of the mean depth; null without limit",
-              lambda a: np.array([m.oriented.level_share for m in a.strip.triplets]), "Of depth", "F8.4"),
+              lambda a: np.array([m.oriented.level_share() for m in a.strip.triplets]), "Of depth", "F8.4"),
         Field("paper", "3 number", "a, b and d of the paper", lambda a: a.planes * [1.0, -1.0, 1.0]),
     ),
 )  # fmt: skip

@@ -9,6 +9,7 @@ from musatpy.draws import Draws
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.orientation.twomedia.helmert import adjust
 from musatpy.orientation.twomedia.oriented import Oriented, PlaneVerdict, orient
+from musatpy.orientation.twomedia.precision import inflation
 from musatpy.orientation.twomedia.rays import WATER, Orientation, image_rays, images_of
 from musatpy.orientation.twomedia.sights import PlaneTreatment, Sights, WaterPlane
 from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, basins_of, precision_of, study
@@ -200,9 +201,10 @@ def test_weakest_directions_of_one_photo_from_the_air():
         "phi with omega with X0 with Y0",
         "omega with phi with Y0 with X0",
     ]
-    correlations = result.correlations[:9, :9]
-    assert result.inflation[:9] == pytest.approx(np.diagonal(np.linalg.inv(correlations)), rel=1e-3)
-    assert np.isnan(result.inflation[9])
+    correlations = result.covariance[:9, :9] / np.outer(result.sigma[:9], result.sigma[:9])
+    factors = inflation(result.adjusted, result.problem.unknown)
+    assert factors[:9] == pytest.approx(np.diagonal(np.linalg.inv(correlations)), rel=1e-3)
+    assert np.isnan(factors[9])
     assert 0.0 < result.weakest[0].eigenvalue < result.weakest[1].eigenvalue < 1e-4
     assert not result.free
 

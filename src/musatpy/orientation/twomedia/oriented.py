@@ -27,8 +27,8 @@ from musatpy.orientation.twomedia.precision import (
     expected_squares,
     free,
     image_partials,
-    inflation,
     redundancy_numbers,
+    scaled,
     weakest,
 )
 from musatpy.orientation.twomedia.rays import WATER, Orientation, image_rays
@@ -90,17 +90,17 @@ class Oriented:
         """The orientation."""
         return self.adjusted.at[0]
 
-    @property
-    def sigma0(self) -> float:
-        """Standard deviation of unit weight, NaN without redundancy."""
-        return float(np.sqrt(self.adjusted.squares[0] / self.expected[0])) if self.redundancy else float("nan")
-
     @cached_property
     def expected(self) -> tuple[float, float]:
         """The squares that the sigmas of the images let expect, and their degrees of freedom."""
         if not self.problem.equal:
             return float(self.redundancy), float(self.redundancy)
         return expected_squares(self.problem, self.adjusted)
+
+    @property
+    def sigma0(self) -> float:
+        """Standard deviation of unit weight, NaN without redundancy."""
+        return float(np.sqrt(self.adjusted.squares[0] / self.expected[0])) if self.redundancy else float("nan")
 
     @property
     def fits(self) -> bool:
@@ -121,27 +121,13 @@ class Oriented:
     @property
     def normalised_residuals(self) -> FloatArray:
         """(n, 2) residuals over their sigmas, NaN where an image has no redundancy."""
-        checked = self.image_redundancy > _CHECKED
-        sigma = self.problem.image_sigma * np.sqrt(np.where(checked, self.image_redundancy, np.nan))
-        return self.image_residuals / sigma
-
-    @property
-    def correlations(self) -> FloatArray:
-        """(6 m + 4, 6 m + 4), NaN for what is held."""
-        sigma = np.where(self.sigma > 0.0, self.sigma, np.nan)
-        return self.covariance / np.outer(sigma, sigma)
+        share = np.where(self.image_redundancy > _CHECKED, self.image_redundancy, np.nan)
+        return self.image_residuals / (self.problem.image_sigma * np.sqrt(share))
 
     @property
     def condition(self) -> float:
         """Condition number of the normals, scaled to unit diagonal, along the directions of the steps."""
-        N = self.adjusted.normals[0]
-        scale = 1.0 / np.sqrt(np.diagonal(N))
-        return float(np.linalg.cond(N * np.outer(scale, scale)))
-
-    @property
-    def inflation(self) -> FloatArray:
-        """(6 m + 4,) variance inflation factors, NaN for what is held."""
-        return inflation(self.adjusted, self.problem.unknown)
+        return float(np.linalg.cond(scaled(self.adjusted.normals[0])))
 
     @property
     def weakest(self) -> list[Direction]:
@@ -184,16 +170,16 @@ class Oriented:
         and the covariance C of that.
         """
         covariance = np.full((len(self.sights.points), 3, 3), np.nan)
-        points = self.points
         for rows in self.sights.rows_by_count():
             number = self.sights.point[rows[:, 0]]
             new = ~self.sights.is_control[number]
-            by_point, by_unknown = image_partials(self.problem, self.adjusted, rows[new], points[number[new]])
-            weight = 1.0 / np.square(self.problem.image_sigma[rows[new]]).reshape(-1, 2 * rows.shape[1], 1)
+            rows, number = rows[new], number[new]
+            by_point, by_unknown = image_partials(self.problem, self.adjusted, rows, self.points[number])
+            weight = 1.0 / np.square(self.problem.image_sigma[rows]).reshape(-1, 2 * rows.shape[1], 1)
             across = np.swapaxes(by_point, -1, -2)
             inverse = np.linalg.inv(across @ (weight * by_point))
             carried = inverse @ (across @ (weight * by_unknown))
-            covariance[number[new]] = inverse + carried @ self.covariance @ np.swapaxes(carried, -1, -2)
+            covariance[number] = inverse + carried @ self.covariance @ np.swapaxes(carried, -1, -2)
         return covariance
 
     def verdict(self, limit: float = LIMIT) -> tuple[PlaneVerdict, float]:
@@ -206,30 +192,31 @@ class Oriented:
             return PlaneVerdict.HELD, 0.0
         if not self.adjusted.converged[0]:
             return PlaneVerdict.NOT, np.inf
-        share = np.inf if _of_water(self.free) else self._level_share(self.covariance)
+        share = np.inf if any(direction.moves_water for direction in self.free) else self.level_share()
+        verdict = PlaneVerdict.DETERMINED
         if not np.isfinite(self.problem.prior).any():
             share = max(share, self._dry_share())
-            return (PlaneVerdict.DETERMINED if share <= limit else PlaneVerdict.NOT), share
-        unaided = replace(self.problem, prior=np.full_like(self.problem.prior, np.inf))
-        if not _of_water(free(self.problem, self.adjusted, self.sights.photos, priors=False)):
-            alone = max(self._level_share(covariance_of(unaided, self.adjusted)), self._dry_share())
-            if alone <= limit:
-                return PlaneVerdict.DETERMINED, alone
-        return (PlaneVerdict.BY_PRIOR if share <= limit else PlaneVerdict.NOT), share
+        else:
+            verdict = PlaneVerdict.BY_PRIOR
+            unaided = replace(self.problem, prior=np.full_like(self.problem.prior, np.inf))
+            loose = free(self.problem, self.adjusted, self.sights.photos, priors=False)
+            if not any(direction.moves_water for direction in loose):
+                alone = max(self.level_share(covariance_of(unaided, self.adjusted)), self._dry_share())
+                if alone <= limit:
+                    return PlaneVerdict.DETERMINED, alone
+        return (verdict if share <= limit else PlaneVerdict.NOT), share
 
-    @property
-    def level_share(self) -> float:
-        """Sigma of the level over the middle of the wet points, as a share of their mean depth."""
-        return self._level_share(self.covariance)
+    def level_share(self, covariance: FloatArray | None = None) -> float:
+        """Return the sigma of the level over the middle of the wet points, as a share of their mean depth.
 
-    def _level_share(self, covariance: FloatArray) -> float:
-        """Return the sigma of the level over the middle of the wet points, as a share of their mean depth."""
+        By its own covariance, or another one.
+        """
         points = self.points
         wet = points[self.sights.wet & np.isfinite(points).all(axis=1)]
         depth = float(np.mean(self.adjusted.at.water_at(wet[None, :, :2])[0] - wet[:, 2]))
         weights = np.array([*wet[:, :2].mean(axis=0), 1.0])
-        variance = float(weights @ covariance[-WATER:-1, -WATER:-1] @ weights)
-        return float(np.sqrt(max(variance, 0.0))) / depth if depth > 0.0 else np.inf
+        of_water = (self.covariance if covariance is None else covariance)[-WATER:-1, -WATER:-1]
+        return float(np.sqrt(max(weights @ of_water @ weights, 0.0))) / depth if depth > 0.0 else np.inf
 
     def _dry_share(self) -> float:
         """Return the share of a sigma at which no water, a whole depth off, would fit as badly as it does."""
@@ -237,6 +224,25 @@ class Oriented:
         dry = problem_of(sights, self.method, WaterPlane(treatment=PlaneTreatment.KNOWN))
         worse = float(adjust(dry, self.adjusted.at).squares[0] - self.adjusted.squares[0])
         return 1.0 / np.sqrt(worse) if worse > 0.0 else np.inf
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Attempt:
+    """What an orientation is made from, and how."""
+
+    sights: Sights
+    method: Method
+    plane: WaterPlane
+    equal: bool
+
+    @cached_property
+    def problem(self) -> HelmertProblem:
+        """The adjustment of all sights."""
+        return problem_of(self.sights, self.method, self.plane, self.equal)
+
+    def fault(self, text: str) -> OrientationError:
+        """Return the error that says so of the method."""
+        return OrientationError(f"{self.method.name}: {text}")
 
 
 def orient(
@@ -253,106 +259,26 @@ def orient(
     `OrientationError` where the sights do not suffice, where most of them fit nothing, and where they contradict
     what is given of the water.
     """
-    _require_enough(sights, problem_of(sights, method, plane, equal), method)
-    if near is not None and (solution := _oriented_near(sights, method, plane, near, equal)) is not None:
+    attempt = _Attempt(sights=sights, method=method, plane=plane, equal=equal)
+    _require_enough(attempt)
+    if near is not None and (solution := _oriented_near(attempt, near)) is not None:
         return solution
     try:
-        oriented = _oriented(sights, method, plane, base, equal)
+        oriented = _oriented(attempt, base)
     except OrientationError:
-        _require_agreement(sights, method, plane, equal, len(sights.points))
+        _require_agreement(attempt, len(sights.points))
         raise
     if oriented.outliers.any():
-        _require_agreement(sights, method, plane, equal, int(oriented.outliers.sum()))
+        _require_agreement(attempt, int(oriented.outliers.sum()))
     return oriented
 
 
-def _require_agreement(sights: Sights, method: Method, plane: WaterPlane, equal: bool, outliers: int) -> None:
-    """Raise `OrientationError` where the images fit another plane than the given one, and with fewer outliers.
-
-    That it is another is tested by the difference of both, in the covariances of both, 0 of what is held.
-    """
-    treatment, held = plane.treatment, plane.treatment is PlaneTreatment.KNOWN
-    sigmas = np.array([plane.slope_sigma or 0.0, plane.slope_sigma or 0.0, plane.level_sigma or 0.0])
-    tilted = treatment is not PlaneTreatment.ADJUST
-    given = (sigmas > 0.0) | [tilted, tilted, held]
-    if method.in_model or not given.any():
-        return
-    alone = replace(
-        plane, treatment=PlaneTreatment.ADJUST, slope=(0.0, 0.0), slope_sigma=None, level=None, level_sigma=None
-    )
-    problem = problem_of(sights, method, alone)
-    if redundancy_of(problem) < 0:
-        return
-    try:
-        unaided = _oriented(sights, method, alone, 1.0, equal)
-    except OrientationError:
-        return
-    water = slice(len(problem.unknown) - WATER, len(problem.unknown) - 1)
-    values = np.array([*plane.slope, plane.level or 0.0])
-    difference = (unaided.at.vector[water] - values)[given]
-    covariance = (unaided.covariance[water, water] + np.diag(sigmas**2))[np.ix_(given, given)]
-    square = float(difference @ np.linalg.solve(covariance, difference))
-    if np.count_nonzero(unaided.outliers) < outliers and chdtrc(len(difference), square) < _SIGNIFICANCE:
-        names = np.array(OF_WATER[:3])[given]
-        parts = [
-            f"{name} {value:.4g}, by them alone {other:.4g}"
-            for name, value, other in zip(names, values[given], values[given] + difference, strict=True)
-        ]
-        raise OrientationError(f"{method.name}: the images contradict the water that is given: {'; '.join(parts)}")
-
-
-def _oriented_near(
-    sights: Sights, method: Method, plane: WaterPlane, near: Orientation, equal: bool
-) -> Oriented | None:
-    """Return the orientation from one start (1,), with few outliers; None where it leads nowhere."""
-    problem = problem_of(sights, method, plane, equal)
-    if (solution := _fitting(sights, method, problem, refined(problem, near))) is not None:
-        return solution
-    tested = snooped(sights, method, plane, near)
-    if tested is not None and np.mean(tested[0]) < _FEW:
-        with suppress(OrientationError):
-            return _without_outliers(sights, method, plane, equal, tested)
-    return None
-
-
-def _oriented(sights: Sights, method: Method, plane: WaterPlane, base: float, equal: bool) -> Oriented:
-    """Return the orientation by all sights, or by those that are left without outliers."""
-    problem = problem_of(sights, method, plane, equal)
-    starts = method.starts(sights, plane, base)
-    if not len(starts.level):
-        raise OrientationError(f"{method.name}: no solution for air to start from; images or control contradict")
-    order = np.argsort(np.median(misfits(problem, starts), axis=-1))
-    for count in _TRIED:
-        if (solution := _fitting(sights, method, problem, adjust(problem, starts[order[:count]]))) is not None:
-            return solution
-    tested = outlying(sights, method, plane, starts[order])
-    try:
-        return _without_outliers(sights, method, plane, equal, tested)
-    except NotConvergedError:
-        if (solution := _adrift(sights, method, problem, adjust(problem, starts[order]))) is None:
-            raise
-        return solution
-
-
-def _adrift(sights: Sights, method: Method, problem: HelmertProblem, adjusted: Adjusted) -> Oriented | None:
-    """Return the best place that an adjustment has come to which fits though it does not come to rest there.
-
-    What the images do not determine goes on and on, and they fit as well: None where they do not.
-    """
-    anywhere = replace(adjusted, converged=np.isfinite(adjusted.squares))
-    best = _best(problem, anywhere)
-    if best is None:
-        return None
-    nowhere = replace(best, converged=np.zeros(1, dtype=bool))
-    solution = _described(sights, method, problem, nowhere, np.zeros(len(sights.points), dtype=bool))
-    return solution if solution.fits and solution.redundancy else None
-
-
-def _require_enough(sights: Sights, problem: HelmertProblem, method: Method) -> None:
+def _require_enough(attempt: _Attempt) -> None:
     """Raise `OrientationError` where conditions are fewer than unknowns, or shared points than a start takes.
 
     And for equal weights beside prior sigmas, which the conditions of the paper know nothing of.
     """
+    problem, method, sights = attempt.problem, attempt.method, attempt.sights
     faults, lacking = [], -redundancy_of(problem)
     if lacking > 0:
         have = conditions_of(problem)
@@ -365,75 +291,128 @@ def _require_enough(sights: Sights, problem: HelmertProblem, method: Method) -> 
     if problem.equal and np.isfinite(problem.prior[problem.unknown]).any():
         faults.append("EQUAL weights of conditions have no measure for sigmas of the water (TID, WTR): FULL has")
     if faults:
-        raise OrientationError(f"{method.name}: {'; '.join(faults)}")
+        raise attempt.fault("; ".join(faults))
 
 
-def _of_water(directions: list[Direction]) -> bool:
-    """Return whether any of these directions moves the plane of water."""
-    return any(direction.moves_water for direction in directions)
+def _require_agreement(attempt: _Attempt, outliers: int) -> None:
+    """Raise `OrientationError` where the images fit another plane than the given one, and with fewer outliers.
+
+    That it is another is tested by the difference of both, in the covariances of both, 0 of what is held.
+    """
+    plane = attempt.plane
+    sigmas = np.array([plane.slope_sigma or 0.0, plane.slope_sigma or 0.0, plane.level_sigma or 0.0])
+    tilted = plane.treatment is not PlaneTreatment.ADJUST
+    known = (sigmas > 0.0) | [tilted, tilted, plane.treatment is PlaneTreatment.KNOWN]
+    if attempt.method.in_model or not known.any():
+        return
+    of_images = WaterPlane(
+        rise=plane.rise, index=plane.index, index_sigma=plane.index_sigma, index_unknown=plane.index_unknown
+    )
+    alone = replace(attempt, plane=of_images)
+    if redundancy_of(alone.problem) < 0:
+        return
+    try:
+        unaided = _oriented(alone, 1.0)
+    except OrientationError:
+        return
+    water = slice(-WATER, -1)
+    values = np.array([*plane.slope, plane.level or 0.0])
+    difference = (unaided.at.vector[water] - values)[known]
+    covariance = (unaided.covariance[water, water] + np.diag(sigmas**2))[np.ix_(known, known)]
+    square = float(difference @ np.linalg.solve(covariance, difference))
+    if np.count_nonzero(unaided.outliers) < outliers and chdtrc(len(difference), square) < _SIGNIFICANCE:
+        names = np.array(OF_WATER[:3])[known]
+        parts = [
+            f"{name} {value:.4g}, by them alone {other:.4g}"
+            for name, value, other in zip(names, values[known], values[known] + difference, strict=True)
+        ]
+        raise attempt.fault(f"the images contradict the water that is given: {'; '.join(parts)}")
 
 
-def _fitting(sights: Sights, method: Method, problem: HelmertProblem, adjusted: Adjusted) -> Oriented | None:
-    """Return the best of the solutions, None where it does not fit."""
-    best = _best(problem, adjusted)
-    if best is None:
-        return None
-    solution = _described(sights, method, problem, best, np.zeros(len(sights.points), dtype=bool))
-    return solution if solution.fits else None
+def _oriented_near(attempt: _Attempt, near: Orientation) -> Oriented | None:
+    """Return the orientation from one start (1,), with few outliers; None where it leads nowhere."""
+    if (solution := _fitting(attempt, refined(attempt.problem, near))) is not None:
+        return solution
+    tested = snooped(attempt.sights, attempt.method, attempt.plane, near)
+    if tested is not None and np.mean(tested[0]) < _FEW:
+        with suppress(OrientationError):
+            return _without_outliers(attempt, tested)
+    return None
 
 
-def _best(problem: HelmertProblem, adjusted: Adjusted) -> Adjusted | None:
-    """Return the converged solution of least squares that is not to be rejected, None where there is none."""
-    possible = adjusted.converged & ~rejections(problem, adjusted).any(axis=1)
-    squares = np.where(possible, adjusted.squares, np.inf)
+def _oriented(attempt: _Attempt, base: float) -> Oriented:
+    """Return the orientation by all sights, or by those that are left without outliers."""
+    problem, starts = attempt.problem, attempt.method.starts(attempt.sights, attempt.plane, base)
+    if not len(starts.level):
+        raise attempt.fault("no solution for air to start from; images or control contradict")
+    starts = starts[np.argsort(np.median(misfits(problem, starts), axis=-1))]
+    for count in _TRIED:
+        if (solution := _fitting(attempt, adjust(problem, starts[:count]))) is not None:
+            return solution
+    tested = outlying(attempt.sights, attempt.method, attempt.plane, starts)
+    try:
+        return _without_outliers(attempt, tested)
+    except NotConvergedError:
+        if (solution := _fitting(attempt, adjust(problem, starts), at_rest=False)) is None:
+            raise
+        return solution
+
+
+def _fitting(attempt: _Attempt, adjusted: Adjusted, *, at_rest: bool = True) -> Oriented | None:
+    """Return the solution of least squares that is not to be rejected, None where it does not fit.
+
+    If not `at_rest`, the best place that an adjustment has come to and which fits though it does not rest there:
+    what the images do not determine goes on and on, and they fit as well.
+    """
+    possible = adjusted.converged if at_rest else np.isfinite(adjusted.squares)
+    squares = np.where(possible & ~rejections(attempt.problem, adjusted).any(axis=1), adjusted.squares, np.inf)
     row = int(np.argmin(squares))
-    return adjusted[row] if np.isfinite(squares[row]) else None
+    if not np.isfinite(squares[row]):
+        return None
+    best = adjusted[row] if at_rest else replace(adjusted[row], converged=np.zeros(1, dtype=bool))
+    solution = _described(attempt, best, np.zeros(len(attempt.sights.points), dtype=bool))
+    return solution if solution.fits and (at_rest or solution.redundancy) else None
 
 
-def _without_outliers(
-    sights: Sights, method: Method, plane: WaterPlane, equal: bool, tested: tuple[BoolArray, Adjusted] | None
-) -> Oriented:
+def _without_outliers(attempt: _Attempt, tested: tuple[BoolArray, Adjusted] | None) -> Oriented:
     """Return the orientation without the points (p,) that do not fit that of the others."""
     if tested is not None:
-        outliers, near = tested
-        left = without(sights, outliers)
-        problem = problem_of(left, method, plane, equal)
-        adjusted = adjust(problem, near.at) if equal else near
-        reasons = [reason for reason, holds in zip(REASONS, rejections(problem, adjusted)[0], strict=True) if holds]
-        if reasons:
-            raise OrientationError(f"{method.name}: no solution is possible; of the best {', and '.join(reasons)}")
-        out, count = int(outliers.sum()), len(np.unique(sights.point))
+        outliers, adjusted = tested
+        left = replace(attempt, sights=without(attempt.sights, outliers))
+        adjusted = adjust(left.problem, adjusted.at) if attempt.equal else adjusted
+        against = [REASONS[row] for row in np.flatnonzero(rejections(left.problem, adjusted)[0])]
+        if against:
+            raise attempt.fault(f"no solution is possible; of the best {', and '.join(against)}")
+        out, count = int(outliers.sum()), len(np.unique(attempt.sights.point))
         if 2 * out > count:
-            raise OrientationError(f"{method.name}: no orientation fits more than {count - out} of {count} points")
+            raise attempt.fault(f"no orientation fits more than {count - out} of {count} points")
         if adjusted.converged[0]:
-            return _described(left, method, problem, adjusted, outliers)
-    fault = f"{method.name}: the adjustment does not converge from any start"
-    if _in_line(sights, method):
+            return _described(left, adjusted, outliers)
+    fault = f"{attempt.method.name}: the adjustment does not converge from any start"
+    if _in_line(attempt):
         fault += ": the points lie on a line, about which all else may turn: not determined; points off it hold it"
     raise NotConvergedError(fault)
 
 
-def _in_line(sights: Sights, method: Method) -> bool:
+def _in_line(attempt: _Attempt) -> bool:
     """Return whether all points that hold the photos lie on a line: on the ground, or in every photo of a model."""
-    sets = [sights.image[sights.photo == photo] for photo in range(method.photos)]
-    if not method.in_model:
+    sights = attempt.sights
+    sets = [sights.image[sights.photo == photo] for photo in range(attempt.method.photos)]
+    if not attempt.method.in_model:
         sets = [sights.control[np.isfinite(sights.control).all(axis=1)]]
     extents = [np.linalg.svd(places - places.mean(axis=0), compute_uv=False) for places in sets if len(places)]
     return all(extent[1] <= _LINE * extent[0] for extent in extents)
 
 
-def _described(
-    sights: Sights, method: Method, problem: HelmertProblem, adjusted: Adjusted, outliers: BoolArray
-) -> Oriented:
+def _described(attempt: _Attempt, adjusted: Adjusted, outliers: BoolArray) -> Oriented:
     """Return a solution with its precision and reliability."""
-    covariance = covariance_of(problem, adjusted)
     return Oriented(
-        sights=sights,
-        method=method,
-        problem=problem,
+        sights=attempt.sights,
+        method=attempt.method,
+        problem=attempt.problem,
         adjusted=adjusted,
         outliers=outliers,
-        redundancy=redundancy_of(problem),
-        covariance=covariance,
-        image_redundancy=redundancy_numbers(problem, adjusted),
+        redundancy=redundancy_of(attempt.problem),
+        covariance=covariance_of(attempt.problem, adjusted),
+        image_redundancy=redundancy_numbers(attempt.problem, adjusted),
     )

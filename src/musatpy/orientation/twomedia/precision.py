@@ -131,7 +131,7 @@ def inflation(adjusted: Adjusted, unknown: BoolArray) -> FloatArray:
 
     By how much the variance of an unknown grows because the others are not known: diag(N) diag(N^-1).
     """
-    N = _scaled(_normals(adjusted, adjusted.normals[0], unknown))
+    N = scaled(_normals(adjusted, adjusted.normals[0], unknown))
     factors = np.full(len(unknown), np.nan)
     factors[unknown] = np.diagonal(np.linalg.pinv(N, hermitian=True))
     return factors
@@ -139,7 +139,7 @@ def inflation(adjusted: Adjusted, unknown: BoolArray) -> FloatArray:
 
 def weakest(adjusted: Adjusted, unknown: BoolArray, photos: TextArray, count: int = 2) -> list[Direction]:
     """Return the weakest directions of the normals scaled to unit diagonal, the weakest first."""
-    N = _scaled(_normals(adjusted, adjusted.normals[0], unknown))
+    N = scaled(_normals(adjusted, adjusted.normals[0], unknown))
     return _directions(N, unknown, photos)[:count]
 
 
@@ -167,7 +167,7 @@ def _normals(adjusted: Adjusted, along: FloatArray, unknown: BoolArray) -> Float
     return np.asarray(inverse.T @ along @ inverse)
 
 
-def _scaled(N: FloatArray) -> FloatArray:
+def scaled(N: FloatArray) -> FloatArray:
     """Return normals scaled to unit diagonal, zeros where nothing determines an unknown."""
     diagonal = np.diagonal(N)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, np.inf))

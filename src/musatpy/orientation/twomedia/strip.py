@@ -165,7 +165,7 @@ class Strip:
     @property
     def weakest(self) -> int:
         """The triplet that determines its plane of water least."""
-        return int(np.argmax([triplet.oriented.level_share for triplet in self.triplets]))
+        return int(np.argmax([triplet.oriented.level_share() for triplet in self.triplets]))
 
     def verdict(self, limit: float) -> tuple[PlaneVerdict, float]:
         """Return whether the weakest triplet determines the plane, and its share; a plane that is known is held."""
