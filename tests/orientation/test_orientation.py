@@ -10,7 +10,7 @@ from musatpy.orientation.absolute import Targets, absolute_orientation
 from musatpy.orientation.mosaic import mosaics
 from musatpy.orientation.relative import coplanarity, model_points, relative_orientations
 from musatpy.orientation.resection import image_errors, resection
-from musatpy.orientation.strips import Model, joined_models, oriented_pairs, sights_of, tangent_sigma
+from musatpy.orientation.strips import PhotoModel, joined_models, oriented_pairs, sights_of, tangent_sigma
 from orientation.flights import HEIGHT, Flight, fly, strip
 
 TRUE = Similarity(
@@ -241,13 +241,13 @@ def flight(strips: list[tuple[np.ndarray, np.ndarray]], tilt: float = 0.03, **ke
     return fly(C, attitude, **keys)  # type: ignore[arg-type]
 
 
-def joined(truth: Flight) -> list[Model]:
+def joined(truth: Flight) -> list[PhotoModel]:
     sigma = tangent_sigma(truth.block)
     sights = sights_of(truth.block)
     return joined_models(oriented_pairs(sights, sigma), sigma)
 
 
-def errors(model: Model, truth: Flight) -> tuple[float, float]:
+def errors(model: PhotoModel, truth: Flight) -> tuple[float, float]:
     """Return the largest errors of stations (m) and attitudes (rad) after a fit of the model to the truth."""
     x = np.concatenate([model.X, model.C])
     y = np.concatenate([truth.X[model.point], truth.C[model.photo]])

@@ -25,7 +25,7 @@ from musatpy.model.tables import finite_rows
 from musatpy.orientation.absolute import Targets, absolute_orientation, levelling
 from musatpy.orientation.mosaic import mosaics
 from musatpy.orientation.resection import Resection, resection
-from musatpy.orientation.strips import FEWEST, SUBMERGED, Model, Sights, models_of, sights_of, tangent_sigma
+from musatpy.orientation.strips import FEWEST, SUBMERGED, PhotoModel, Tangents, models_of, sights_of, tangent_sigma
 from musatpy.units import DEGREE
 
 GIVEN, MODEL, MOSAIC, RESECTION, THROUGH_WATER = "given", "model", "mosaic", "resection", "water"
@@ -161,7 +161,7 @@ def initial_photos(block: Block) -> InitialValues:
     )
 
 
-def _found(block: Block, sights: Sights) -> PhotoPlaces:
+def _found(block: Block, sights: Tangents) -> PhotoPlaces:
     """Return the places by joined models, or by the mosaic where that finds photos that the models do not."""
     joined = placed(block, sights, models_of(block, sights), MODEL)
     if (joined.found == MODEL).all():
@@ -179,7 +179,7 @@ def _found(block: Block, sights: Sights) -> PhotoPlaces:
     return place
 
 
-def _completed(block: Block, sights: Sights, place: PhotoPlaces) -> PhotoPlaces:
+def _completed(block: Block, sights: Tangents, place: PhotoPlaces) -> PhotoPlaces:
     """Return the places with single photos resected, refined as a whole."""
     place = resected(block, sights, place)
     return _refined(block, place) if (place.found != NOT_FOUND).any() else place
@@ -200,7 +200,7 @@ def _problems(photos: Photos, rows: IntArray, place: PhotoPlaces) -> tuple[Probl
     )
 
 
-def placed(block: Block, sights: Sights, models: list[Model], name: str) -> PhotoPlaces:
+def placed(block: Block, sights: Tangents, models: list[PhotoModel], name: str) -> PhotoPlaces:
     """Return the photos of models placed on the control; `name` says how they were found.
 
     Observed stations count as control, other given stations only where a model cannot be placed without them.
@@ -257,7 +257,7 @@ def _known(block: Block, frame: Frame, approximate: bool) -> _Known:
     )
 
 
-def _on_control(place: PhotoPlaces, model: Model, known: _Known, name: str) -> PhotoPlaces | None:
+def _on_control(place: PhotoPlaces, model: PhotoModel, known: _Known, name: str) -> PhotoPlaces | None:
     """Return the places with those of a model's photos, None where too little is known of it.
 
     Components that are not known are first taken from the middle of the job, then from the placed model: on a
@@ -290,7 +290,7 @@ def _on_control(place: PhotoPlaces, model: Model, known: _Known, name: str) -> P
     return replace(place, wrong=wrong).having(model.photo, new.C @ axes, new.M @ axes, name)
 
 
-def _in_model(model: Model, known: _Known) -> tuple[IntArray, FloatArray]:
+def _in_model(model: PhotoModel, known: _Known) -> tuple[IntArray, FloatArray]:
     """Return the rows of `known` that a model holds, and where they are in it (k, 3)."""
     at = np.searchsorted(model.point, known.point)
     at = np.minimum(at, len(model.point) - 1)
@@ -300,7 +300,7 @@ def _in_model(model: Model, known: _Known) -> tuple[IntArray, FloatArray]:
     return np.concatenate([points, stations]), np.concatenate([model.X[at[points]], model.C[rows]])
 
 
-def _too_little(model: Model, known: _Known) -> str:
+def _too_little(model: PhotoModel, known: _Known) -> str:
     """Return why the photos of a model have no place."""
     seen, _ = _in_model(model, known)
     horizontal, vertical = (int(known.known[seen, component].sum()) for component in (0, 2))
@@ -310,7 +310,7 @@ def _too_little(model: Model, known: _Known) -> str:
     )
 
 
-def _nominally(block: Block, place: PhotoPlaces, model: Model, known: _Known, name: str) -> PhotoPlaces:
+def _nominally(block: Block, place: PhotoPlaces, model: PhotoModel, known: _Known, name: str) -> PhotoPlaces:
     """Return the places with the photos of a model that too little is known of, in a datum of our own.
 
     Its ground lies level, and the x-axis of its first photo points east. The scale is that of measured distances,
@@ -344,7 +344,7 @@ def _nominally(block: Block, place: PhotoPlaces, model: Model, known: _Known, na
     return replace(place, notes=(_NOMINAL,)).having(model.photo, (new.C + shift) @ axes, new.M @ axes, name)
 
 
-def _scale(block: Block, model: Model) -> float:
+def _scale(block: Block, model: PhotoModel) -> float:
     """Return metres per unit of a model: by distances, by air bases, or by the nominal scale of photographs."""
     ends = np.searchsorted(model.point, block.distances.point)
     ends = np.minimum(ends, len(model.point) - 1)
@@ -364,7 +364,7 @@ def _scale(block: Block, model: Model) -> float:
     return _NOMINAL_SCALE * focal_length / model.height
 
 
-def _nominal_height(block: Block, model: Model) -> float:
+def _nominal_height(block: Block, model: PhotoModel) -> float:
     """Return by how much a levelled model is to be lifted: submerged points up to the tide, or ground to 0."""
     tide = block.photos.tide[model.photo]
     wet = block.points.bathymetric[model.point]
@@ -373,7 +373,7 @@ def _nominal_height(block: Block, model: Model) -> float:
     return -float(np.median(model.X[:, 2]))
 
 
-def resected(block: Block, sights: Sights, place: PhotoPlaces) -> PhotoPlaces:
+def resected(block: Block, sights: Tangents, place: PhotoPlaces) -> PhotoPlaces:
     """Return the places with photos resected from full control and from the points that found photos intersect.
 
     In each round only the surest ones are taken: they make the others surer.
@@ -394,7 +394,9 @@ def resected(block: Block, sights: Sights, place: PhotoPlaces) -> PhotoPlaces:
                 place = place.having(np.array([photo]), station.C, station.M, RESECTION)
 
 
-def _resected(block: Block, sights: Sights, place: PhotoPlaces, photo: int, ground: FloatArray) -> Resection | None:
+def _resected(
+    block: Block, sights: Tangents, place: PhotoPlaces, photo: int, ground: FloatArray
+) -> Resection | None:
     rows = np.flatnonzero((sights.photo == photo) & finite_rows(ground[sights.point]))
     X = ground[sights.point[rows]]
     sigma = tangent_sigma(block)
@@ -405,7 +407,7 @@ def _resected(block: Block, sights: Sights, place: PhotoPlaces, photo: int, grou
     return station if station.sigma < UNHELD * height else None
 
 
-def _ground(block: Block, sights: Sights, place: PhotoPlaces) -> FloatArray:
+def _ground(block: Block, sights: Tangents, place: PhotoPlaces) -> FloatArray:
     """Return working coordinates (p, 3) of full control, and of points with rays from two found photos or more."""
     ground = np.full((len(block.points.ids), 3), np.nan)
     rows = np.flatnonzero(place.found[sights.photo] != "")
@@ -438,7 +440,7 @@ def typical_height(block: Block, place: PhotoPlaces) -> float:
     return float(np.median(distance[np.isfinite(distance)])) if np.isfinite(distance).any() else float("nan")
 
 
-def misfit(block: Block, sights: Sights, place: PhotoPlaces) -> tuple[int, float]:
+def misfit(block: Block, sights: Tangents, place: PhotoPlaces) -> tuple[int, float]:
     """Return how many photos are lost or do not fit the others, and the median image error (tangent) of all."""
     ground = _ground(block, sights, place)
     M, v = place.M[sights.photo], ground[sights.point] - place.C[sights.photo]

@@ -15,7 +15,7 @@ from scipy.linalg import cho_factor, cho_solve
 from musatpy.arrays import ComplexArray, FloatArray, IntArray
 from musatpy.geometry.similarity import cauchy, spread
 from musatpy.orientation.relative import plane_similarity
-from musatpy.orientation.strips import Model, Sights, common_images, padded
+from musatpy.orientation.strips import PhotoModel, Tangents, common_images, common_tangents
 
 _FEWEST = 3  # common points of a pair: with two every gross error would pass
 _ROUNDS = 12  # of robust weights
@@ -32,20 +32,18 @@ class _Links:
     weight: FloatArray
 
 
-def mosaics(sights: Sights) -> list[Model]:
+def mosaics(sights: Tangents) -> list[PhotoModel]:
     """Return models of vertical photos over flat ground, one for each part that pairs hold together."""
     links = _links(sights)
     return [_laid(sights, links, part) for part in _parts(links)]
 
 
-def _links(sights: Sights) -> _Links:
+def _links(sights: Tangents) -> _Links:
     first, second, ends, rows = common_images(sights, _FEWEST)
     if not len(first):
         none = np.zeros(0, dtype=np.int64)
         return _Links(first=none, second=none, turn=np.zeros(0, dtype=complex), weight=np.zeros(0))
-    one, other, present = padded(ends, rows)
-    x1, x2 = (np.where(present[..., None], sights.x[table], 0.0) for table in (one, other))
-    weight = np.where(present, np.minimum(sights.weight[one], sights.weight[other]), 0.0)
+    x1, x2, weight, _ = common_tangents(sights, ends, rows)
     a, _, robust = plane_similarity(x1, x2, weight)
     good = np.isfinite(a) & (np.abs(a) > 0.2) & (np.abs(a) < 5.0)
     # the spread of the points is what turns errors of images into those of scale and turn
@@ -78,7 +76,7 @@ def _parts(links: _Links) -> list[IntArray]:
     return parts
 
 
-def _laid(sights: Sights, links: _Links, part: IntArray) -> Model:
+def _laid(sights: Tangents, links: _Links, part: IntArray) -> PhotoModel:
     number = np.full(int(max(sights.photo.max(), part.max())) + 1, -1)
     number[part] = np.arange(len(part))
     inside = number[links.first] >= 0
@@ -96,7 +94,7 @@ def _laid(sights: Sights, links: _Links, part: IntArray) -> Model:
     M[:, 0, 1], M[:, 1, 0] = turn.imag, -turn.imag
     M[:, 2, 2] = 1.0
     tied = count > 1
-    return Model(
+    return PhotoModel(
         photo=part,
         M=M,
         C=np.stack([b.real, b.imag, height], axis=1),

@@ -18,7 +18,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import similarity
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block
-from musatpy.orientation.relative import RelativeOrientations, model_points, relative_orientations
+from musatpy.orientation.relative import model_points, relative_orientations
 
 FEWEST = 5  # common points of a pair
 SUBMERGED = 0.1  # weight of submerged points, whose straight rays do not quite meet
@@ -34,7 +34,7 @@ _NOISE = 5.0  # least error of a point of a model, in image errors
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sights:
+class Tangents:
     """m images as tangents, ((x - xp)/f, (y - yp)/f), sorted by point: `photo`, `point`, `weight` (m,)."""
 
     photo: IntArray
@@ -44,7 +44,7 @@ class Sights:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Model:
+class PhotoModel:
     """k photos and q points in axes and units of their own."""
 
     photo: IntArray  # (k,)
@@ -53,7 +53,7 @@ class Model:
     point: IntArray  # (q,) sorted
     X: FloatArray  # (q, 3)
 
-    def moved(self, by: Similarity) -> Model:
+    def moved(self, by: Similarity) -> PhotoModel:
         """Return the model in other axes."""
         return replace(self, M=by.turn(self.M), C=by.apply(self.C), X=by.apply(self.X))
 
@@ -79,23 +79,23 @@ class Model:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pair:
+class OrientedPair:
     """An oriented pair as a model, and the size of its angular error, rad."""
 
     first: int
     second: int
-    model: Model
+    model: PhotoModel
     sigma: float
 
 
-def sights_of(block: Block) -> Sights:
+def sights_of(block: Block) -> Tangents:
     """Return the triangulated images of a block as tangents."""
     plates, cameras = block.plates, block.cameras
     rows = np.flatnonzero(plates.triangulated & np.isfinite(plates.xy).all(axis=1))
     rows = rows[np.argsort(plates.point[rows], kind="stable")]
     camera = block.photos.camera[plates.photo[rows]]
     x = (plates.xy[rows] - cameras.principal_point[camera]) / cameras.focal_length[camera][:, None]
-    return Sights(
+    return Tangents(
         photo=plates.photo[rows],
         point=plates.point[rows],
         x=x,
@@ -108,23 +108,23 @@ def tangent_sigma(block: Block) -> float:
     return float(block.options.plate_sigma / np.median(block.cameras.focal_length))
 
 
-def models_of(block: Block, sights: Sights) -> list[Model]:
+def models_of(block: Block, sights: Tangents) -> list[PhotoModel]:
     """Return the models that oriented pairs make when joined."""
     sigma = tangent_sigma(block)
     return joined_models(oriented_pairs(sights, sigma), sigma)
 
 
-def oriented_pairs(sights: Sights, floor: float) -> list[Pair]:
+def oriented_pairs(sights: Tangents, floor: float) -> list[OrientedPair]:
     """Return the pairs of photos that could be oriented, the surest first; `floor` as in `relative`."""
     first, second, ends, rows = common_images(sights, FEWEST)
-    pairs: list[Pair] = []
+    pairs: list[OrientedPair] = []
     for chunk in range(0, len(first), _CHUNK):
         part = slice(chunk, chunk + _CHUNK)
         pairs += _oriented(sights, first[part], second[part], ends[part], rows, floor)
     return sorted(pairs, key=lambda pair: pair.sigma)
 
 
-def common_images(sights: Sights, fewest: int) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+def common_images(sights: Tangents, fewest: int) -> tuple[IntArray, IntArray, IntArray, IntArray]:
     """Return the pairs first, second (k,) with at least `fewest` points in common, and their images.
 
     These are rows (c, 2) of the sights; those of a pair stand from ends[:, 0] to ends[:, 1]. Of each photo only the
@@ -163,50 +163,38 @@ def _among_the_best(first: IntArray, second: IntArray, size: IntArray) -> BoolAr
 
 
 def _oriented(
-    sights: Sights, first: IntArray, second: IntArray, ends: IntArray, rows: IntArray, floor: float
-) -> Iterator[Pair]:
-    one, other, present = padded(ends, rows)
-    weight = np.where(present, np.minimum(sights.weight[one], sights.weight[other]), 0.0)
-    x1 = np.where(present[..., None], sights.x[one], 0.0)
-    x2 = np.where(present[..., None], sights.x[other], 0.0)
+    sights: Tangents, first: IntArray, second: IntArray, ends: IntArray, rows: IntArray, floor: float
+) -> Iterator[OrientedPair]:
+    x1, x2, weight, one = common_tangents(sights, ends, rows)
     orientations = relative_orientations(x1, x2, weight, floor)
     X, distance = model_points(x1, x2, orientations.rotation, orientations.base)
-    kept = (orientations.weight > _KEPT * weight) & present & (distance > 0).all(axis=-1)
+    kept = (orientations.weight > _KEPT * weight) & (weight > 0.0) & (distance > 0).all(axis=-1)
     kept &= np.isfinite(X).all(axis=-1) & (np.linalg.norm(X, axis=-1) < 1.0 / _SHALLOW)
-    for row in np.flatnonzero(
-        orientations.is_sound & (orientations.sigma < _SUREST) & (kept.sum(axis=1) >= FEWEST)
-    ).tolist():
-        yield _pair(
-            sights, orientations, row, (int(first[row]), int(second[row])), one[row][kept[row]], X[row][kept[row]]
+    sure = orientations.is_sound & (orientations.sigma < _SUREST) & (kept.sum(axis=1) >= FEWEST)
+    for row in np.flatnonzero(sure).tolist():
+        point = sights.point[one[row][kept[row]]]
+        order = np.argsort(point)
+        model = PhotoModel(
+            photo=np.array([first[row], second[row]]),
+            M=np.stack([np.eye(3), orientations.rotation[row]]),
+            C=np.stack([np.zeros(3), orientations.base[row]]),
+            point=point[order],
+            X=X[row][kept[row]][order],
+        )
+        yield OrientedPair(
+            first=int(first[row]), second=int(second[row]), model=model, sigma=float(orientations.sigma[row])
         )
 
 
-def padded(ends: IntArray, rows: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
-    """Return the images of pairs on both photos (k, m), and which of them are there."""
+def common_tangents(
+    sights: Tangents, ends: IntArray, rows: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+    """Return tangents (k, m, 2) of pairs on both photos, weights (k, m), 0 of none, and the images on the first."""
     place = ends[:, :1] + np.arange(int((ends[:, 1] - ends[:, 0]).max()))
     present = place < ends[:, 1:]
-    table = rows[np.where(present, place, 0)]
-    return table[..., 0], table[..., 1], present
-
-
-def _pair(
-    sights: Sights,
-    orientations: RelativeOrientations,
-    row: int,
-    photos: tuple[int, int],
-    rays: IntArray,
-    X: FloatArray,
-) -> Pair:
-    point = sights.point[rays]
-    order = np.argsort(point)
-    model = Model(
-        photo=np.array(photos),
-        M=np.stack([np.eye(3), orientations.rotation[row]]),
-        C=np.stack([np.zeros(3), orientations.base[row]]),
-        point=point[order],
-        X=X[order],
-    )
-    return Pair(first=photos[0], second=photos[1], model=model, sigma=float(orientations.sigma[row]))
+    one, other = np.moveaxis(rows[np.where(present, place, 0)], -1, 0)
+    x1, x2 = (np.where(present[..., None], sights.x[table], 0.0) for table in (one, other))
+    return x1, x2, np.where(present, np.minimum(sights.weight[one], sights.weight[other]), 0.0), one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,7 +206,7 @@ class _Bridge:
     y: FloatArray  # (k, 3)
 
 
-def joined_models(pairs: list[Pair], floor: float) -> list[Model]:
+def joined_models(pairs: list[OrientedPair], floor: float) -> list[PhotoModel]:
     """Return the models that all pairs give when joined, the largest first; no photo is in two of them."""
     forest = _Forest(floor=floor, pairs=pairs)
     waiting = pairs
@@ -228,26 +216,22 @@ def joined_models(pairs: list[Pair], floor: float) -> list[Model]:
             break
         waiting = left
     forest.join_by_points()
-    return sorted(forest.models(), key=lambda model: -len(model.photo))
+    return sorted(forest.parts.values(), key=lambda model: -len(model.photo))
 
 
 class _Forest:
     """The models as they grow: each photo belongs to one at most."""
 
-    def __init__(self, floor: float, pairs: list[Pair]) -> None:
+    def __init__(self, floor: float, pairs: list[OrientedPair]) -> None:
         self.floor = floor
         self.of_photo: dict[int, int] = {}
-        self.parts: dict[int, Model] = {}
-        self.pairs_of: dict[int, list[Pair]] = {}
+        self.parts: dict[int, PhotoModel] = {}
+        self.pairs_of: dict[int, list[OrientedPair]] = {}
         for pair in pairs:
             for photo in (pair.first, pair.second):
                 self.pairs_of.setdefault(photo, []).append(pair)
 
-    def models(self) -> Iterator[Model]:
-        """Yield the models."""
-        yield from self.parts.values()
-
-    def take(self, pair: Pair) -> bool:
+    def take(self, pair: OrientedPair) -> bool:
         """Make the pair part of a model, if that is possible by now; return whether it need not come again."""
         first, second = (self.of_photo.get(photo) for photo in (pair.first, pair.second))
         if first is not None and first == second:
@@ -266,7 +250,7 @@ class _Forest:
         self._store(number, _united(whole, pair.model.moved(move)))
         return True
 
-    def _store(self, number: int, model: Model) -> None:
+    def _store(self, number: int, model: PhotoModel) -> None:
         self.parts[number] = model
         self.of_photo.update(dict.fromkeys(model.photo.tolist(), number))
 
@@ -281,7 +265,7 @@ class _Forest:
         self._store(one, _united(whole, part.moved(move)))
         return True
 
-    def _bridges(self, whole: Model, part: Model) -> list[_Bridge]:
+    def _bridges(self, whole: PhotoModel, part: PhotoModel) -> list[_Bridge]:
         """Return the pairs that reach from one model to the other and have a sure scale in both."""
         bridges = []
         inside = set(whole.photo.tolist())
@@ -306,7 +290,7 @@ class _Forest:
                 return
 
 
-def carried(whole: Model, part: Model, photo: int) -> Similarity | None:
+def carried(whole: PhotoModel, part: PhotoModel, photo: int) -> Similarity | None:
     """Return the similarity of `part` to `whole` by a photo in both, None without a sure scale by common points."""
     _, in_whole, in_part = np.intersect1d(whole.point, part.point, assume_unique=True, return_indices=True)
     if not len(in_whole):
@@ -322,7 +306,9 @@ def carried(whole: Model, part: Model, photo: int) -> Similarity | None:
     return Similarity(scale=scale, rotation=rotation, shift=whole.C[i] - scale * rotation @ part.C[j])
 
 
-def _bridge(whole: Model, part: Model, pair: Model, to_whole: Similarity, to_part: Similarity) -> _Bridge:
+def _bridge(
+    whole: PhotoModel, part: PhotoModel, pair: PhotoModel, to_whole: Similarity, to_part: Similarity
+) -> _Bridge:
     """Return what a pair, of which each model holds a photo, carries over: its own place in both tells the rest."""
     x, y = [], []
     for model, move in ((part, to_whole), (whole, to_part)):
@@ -335,7 +321,7 @@ def _bridge(whole: Model, part: Model, pair: Model, to_whole: Similarity, to_par
     return _Bridge(move=to_whole.after(to_part.inverse()), x=np.concatenate(x), y=np.concatenate(y))
 
 
-def between(whole: Model, part: Model, bridges: list[_Bridge], floor: float) -> Similarity | None:
+def between(whole: PhotoModel, part: PhotoModel, bridges: list[_Bridge], floor: float) -> Similarity | None:
     """Return the similarity of `part` to `whole` by common points and stations carried over, None if they disagree.
 
     `floor` is the least error of an image, a tangent.
@@ -358,12 +344,12 @@ def between(whole: Model, part: Model, bridges: list[_Bridge], floor: float) -> 
     return similarity.fit(x, y, np.concatenate([robust, level]))
 
 
-def _united(whole: Model, part: Model) -> Model:
+def _united(whole: PhotoModel, part: PhotoModel) -> PhotoModel:
     """Return both models as one; photos and points of both keep their place in `whole`."""
     photos, points = ~np.isin(part.photo, whole.photo), ~np.isin(part.point, whole.point)
     point = np.concatenate([whole.point, part.point[points]])
     order = np.argsort(point)
-    return Model(
+    return PhotoModel(
         photo=np.concatenate([whole.photo, part.photo[photos]]),
         M=np.concatenate([whole.M, part.M[photos]]),
         C=np.concatenate([whole.C, part.C[photos]]),
