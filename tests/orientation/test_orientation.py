@@ -8,7 +8,7 @@ from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.similarity import Similarity
 from musatpy.orientation.absolute import Targets, absolute_orientation
 from musatpy.orientation.mosaic import mosaics
-from musatpy.orientation.relative import coplanarity, model_points, relative_orientations
+from musatpy.orientation.relative import coplanarity, relative_orientations
 from musatpy.orientation.resection import image_errors, resection
 from musatpy.orientation.strips import PhotoModel, joined_models, oriented_pairs, sights_of, tangent_sigma
 from orientation.flights import HEIGHT, Flight, fly, strip
@@ -141,15 +141,6 @@ def test_five_points_are_trusted_only_over_level_ground() -> None:
     wrong = angles(found.rotation, R) > 0.3
     assert not (found.is_sound & (found.sigma < 0.02) & wrong).any()
     assert (found.is_sound & ~wrong).mean() > 0.5
-
-
-def test_model_points_are_the_points() -> None:
-    x1, x2, R, b = pairs(10, 0.03, 0.1, 0.0, 0.0)
-    X, distance = model_points(x1, x2, R, b)
-    np.testing.assert_allclose(X[..., :2] / -X[..., 2:], x1, atol=1e-12)  # rounding
-    seen = np.einsum("kij,kmj->kmi", R, X - b[:, None])
-    np.testing.assert_allclose(seen[..., :2] / -seen[..., 2:], x2, atol=1e-12)
-    assert (distance > 0).all()
 
 
 def test_the_partials_of_the_coplanarity() -> None:

@@ -18,8 +18,10 @@ from musatpy.formats.musat import deck_bytes
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model.tables import empty, taken
 from musatpy.orientation.twomedia.rays import Orientation
+from musatpy.orientation.twomedia.strip import orient_strip
 from musatpy.orienting.answer import answer_of
-from musatpy.orienting.strip_answer import StripAnswer
+from musatpy.orienting.strip_answer import StripAnswer, strip_answer
+from musatpy.orienting.task import task_of
 from musatpy.reports import orientation, orientation_strip
 from orientation.twomedia.geometries import HOUSE, KINDS, Kind, Scene, dry, geometry, scene
 from orientation.twomedia.strip_scenes import strip_scene
@@ -70,14 +72,20 @@ def test_a_strip_from_its_deck(name: str, plane: str, grade: str, tmp_path: Path
 
 @pytest.mark.slow
 def test_a_strip_has_the_sigmas_of_its_errors() -> None:
-    """Errors of stations, points and water over their sigmas, of 200 draws of images and control: one."""
-    stations, points, water = [], [], []
+    """Errors of stations, points and water over their sigmas, of 200 draws of images and control: one.
+
+    Each draw is adjusted from the triplets of the strip without errors, which is all that its answer has of them.
+    """
+    stations, points, water, chains = [], [], [], {}
     strips = [("lab", 4, "ADJUST"), ("lab", 4, "LEVEL"), ("aerial", 6, "ADJUST"), ("aerial", 4, "KNOWN")]
+    for name, photos, plane in strips:
+        task = task_of(strip_block(name, photos, noise=0.0, plane=model.PlaneTreatment(plane))[0])
+        chains[name, photos, plane] = orient_strip(task.sights, task.plane)
     for draw in range(200):
         name, photos, plane = strips[draw % 4]
         block, true = strip_block(name, photos, seed=draw, plane=model.PlaneTreatment(plane))
-        answer = answer_of(block)
-        assert isinstance(answer, StripAnswer) and answer.solution is not None
+        answer = strip_answer(task_of(block), chains[strips[draw % 4]])
+        assert answer.solution is not None
         truth = UNITS[name] * true.stations[[int(photo) for photo in answer.photos]] * HOUSE
         stations.append((answer.position - truth) / answer.position_sigma)
         truth = UNITS[name] * true.points[[int(point) for point in answer.task.sights.points]] * HOUSE

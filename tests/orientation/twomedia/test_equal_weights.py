@@ -8,7 +8,6 @@ import pytest
 from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.twomedia.helmert import adjust
 from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, PlaneVerdict, orient
-from musatpy.orientation.twomedia.precision import expected_squares
 from musatpy.orientation.twomedia.sights import WaterPlane, without
 from orientation.twomedia.geometries import METHODS, control_of, geometry, sights_of, truth_of
 from orientation.twomedia.test_methods import noisy
@@ -60,12 +59,6 @@ def test_no_weights_are_better_than_those_of_the_images(method):
     assert equal.verdict(np.inf)[0] is full.verdict(np.inf)[0] is PlaneVerdict.DETERMINED
     if not equal.sights.is_control.any():
         assert np.nansum(equal.image_redundancy) == pytest.approx(equal.redundancy, rel=1e-6)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_of_full_weights_the_expected_squares_are_the_redundancy(method):
-    result = oriented(method, equal=False)
-    assert expected_squares(result.problem, result.adjusted) == pytest.approx([result.redundancy] * 2, rel=1e-6)
 
 
 @pytest.mark.slow

@@ -12,8 +12,8 @@ from musatpy.arrays import FloatArray
 from musatpy.geometry.similarity import fit
 from musatpy.orientation.twomedia import helmert
 from musatpy.orientation.twomedia.conditions import Misclosure, fermat
-from musatpy.orientation.twomedia.helmert import Adjusted, HelmertProblem, adjust, refined
-from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, PlaneVerdict, orient
+from musatpy.orientation.twomedia.helmert import HelmertProblem, adjust, refined
+from musatpy.orientation.twomedia.oriented import Oriented, PlaneVerdict, orient
 from musatpy.orientation.twomedia.rays import STATION, ImageRays, Orientation, paper_partials
 from musatpy.orientation.twomedia.sights import (
     PlaneTreatment,
@@ -279,36 +279,6 @@ def test_verdicts():
     prior = WaterPlane(level=level, level_sigma=0.1, slope_sigma=0.0001, slope=(0.03, 0.02))
     result = orient(sights_of(geometry("aerial", "SINGLE-RAY"), 20), METHODS["SINGLE-RAY"], prior)
     assert result.verdict()[0] is PlaneVerdict.BY_PRIOR
-
-
-def test_an_index_of_one_takes_the_water_away():
-    """Relative orientation of straight rays: the three parameters of the plane leave a defect of three."""
-    sights = sights_of(geometry("lab", "PAIR-INDEPENDENT"))
-    problem = problem_of(replace(sights, wet=np.zeros(20, dtype=bool)), METHODS["PAIR-INDEPENDENT"], WaterPlane())
-    result: Adjusted = adjust(problem, truth_of(geometry("lab", "PAIR-INDEPENDENT")))
-    assert np.linalg.matrix_rank(result.normals[0]) == 5
-
-
-def test_nine_equations_of_a_point_on_three_photos_have_rank_three():
-    """Of which two coplanarities and one scale are taken, so that A Q A' has full rank."""
-    true = geometry("lab", "TRIPLET")
-    problem = problem_of(sights_of(true), METHODS["TRIPLET"], WaterPlane())
-    part = adjust(problem, truth_of(true)).linear[0]
-    spread = np.einsum("kqv,kv,kpv->kqp", part.by_values[0], part.variance, part.by_values[0])
-    assert (np.linalg.matrix_rank(spread) == 3).all()
-
-
-def test_too_few_equations_say_what_is_lacking():
-    true = geometry("lab", "SINGLE-RAY")
-    sights = sights_of(true, 4)
-    with pytest.raises(
-        OrientationError, match="SINGLE-RAY: 8 conditions for 9 unknowns; 1 more are needed: control"
-    ):
-        orient(sights, METHODS["SINGLE-RAY"], WaterPlane())
-    control = sights.control.copy()
-    control[4] = np.where([True, False, True], true.points[4] * HOUSE, np.nan)
-    result = orient(replace(sights, control=control), METHODS["SINGLE-RAY"], WaterPlane())  # four XYZ and one XZ
-    assert result.redundancy == 0
 
 
 @pytest.mark.slow

@@ -32,9 +32,8 @@ def contaminated(sights: Sights, seed: int, focal_length: float) -> Sights:
 
 def checked(method: str, control: int) -> np.ndarray:
     """Return the points (p,) that the others check: an error shows at a third of its size at least."""
-    result = orient(
-        sights_of(geometry("lab", method), control), METHODS[method], WaterPlane(), geometry("lab", method).kind.B
-    )
+    true = geometry("lab", method)
+    result = orient(sights_of(true, control), METHODS[method], WaterPlane(), true.kind.B, near=truth_of(true))
     least = np.full(len(result.sights.points), np.inf)
     np.minimum.at(least, result.sights.point, 2.0 * result.image_redundancy.max(axis=1))
     return least > 0.1

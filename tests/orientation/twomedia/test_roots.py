@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from musatpy.orientation.twomedia.conditions import fermat
 from musatpy.orientation.twomedia.helmert import adjust, misfits
 from musatpy.orientation.twomedia.oriented import OrientationError, orient
-from musatpy.orientation.twomedia.rays import Orientation, image_rays
+from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Sights, WaterPlane, problem_of, redundancy_of, without
 from musatpy.orientation.twomedia.solutions import REASONS, exact_roots, rejections
 from orientation.twomedia.geometries import (
@@ -64,28 +63,6 @@ def test_a_minimum_set_has_other_exact_solutions(method):
 def test_with_redundancy_there_are_no_other_roots():
     result = orient(sights_of(geometry("lab", "SINGLE-RAY"), 20), METHODS["SINGLE-RAY"], WaterPlane())
     assert not len(result.other_roots().level)
-
-
-def water_through_the_camera(sights: Sights, height: float) -> Orientation:
-    """Return the true orientation of a photo, the water raised to a height under its camera."""
-    at = truth_of(geometry("lab", "SINGLE-RAY"))
-    station = at.station[0]
-    return replace(at, level=station[:, 2] - station[:, :2] @ at.slope[0] - height)
-
-
-def test_the_spurious_zero_of_fermat_is_rejected():
-    """(18)' vanishes with the way in air, whatever the rest: with the water through the camera it is zero."""
-    sights = sights_of(geometry("lab", "SINGLE-FERMAT"), 20)
-    problem = problem_of(sights, METHODS["SINGLE-FERMAT"], WaterPlane())
-    sizes = []
-    for height in (1e-3, 1e-6):
-        at = water_through_the_camera(sights, height)
-        rays = image_rays(at, problem.photo, problem.image[None], problem.wet, problem.rise)
-        value = fermat(rays[problem.groups[0].images], problem.control[None, problem.groups[0].control], at).value
-        sizes.append(np.abs(value).max())
-    assert sizes[1] == pytest.approx(1e-3 * sizes[0], rel=1e-2)
-    spurious = replace(adjust(problem, truth_of(geometry("lab", "SINGLE-FERMAT"))), at=at)
-    assert REASONS[0] in [REASONS[row] for row in np.flatnonzero(rejections(problem, spurious)[0])]
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 
 from musatpy.geometry.similarity import fit
 from musatpy.model.options import PlaneTreatment
-from musatpy.orientation.twomedia.oriented import OrientationError, PlaneVerdict
+from musatpy.orientation.twomedia.oriented import OrientationError
 from musatpy.orientation.twomedia.sights import WaterPlane
 from musatpy.orientation.twomedia.strip import joined, orient_strip, triplets
 from orientation.twomedia.geometries import Scene
@@ -57,14 +57,6 @@ def test_a_strip_without_errors_is_the_truth(name: str, plane: str) -> None:
     assert np.abs(station - at.station).max() < 1e-9 * true.kind.H
     assert np.abs(place - points[rows]).max() < 1e-9 * true.kind.H
     assert not strip.outliers.any()
-
-
-@pytest.mark.slow
-def test_a_plane_from_the_air_is_not_determined() -> None:
-    sights, _ = strip_sights(strip_scene("aerial", 5), noise=1.0)
-    assert orient_strip(sights, WaterPlane()).verdict(0.1)[0] is PlaneVerdict.NOT
-    true = strip_scene("lab", 5)
-    assert orient_strip(strip_sights(true, noise=1.0)[0], WaterPlane()).verdict(0.1)[0] is PlaneVerdict.DETERMINED
 
 
 @pytest.mark.slow

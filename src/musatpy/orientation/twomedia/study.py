@@ -87,11 +87,11 @@ def study(oriented: Oriented) -> OrientationStudy:
     )
 
 
-def basins_of(oriented: Oriented, levels: FloatArray, starts: int, seed: int = 1) -> Basins:
+def basins_of(oriented: Oriented, levels: FloatArray, starts: int) -> Basins:
     """Return where random starts lead in images and control without errors, each of the levels (l,) at once."""
     truth, adjusted = oriented.at.vector, oriented.adjusted
     exact = replace(oriented.problem, image=adjusted.image[0], control=adjusted.control[0], centre=truth)
-    scatter = Draws(seed).normal("starts", len(levels), starts, len(truth))
+    scatter = Draws(1).normal("starts", len(levels), starts, len(truth))
     errors = levels[:, None, None] * scatter * start_errors(oriented.method.photos) * oriented.problem.unknown
     results = [adjust(exact, Orientation.of(truth + part)) for part in errors @ _units(oriented)]
     vectors = np.concatenate([_principal(result.at).vector for result in results])
@@ -138,7 +138,7 @@ def _alike(difference: FloatArray, oriented: Oriented) -> BoolArray:
     return np.asarray((np.abs(turned) <= _SAME * oriented.sigma + _ROUNDING * scale).all(axis=-1))
 
 
-def precision_of(oriented: Oriented, depths: FloatArray, shares: FloatArray, seed: int = 1) -> LevelPrecision:
+def precision_of(oriented: Oriented, depths: FloatArray, shares: FloatArray) -> LevelPrecision:
     """Return the precision of the water in designs of the same photos and horizontal positions of the points.
 
     Designs have mean depths (k,), in heights of the cameras over the water, and shares (j,) of dry points, as near
@@ -152,7 +152,7 @@ def precision_of(oriented: Oriented, depths: FloatArray, shares: FloatArray, see
     mean = float(depth[wet].mean()) / height
     choice = np.flatnonzero(np.isfinite(depth) & (sights.is_control | ~sights.is_control.any()))
     order = choice[sights.wet[choice]]
-    order = order[np.argsort(Draws(seed).uniform("dry", len(order)))]
+    order = order[np.argsort(Draws(1).uniform("dry", len(order)))]
     least = len(choice) - len(order)  # stand dry in every design
     counts = np.unique(np.clip(np.rint(shares * len(choice)).astype(int), least, max(least, len(choice) - 1)))
     sigmas = []
