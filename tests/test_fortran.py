@@ -26,20 +26,9 @@ def same(value: float, expected: float) -> bool:
     return value == expected and math.copysign(1, value) == math.copysign(1, expected)
 
 
-# --- descriptors ---
-
-
 @pytest.mark.parametrize(
     ("text", "letter", "width", "decimals"),
-    [
-        ("I3", "I", 3, 0),
-        ("F12.6", "F", 12, 6),
-        ("F5.0", "F", 5, 0),
-        ("F4.3", "F", 4, 3),
-        ("E16.9", "E", 16, 9),
-        ("D6.1", "D", 6, 1),
-        ("A68", "A", 68, 0),
-    ],
+    [("I3", "I", 3, 0), ("F12.6", "F", 12, 6), ("F5.0", "F", 5, 0), ("D6.1", "D", 6, 1), ("A68", "A", 68, 0)],
 )
 def test_descriptors_are_parsed_and_spelt(text, letter, width, decimals):
     edit = parse_edit(text)
@@ -49,49 +38,27 @@ def test_descriptors_are_parsed_and_spelt(text, letter, width, decimals):
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "F8",
-        "I0",
-        "I3.1",
-        "A",
-        "3X",
-        "E6.2",
-        "f8.3",
-        "G8.3",
-        "F8.3 ",
-    ],
+    "text", ["", "F8", "I0", "I3.1", "A", "3X", "E6.2", "f8.3", "G8.3", "F8.3 ", "A" + "9" * 60]
 )
 def test_what_is_no_descriptor_is_refused(text):
     with pytest.raises(FieldError):
         parse_edit(text)
 
 
-# --- reading numbers ---
-
-
 @pytest.mark.parametrize(
     ("edit", "field", "value"),
     [
-        ("I4", "  12", 12.0),
         ("I4", "  +7", 7.0),
         ("I2", "-0", -0.0),
-        ("I4", "12  ", 12.0),  # BLANK='NULL'
         ("F8.3", "    1500", 1.5),  # implied point
-        ("F8.3", "1500    ", 1.5),
         ("F8.3", " 1.23456", 1.23456),  # the explicit point beats the implied one
         ("F8.3", "     5. ", 5.0),
-        ("F8.3", "  -.281 ", -0.281),
         ("F8.3", "  -0.000", -0.0),
-        ("F8.3", "  1.5E+3", 1500.0),
         ("F8.3", "   1.5D3", 1500.0),
-        ("F8.3", "   1.5+3", 1500.0),
         ("F8.3", "   1.5-3", 0.0015),
         ("F8.3", "    15D3", 15.0),  # implied point, then the exponent
         ("F8.3", "   1.5e3", 1500.0),
         ("E12.4", "  0.1234+102", 0.1234e102),
-        ("E12.4", "        1234", 0.1234),
         ("F20.6", "  4.9E-324          ", 5e-324),
     ],
 )
@@ -113,36 +80,26 @@ def test_junk_is_refused(edit, field):
         read_number(field, parse_edit(edit))
 
 
-@pytest.mark.parametrize("field", ["1.0", " 1.", "1E3", "1+3"])
-def test_integers_have_neither_point_nor_exponent(field):
-    with pytest.raises(FieldError):
-        read_number(field, parse_edit("I4"))
-
-
-def test_numbers_beyond_a_float_are_refused():
-    with pytest.raises(FieldError, match="range of a float"):
-        read_number("1.0E+309", parse_edit("F8.3"))
-    with pytest.raises(FieldError, match=r"2\*\*53"):
-        read_number(f"{EXACT_INTEGERS + 1:20d}", parse_edit("I20"))
-
-
-def test_a_field_wider_than_its_descriptor_is_refused():
-    with pytest.raises(FieldError, match="5 characters"):
-        read_number("12345", parse_edit("I4"))
-
-
-def test_a_blank_field_follows_its_rule():
-    edit = parse_edit("F8.3")
-    assert same(read_number(" " * 8, edit, blank="zero"), 0.0)
-    assert math.isnan(read_number(" " * 8, edit, blank="missing"))
-    with pytest.raises(FieldError, match="is not F8"):
-        read_number(" " * 8, edit)
+@pytest.mark.parametrize(
+    ("edit", "field", "message"),
+    [
+        ("I4", "1.0", "is not"),  # neither point nor exponent
+        ("I4", "1E3", "is not"),
+        ("F8.3", "1.0E+309", "range of a float"),
+        ("I20", f"{EXACT_INTEGERS + 1:20d}", r"2\*\*53"),
+        ("I4", "12345", "5 characters"),
+        ("F8.3", " " * 8, "is not F8"),
+    ],
+)
+def test_numbers_that_a_field_cannot_have_are_refused(edit, field, message):
+    with pytest.raises(FieldError, match=message):
+        read_number(field, parse_edit(edit))
 
 
 @pytest.mark.parametrize(
     ("edit", "field", "as_zeros", "as_nothing"),
     [
-        ("I4", "12  ", 1200.0, 12.0),
+        ("F8.3", " " * 8, 0.0, math.nan),
         ("I4", "12", 1200.0, 12.0),  # a short record is filled with blanks
         ("F6.2", "12    ", 1200.0, 0.12),
         ("F6.2", "1.2   ", 1.2, 1.2),
@@ -151,43 +108,32 @@ def test_a_blank_field_follows_its_rule():
     ],
 )
 def test_blanks_after_a_number_are_zeros_or_nothing(edit, field, as_zeros, as_nothing):
-    # FORTRAN 66, and BLANK='ZERO' of FORTRAN 77; then BLANK='NULL'.
-    assert read_number(field, parse_edit(edit), blank="zero") == as_zeros
-    assert read_number(field, parse_edit(edit), blank="missing") == as_nothing
-    assert read_number(field, parse_edit(edit), blank="error") == as_nothing
+    """FORTRAN 66, and BLANK='ZERO' of FORTRAN 77; then BLANK='NULL'."""
+    assert same(read_number(field, parse_edit(edit), blank="zero"), as_zeros)
+    assert same(read_number(field, parse_edit(edit), blank="missing"), as_nothing)
 
 
 def test_asterisks_are_no_value_where_allowed():
     edit = parse_edit("F8.3")
-    assert math.isnan(read_number("********", edit, asterisks=True))
     assert math.isnan(read_number("   *****", edit, asterisks=True))
     with pytest.raises(FieldError):
         read_number("****1***", edit, asterisks=True)
 
 
-# --- writing numbers ---
-
-
 @pytest.mark.parametrize(
     ("edit", "value", "field"),
     [
-        ("I4", 12, "  12"),
         ("I4", -1234, "****"),
         ("I3", -0.0, " -0"),  # degrees carry the sign of their angle
-        ("F8.3", 0.0, "   0.000"),
-        ("F8.3", -0.0, "   0.000"),
         ("F8.3", -0.0004, "   0.000"),  # FORTRAN 77: no sign on what prints as zero
         ("F8.3", -0.0006, "  -0.001"),
         ("F8.3", 99999.9995, "********"),
         ("F8.3", math.inf, "********"),
         ("F8.3", math.nan, "        "),
-        ("F4.3", 0.281, ".281"),  # no room for the zero
-        ("F5.3", -0.281, "-.281"),
+        ("F5.3", -0.281, "-.281"),  # no room for the zero
         ("F5.3", 0.281, "0.281"),
         ("F4.3", -0.281, "****"),
-        ("F4.3", 0.9996, "****"),
         ("F4.0", 12, " 12."),
-        ("F2.0", 0.0, "0."),
         ("F1.0", 0.0, "*"),
         ("F5.2", 0.125, " 0.12"),  # a tie, to even
         ("F5.2", 1.005, " 1.00"),  # the binary value is below the tie
@@ -195,65 +141,52 @@ def test_asterisks_are_no_value_where_allowed():
         ("E12.4", 0.0, "  0.0000E+00"),
         ("E12.4", 99999.9, "  0.1000E+06"),
         ("E12.4", 1e99, "  0.1000+100"),  # three digits of exponent drop the letter
-        ("E12.4", 1e-100, "  0.1000E-99"),
         ("E12.4", 5e-324, "  0.4941-323"),
         ("E10.4", -12.34, "-.1234E+02"),
-        ("E9.4", 12.34, ".1234E+02"),
         ("E9.4", -12.34, "*********"),
         ("D12.4", 12.34, "  0.1234D+02"),
-        ("D12.4", 1e-200, "  0.1000-199"),
     ],
 )
 def test_numbers_are_written(edit, value, field):
     assert write_number(value, parse_edit(edit)) == field
 
 
-def test_a_fraction_is_no_integer():
-    with pytest.raises(FieldError, match="integer"):
-        write_number(1.5, parse_edit("I4"))
-
-
 @pytest.mark.parametrize(
     ("edit", "value", "field"),
     [
-        ("F7.5", 0.012345678, "0.01235"),
-        ("F7.5", 12.345678, "12.3457"),
         ("F7.5", -12.345678, "-12.346"),
         ("F7.5", 999999.4, "999999."),
         ("F7.5", 99.99999, "100.000"),
         ("F4.3", -0.281, "-.28"),
         ("E9.4", 12.34, ".1234E+02"),
         ("I4", -12, " -12"),
+        # too small for the decimals, and not written as zero
+        ("F5.3", -0.0042, "-.004"),
+        ("F7.5", -1e-7, "-.1E-06"),
+        ("F12.7", 1.23456e-8, ".00000001235"),
+        ("F12.7", 0.0, "   0.0000000"),
     ],
 )
 def test_numbers_that_do_not_fit_lose_decimals(edit, value, field):
-    assert fit_number(value, parse_edit(edit)) == field
-
-
-@pytest.mark.parametrize(
-    ("edit", "value", "field"),
-    [
-        ("F5.3", 0.00042, ".0004"),
-        ("F5.3", -0.0042, "-.004"),
-        ("F7.5", 1e-7, ".10E-06"),
-        ("F7.5", -1e-7, "-.1E-06"),
-        ("F12.7", 1.23456e-8, ".00000001235"),
-        ("F9.8", -2.38788e-8, "-.239E-07"),
-        ("F12.7", 0.0, "0.0000000"),
-    ],
-)
-def test_numbers_too_small_for_their_decimals_are_not_written_as_zero(edit, value, field):
     parsed = parse_edit(edit)
-    assert fit_number(value, parsed) == field.rjust(parsed.width)
-    assert (read_number(field.rjust(parsed.width), parsed) == 0.0) == (value == 0.0)
+    assert fit_number(value, parsed) == field
+    assert (read_number(field, parsed) == 0.0) == (value == 0.0)
 
 
 @pytest.mark.parametrize(
     ("edit", "value"),
-    [("F5.3", 1e-8), ("F7.5", 1e7), ("E9.4", -12.34), ("I4", 12345), ("F7.5", math.inf), ("F2.1", -0.3)],
+    [
+        ("F5.3", 1e-8),
+        ("F7.5", 1e7),
+        ("E9.4", -12.34),
+        ("I4", 12345),
+        ("I4", 1.5),
+        ("F7.5", math.inf),
+        ("F2.1", -0.3),
+    ],
 )
 def test_numbers_that_never_fit_are_refused(edit, value):
-    with pytest.raises(FieldError, match="fits"):
+    with pytest.raises(FieldError, match=r"fits|integer"):
         fit_number(value, parse_edit(edit))
 
 
@@ -261,12 +194,9 @@ def test_numbers_that_never_fit_are_refused(edit, value):
     ("edit", "value", "field"),
     [
         ("F6.2", 0.31924, ".31924"),
-        ("F6.2", 0.5, "  0.50"),
         ("F6.2", 0.500001, "  0.50"),  # what does not fit rounds to what the descriptor writes
-        ("F6.2", 12.3456789, "12.346"),
         ("F6.2", 9.9999996, " 10.00"),
         ("F8.3", 10.0 + 2e-15, "  10.000"),  # what a change of unit leaves is no digit
-        ("F8.3", 1.2345e-5, ".0000123"),
         ("F7.2", 0.0, "   0.00"),
         ("F6.2", 1.23e-7, ".1E-06"),
     ],
@@ -302,28 +232,19 @@ def test_every_integer_is_read_back(width, data):
     assert read_number(field, edit) == number
 
 
-@st.composite
-def fixed_fields(draw):
-    """A descriptor Fw.d and a number that it can hold, as an integer of units of the last decimal."""
-    decimals = draw(st.integers(0, 15))
-    width = decimals + draw(st.integers(1, 10))
-    largest = 10 ** (width - 1) - 1
-    smallest = 10 ** (width - 2) - 1 if width > 1 else 0
-    return Edit(letter="F", width=width, decimals=decimals), draw(st.integers(-smallest, largest))
-
-
-@given(fixed_fields())
-def test_every_fixed_number_is_read_back(drawn):
-    edit, ticks = drawn
+@given(st.integers(0, 15), st.integers(1, 10), st.data())
+def test_every_fixed_number_is_read_back(decimals, before, data):
+    edit = Edit(letter="F", width=decimals + before, decimals=decimals)
+    smallest = 10 ** (edit.width - 2) - 1 if edit.width > 1 else 0
+    ticks = data.draw(st.integers(-smallest, 10 ** (edit.width - 1) - 1))  # units of the last decimal
     assume(abs(ticks) < 10**15)  # beyond, neighbouring texts can be the same float
-    text = f"{Decimal(ticks).scaleb(-edit.decimals):.{edit.decimals}f}" + ("" if edit.decimals else ".")
-    value = float(text)
-    field = write_number(value, edit)
+    text = f"{Decimal(ticks).scaleb(-decimals):.{decimals}f}" + ("" if decimals else ".")
+    field = write_number(float(text), edit)
     if "*" in field:  # only `0.` and `-0.x` need a character more than their digits
-        assert abs(ticks) < 10**edit.decimals and len(text) > edit.width
+        assert abs(ticks) < 10**decimals and len(text) > edit.width
         return
     assert field.strip() in (text, text.replace("0.", ".", 1))
-    assert read_number(field, edit) == value
+    assert read_number(field, edit) == float(text)
 
 
 @given(st.integers(1, 17), st.sampled_from("ED"), st.floats(allow_nan=False, allow_infinity=False))
@@ -355,18 +276,17 @@ def test_fixed_rounding_is_that_of_the_exact_binary_value(value, decimals):
 
 
 @pytest.mark.slow
-@given(st.from_regex(r"[+-]?([0-9]{1,12}\.[0-9]{0,8}|\.[0-9]{1,8})([ED][+-]?[0-9]{1,2})?", fullmatch=True))
-def test_explicit_points_are_read_as_python_does(text):
-    edit = Edit(letter="F", width=len(text), decimals=0)
-    assert same(read_number(text, edit), float(text.replace("D", "E")))
-
-
-@pytest.mark.slow
-@given(st.from_regex(r"[+-]?[0-9]{1,12}", fullmatch=True), st.integers(0, 9), st.integers(0, 5))
-def test_implied_points_are_read_exactly(text, decimals, before):
+@given(
+    st.from_regex(r"[+-]?([0-9]{1,12}(\.[0-9]{0,8})?|\.[0-9]{1,8})([ED][+-]?[0-9]{1,2})?", fullmatch=True),
+    st.integers(0, 9),
+    st.integers(0, 5),
+)
+def test_points_are_read_as_python_does_and_implied_ones_exactly(text, decimals, before):
     edit = Edit(letter="F", width=len(text) + before + decimals + 1, decimals=decimals)
-    field = " " * before + text
-    assert same(read_number(field, edit), float(f"{text}E-{decimals}"))
+    mantissa, _, exponent = text.replace("D", "E").partition("E")
+    implied = 0 if "." in text else decimals
+    expected = float(f"{mantissa}E{int(exponent or 0) - implied}")
+    assert same(read_number(" " * before + text, edit), expected)
 
 
 @given(st.text(st.sampled_from("0123456789+-.ED *"), min_size=6, max_size=6))
@@ -387,8 +307,3 @@ def test_any_field_reads_or_is_refused(field):
 def test_a_value_is_told_with_the_decimals_that_it_needs(value, decimals):
     assert decimals_of(value, 2) == decimals
     assert float(f"{value:.{decimals}f}") == pytest.approx(value, rel=1e-11)  # twelve digits
-
-
-def test_no_descriptor_is_wider_than_any_line() -> None:
-    with pytest.raises(FieldError, match="less than 10000 columns"):
-        parse_edit("A" + "9" * 60)

@@ -61,10 +61,11 @@ def write_family(folder, *cards):
     return folder
 
 
-def test_a_family_is_loaded(tmp_path):
-    family = load_family(write_family(tmp_path, CARD))
+def test_a_family_is_loaded_in_canonical_order(tmp_path):
+    water = CARD.replace("TID", "WTR").replace("order = 10", "order = 5")
+    family = load_family(write_family(tmp_path, CARD, water))
     assert family.name == tmp_path.name
-    assert list(family.cards) == ["TID"]
+    assert list(family.cards) == ["WTR", "TID"]
     tide = family.cards["TID"]
     assert [field.name for field in tide.fields] == ["photo", "height", "sigma"]
     sigma = tide.field("sigma")
@@ -75,11 +76,6 @@ def test_a_family_is_loaded(tmp_path):
         tide.field("camera")
 
 
-def test_cards_are_in_canonical_order(tmp_path):
-    water = CARD.replace("TID", "WTR").replace("order = 10", "order = 5")
-    assert list(load_family(write_family(tmp_path, CARD, water)).cards) == ["WTR", "TID"]
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -87,26 +83,19 @@ def test_cards_are_in_canonical_order(tmp_path):
         ('title = "Tide"', 'titel = "Tide"', "titel: is no key here; there are mnemonic, title,"),
         ('title = "Tide"\n', "", "title: is missing: what the card is called"),
         ("order = 10", 'order = "10"', "order: a whole number is expected, not '10'"),
-        ("required = false", "required = 0", "required: true or false is expected, not 0"),
-        ('repeat = "many"', 'repeat = "any"', "repeat: 'any' is not one of one, many"),
         ("order = 10", "order = ", "Invalid value"),
         ('name = "sigma"', 'name = "height"', "field height: a second field"),
         ('name = "sigma"', 'name = "Sigma"', "'Sigma' is not a lower case identifier"),
         ("columns = [25, 32]", "columns = [24, 31]", "field sigma: columns: overlap those of height"),
         ("columns = [5, 12]", "columns = [3, 10]", "columns: 3-10 is not within 4-72"),
         ("columns = [25, 32]", "columns = [25, 33]", "columns: 25-33 is 9 wide, F8.4 is 8"),
-        ("columns = [25, 32]", "columns = [25]", "columns: 2 values are expected, not 1"),
-        ('edit = "F8.4"', 'edit = "F8"', "edit: 'F8' is not an edit descriptor"),
         ('edit = "F8.4"', 'edit = "8X"', "edit: '8X' is not an edit descriptor"),
         ('unit = "m"\ntarget = "photos.tide_', 'unit = "feet"\ntarget = "photos.tide_', "unit: 'feet' is not one"),
         ('blank = "missing"', 'blank = "null"', "blank: not one of ('error', 'missing', 'zero')"),
         ("asterisks = true", 'allowed = ["1"]', "allowed: only for texts"),
         ('edit = "A8"', 'edit = "A8"\nallowed = ["LONGER THAN 8"]', "allowed: values that do not fit A8"),
-        ('edit = "A8"', 'edit = "A8"\nallowed = [1]', "allowed 1: a text is expected, not 1"),
         ('edit = "A8"', 'edit = "A8"\nasterisks = true', "asterisks: only for numbers"),
         ('edit = "A8"', 'edit = "A8"\nallowed = ["842"]', "sample: '841' is not A8 (one of 842)"),
-        ("-0.4100", "-0.41OO", "sample: '    -0.41OO' is not F11.4"),
-        ("-0.4100", "-0.4100"[:-1] + " ", "sample: does not encode to itself"),
         ("0.0500    ", "0.0500   X", "sample: does not encode to itself"),
     ],
 )
@@ -118,22 +107,16 @@ def test_what_is_wrong_in_a_format_is_named(tmp_path, old, new, message):
     assert "card0.toml" in str(caught.value)
 
 
-def test_a_mnemonic_stands_in_one_file(tmp_path):
+def test_a_folder_has_formats_of_which_each_is_text_and_of_another_card(tmp_path):
+    with pytest.raises(CardFormatError, match="no card formats"):
+        load_family(tmp_path)
     with pytest.raises(CardFormatError, match=r"card1\.toml: mnemonic: TID is already"):
         load_family(write_family(tmp_path, CARD, CARD))
-
-
-def test_fields_are_tables_and_the_file_is_text(tmp_path):
     header = CARD[: CARD.index("[[field]]")]
     with pytest.raises(CardFormatError, match="field 1: a table is expected, not 'photo'"):
         load_family(write_family(tmp_path, header + 'field = ["photo"]\n'))
     (tmp_path / "card0.toml").write_bytes(b'title = "\xe9"')
     with pytest.raises(CardFormatError, match=r"card0\.toml"):
-        load_family(tmp_path)
-
-
-def test_a_folder_without_formats_is_refused(tmp_path):
-    with pytest.raises(CardFormatError, match="no card formats"):
         load_family(tmp_path)
 
 
@@ -146,15 +129,21 @@ MISSING = FieldSpec(name="x", columns=(5, 11), edit=parse_edit("F7.5"), blank="m
 ZERO = FieldSpec(name="x", columns=(5, 11), edit=parse_edit("F7.5"), blank="zero")
 
 
-def test_fields_decode():
-    assert TEXT.decode(" P 1") == "P 1"  # embedded blanks are part of a text
-    assert TEXT.decode("P1") == "P1"
-    assert CHOICE.decode("F   ") == "F"
-    assert CHOICE.decode("    ") == ""
-    assert NUMBER.decode("1.5    ") == 1.5
-    assert math.isnan(MISSING.decode(" " * 7))
-    assert math.isnan(MISSING.decode("*" * 7))
-    assert ZERO.decode(" " * 7) == 0.0
+@pytest.mark.parametrize(
+    ("field", "text", "value"),
+    [
+        (TEXT, " P 1", "P 1"),  # embedded blanks are part of a text
+        (CHOICE, "F   ", "F"),
+        (CHOICE, "    ", ""),
+        (NUMBER, "123.457", 123.457),
+        (MISSING, " " * 7, math.nan),
+        (MISSING, "*" * 7, math.nan),
+        (ZERO, " " * 7, 0.0),
+    ],
+)
+def test_fields_are_read(field, text, value):
+    assert field.decode(text) == pytest.approx(value, nan_ok=True)
+    assert field.decode(field.encode(value)) == pytest.approx(value, nan_ok=True)
 
 
 @pytest.mark.parametrize(
@@ -162,22 +151,13 @@ def test_fields_decode():
     [
         (TEXT, "    ", "A4"),
         (CHOICE, "geog", "A4 (one of GEOG, F)"),
-        (NUMBER, "       ", "F7.5"),
+        (NUMBER, " " * 7, "F7.5"),
         (NUMBER, "*******", "F7.5"),
-        (NUMBER, "1.2.3  ", "F7.5"),
     ],
 )
 def test_fields_refuse_text(field, text, message):
     with pytest.raises(FieldError, match=re.escape(message)):
         field.decode(text)
-
-
-def test_fields_encode():
-    assert TEXT.encode("P1") == "P1  "
-    assert CHOICE.encode("") == "    "
-    assert NUMBER.encode(0.01) == "0.01000"
-    assert NUMBER.encode(123.456789) == "123.457"
-    assert MISSING.encode(math.nan) == " " * 7
 
 
 @pytest.mark.parametrize(
@@ -187,9 +167,7 @@ def test_fields_encode():
         (TEXT, "PHOTO", "up to 4 ASCII"),
         (TEXT, "é", "up to 4 ASCII"),
         (TEXT, " P", "no outer blanks"),
-        (TEXT, "P\t1", "up to 4 ASCII"),
         (CHOICE, "LOCL", "one of GEOG, F"),
-        (NUMBER, math.nan, "'nan' is not a value of F7.5"),
         (ZERO, math.nan, "'nan' is not a value of F7.5"),
         (NUMBER, 1e8, "a number that fits F7.5"),
     ],
