@@ -11,7 +11,7 @@ from musatpy.model import Block, CoordinateSystem, Editing, Initial, Options, Re
 from musatpy.reports import stated
 from musatpy.reports.editing import number_text
 from musatpy.reports.job_record import HOMES
-from musatpy.reports.pages import Section, labelled, wrapped
+from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, wrapped
 from musatpy.reports.table import Content, Labels, count_at, numbers_at
 from musatpy.statistics import Statistics
 from musatpy.units import ARC_SECOND, MICROMETRE
@@ -127,10 +127,13 @@ def sections(statistics: Statistics) -> list[Section]:
     block = statistics.block
     (lead,) = labelled({"Set for this run": ""})
     settings = wrapped([", ".join(block.settings)], lead=lead) if block.settings else []
+    options: list[str] = []
+    for line in labelled(_options(block)):
+        options += [line] if len(line) <= PAGE_WIDTH else wrapped([line[len(lead) :]], lead=line[: len(lead)])
     program = [f"musatpy version {musatpy.__version__}: MUSAT-{block.options.program} aerotriangulation", ""]
     return [
         Section(title="AEROTRIANGULATION", lines=[*program, *block.titles]),
-        Section(title="Options", lines=[*labelled(_options(block)), *settings]),
+        Section(title="Options", lines=[*options, *settings]),
         *stated.systems(statistics),
         Section(title="Size Of The Job", lines=labelled(_sizes(block))),
     ]
