@@ -100,7 +100,6 @@ def water_options(level: str = "", tilt: str = "", index: str = "", datum: str =
 CAM = GOOD[4].replace("RC8 ", "RC9 ")
 
 CASES: list[Case] = [
-    # --- identities ---
     case(
         deck(add("BAS 842      841          702.8513   0.2000")),
         "49 BAS [842      841] between photos 841 and 842 is already given on line 48",
@@ -135,10 +134,6 @@ CASES: list[Case] = [
     case(deck(drop(6, 7, 8)), "- - [] the deck has no exposure stations (no STA or STX card)"),
     case(deck(drop(9, 10, 11)), "- - [] the deck has no attitudes (no ATT card)"),
     case(
-        deck(add(COMPUTE), replace(48, "842 ", "849 ")),
-        "48 BAS.photo_2 [849] photo 849 has no station card (STA or STX)",
-    ),
-    case(
         deck(drop(6), add(COMPUTE, CAM)),
         "14 PLT.photo [841] photo 841 has no station card, and any of 2 cameras may have taken it",
     ),
@@ -150,36 +145,30 @@ CASES: list[Case] = [
             replace(3, "clrk66", "clark6"),
             replace(4, "1.340000", "1.299999"),
             replace(9, "ATT 841        0 17 11.3240", "ATT 841      -95 17 11.3240"),
-            replace(9, "  2 51 53.2403", "362 51 53.2403"),
             replace(10, " 52.5296", " 60.0000"),
-            replace(11, " 13 45.0592", " 61 45.0592"),
             replace(12, "    0.2000         ", "    0.2000   1.E-30"),
-            replace(42, "0.1000.1000.100", "0.1000.0000.100"),
             replace(43, "V ", "VX"),
             replace(43, "0.100", "0.000"),  # of a fixed point: not used
             replace(43, " 17.0386", "  1.E300"),
             replace(45, " 20 37.23211", "    37.23211"),
             replace(47, "0.0500", "      "),
-            replace(48, " 702.8513   0.2000", "-702.8513   0.0000"),
-            add("BAS 843      843          702.8513   0.2000", "DST RC8  TABL  0.300000000E+02"),
+            replace(48, " 702.8513 ", "-702.8513 "),
+            add("BAS 843      843          702.8513   0.0000", "DST RC8  TABL  0.300000000E+02"),
             add("EQL LAKE      0.0500 1104     1105", "EQL LAKE      0.0600 1106", "EQL POND      0.0500 1107"),
         ),
         "2 OPT.plate_sigma [-10.00] a standard deviation must be greater than zero",
         "3 ELL.name [clark6] 'clark6' is no ellipsoid that PROJ knows",
         "4 WTR.index [1.299999] a refractive index of 1.3 is not within 1.3 to 1.4, as that of water",
         "9 ATT.x_tilt [-95 17 11.3240] a tilt of -95.2865 degrees is beyond 90",
-        "9 ATT.heading [362 51 53.2403] a heading of 362.8648 degrees is beyond 360",
         "10 ATT.y_tilt_sec [60.0000] 60 is not at least 0 and less than 60",
-        "11 ATT.x_tilt_min [61] 61 is not at least 0 and less than 60",
         "12 TID.sigma [1.E-30] 1e-30 is next to nothing: 1e-09 m at least, or a blank",
-        "42 CTG.sigma_north [0.000] a standard deviation must be greater than zero",
         "43 CTG.height [1.E300] 1e+300 is beyond 1e+08 m",
         "45 CTG.latitude [19    37.23211] the latitude is known by the kind of the point, but blank",
         "45 CTG.latitude_min [] blank, but other parts of the latitude are given",
         "47 EQL.sigma [] group SHORE has no sigma",
         "48 BAS.length [-702.8513] a length must be greater than zero",
-        "48 BAS.sigma [0.0000] a standard deviation must be greater than zero",
         "49 BAS [843      843] an air base needs two different photos",
+        "49 BAS.sigma [0.0000] a standard deviation must be greater than zero",
         "~50 DST [] 1 card carried and listed, not applied",
         "50 DST.value_2 [] a calibrated radius needs its distortion",
         "52 EQL.sigma [0.0600] group LAKE has a sigma of 0.05 m on line 51",
@@ -233,10 +222,6 @@ CASES: list[Case] = [
     case(
         deck(plates_a_thousandth),
         "~15 PLT [-0.0045140  -0.0719650] lie within a hundredth of its format: are they in millimetres?",
-    ),
-    case(
-        deck(replace(15, " -71.9650000", "-719.6500000")),
-        "15 PLT.y [-719.6500000] y = -719.65 mm lies outside the format of 230 mm of camera RC8",
     ),
     case(
         deck(replace(5, "230.00   230.00", "               "), replace(15, " -71.9650000", "-971.9650000")),
@@ -315,17 +300,13 @@ CASES: list[Case] = [
         "48 WTC.air_temperature [-41.00] the formula of air holds for -40 to 100",
         "48 WTC.air_pressure [99.00] 99 hPa: the formula of air holds for 100 to 1400",
     ),
-    case(
-        deck(drop(4), add(conditions("20.00", "", chlorinity="23.381"))),
-        "48 WTC.chlorinity [23.381] is a salinity of 42.24: the formula quan-fry holds for 0 to 42",
-    ),
-    case(
-        deck(drop(4), add(conditions("20.00", "35.00", chlorinity="19.200"))),
-        "48 WTC.chlorinity [19.200] one or the other, not both",
-    ),
-    case(
-        deck(drop(4), add(conditions("20.00", ""))),
-        "48 WTC.salinity [] blank, and no chlorinity: one of them is needed, 0 for fresh water",
+    *(
+        case(deck(drop(4), add(conditions("20.00", salinity, chlorinity=chlorinity))), f"48 WTC.{problem}")
+        for salinity, chlorinity, problem in (
+            ("", "23.381", "chlorinity [23.381] is a salinity of 42.24: the formula quan-fry holds for 0 to 42"),
+            ("35.00", "19.200", "chlorinity [19.200] one or the other, not both"),
+            ("", "", "salinity [] blank, and no chlorinity: one of them is needed, 0 for fresh water"),
+        )
     ),
     case(
         deck(drop(4), add(conditions("20.00", "35.00", wavelength="250.00", formula="IAPWS"))),

@@ -98,13 +98,9 @@ RAW_CASES: list[Case] = [
         "141 RSM.cross [B07] camera RC8 has no calibrated cross B07 (RSC)",
         "142 FMS.mark [9] camera RC8 has no calibrated mark 9 (FID)",
     ),
-    # one problem for the 3 x 16 readings of marks of a camera that has none, one for those of a mark that it lacks
+    # one problem for the 3 x 16 readings of marks of a camera that has none
     case(
         bad(drop(*range(14, 22)), replace(3, "AFFINE   ", "NONE     ")),
         "23 FMS.mark [1] camera RC8 has no calibrated mark at all (FID) (47 more cards name it)",
-    ),
-    case(
-        bad(drop(14)),
-        "30 FMS.mark [1] camera RC8 has no calibrated mark 1 (FID) (5 more cards name it)",
     ),
 ]

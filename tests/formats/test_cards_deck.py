@@ -71,23 +71,15 @@ def test_a_deck_becomes_tables(family):
 @pytest.mark.parametrize(
     "data",
     [
-        numbered(DECK, "\r\n"),
-        numbered(DECK)[:-1],
         numbered(DECK, "\r\n")[:-2],
-        bare(DECK),
+        numbered(DECK)[:-1],
         bare(DECK, "\r\n"),
-        bare(DECK)[:-1],
-        bare([f"{line:76}" for line in DECK]),
         bare([f"{line:90}" for line in DECK]),
-        bare([f"{line:81}" for line in DECK]),
         bare([f"{line:{75 + 3 * i}}" for i, line in enumerate(DECK)]),
         numbered(DECK[:3], "\r\n") + numbered(DECK[3:]),
         numbered(DECK, "\r\n") + b"\x1a",
     ],
-    ids=[
-        "crlf", "no last end", "crlf, no last end", "bare", "bare crlf", "bare, no last end", "76 columns",
-        "90 columns", "81 columns", "growing", "mixed ends", "end of file of DOS",
-    ],
+    ids=["crlf, no last end", "no last end", "bare crlf", "90 columns", "growing", "mixed", "DOS"],
 )  # fmt: skip
 def test_line_ends_and_trailing_blanks_do_not_matter(family, data):
     deck = read_cards(data, family)
@@ -104,9 +96,7 @@ def test_cards_of_all_kinds_may_be_interleaved(family, make):
     deck = read_cards(make([CAMERA, *cards, "END"]), family)
     assert deck.problems == ()
     for mnemonic, lines in deck.lines.items():
-        assert lines.tolist() == [
-            i + 1 for i, card in enumerate([CAMERA, *cards, "END"]) if card.startswith(mnemonic)
-        ]
+        assert lines.tolist() == [i for i, card in enumerate([CAMERA, *cards, "END"], 1) if card[:3] == mnemonic]
     assert len(deck.lines["PLT"]) == 20
     assert set(deck.tables["PLT"]["y"]) == {-87.204513}
 
@@ -147,32 +137,33 @@ def test_every_bad_card_is_reported_in_one_pass(family):
     assert [problem.severity for problem in deck.problems].count("warning") == 1
 
 
-@pytest.mark.parametrize("data", [b"", b"\n", b"  \r\n\r\n \n"])
-def test_an_empty_file_is_an_error(family, data):
-    assert headlines(data, family) == ["deck.crd: the deck is empty"]
-    assert not any(map(len, read_cards(data, family).lines.values()))
+WATER = "WTR 1.340000"
 
 
-def test_required_cards_and_the_end_card(family):
-    assert headlines(bare([CAMERA, *PLATES]), family) == ["deck.crd END: no END card (end of deck)"]
-    assert headlines(bare([*PLATES, "END"]), family) == ["deck.crd CAM: no CAM card (camera)"]
-    assert headlines(bare([CAMERA, *PLATES, "END", PLATES[0], "END", ""]), family) == [
-        "deck.crd:6 cols 1-3: 2 cards after the END card of line 5",
-        "deck.crd:8: warning: blank line, skipped",
-    ]
-    assert headlines(bare([CAMERA, *PLATES, "END", TITLE]), family) == [
-        "deck.crd:6 cols 1-3: a card after the END card of line 5"
-    ]
-    assert headlines(bare([CAMERA, *PLATES, "ENDING"]), family) == [
-        "deck.crd:5 cols 4-6 END: 'ING' stands in columns of no field"
-    ]
-
-
-def test_a_card_that_stands_once_is_not_repeated(family):
-    water = family.cards["WTR"].sample
-    assert headlines(bare([CAMERA, water, *PLATES, water, "END"]), family) == [
-        "deck.crd:6 cols 1-3 WTR: a second WTR card; the first is on line 2"
-    ]
+@pytest.mark.parametrize(
+    ("lines", "problems"),
+    [
+        ([], ["deck.crd: the deck is empty"]),
+        (["", "  ", ""], ["deck.crd: the deck is empty"]),
+        ([CAMERA, *PLATES], ["deck.crd END: no END card (end of deck)"]),
+        ([*PLATES, "END"], ["deck.crd CAM: no CAM card (camera)"]),
+        (
+            [CAMERA, *PLATES, "END", PLATES[0], "END", ""],
+            [
+                "deck.crd:6 cols 1-3: 2 cards after the END card of line 5",
+                "deck.crd:8: warning: blank line, skipped",
+            ],
+        ),
+        ([CAMERA, *PLATES, "END", TITLE], ["deck.crd:6 cols 1-3: a card after the END card of line 5"]),
+        ([CAMERA, *PLATES, "ENDING"], ["deck.crd:5 cols 4-6 END: 'ING' stands in columns of no field"]),
+        (
+            [CAMERA, WATER, *PLATES, WATER, "END"],
+            ["deck.crd:6 cols 1-3 WTR: a second WTR card; the first is on line 2"],
+        ),
+    ],
+)
+def test_cards_that_a_deck_has_once_at_least_or_at_most(family, lines, problems):
+    assert headlines(bare(lines), family) == problems
 
 
 @pytest.mark.parametrize(
@@ -180,8 +171,6 @@ def test_a_card_that_stands_once_is_not_repeated(family):
     [
         (b"\t", "tab character"),
         (b"\x00", "control character (byte 0x00)"),
-        (b"\x1a", "control character (byte 0x1a)"),
-        (b"\x7f", "control character (byte 0x7f)"),
         (b"\xe9", "non-ASCII character (byte 0xe9)"),
         (b"\r", "control character (byte 0x0d)"),
     ],

@@ -1,10 +1,17 @@
-"""Flags held against given heights and tides by the checks of a deck: what is told, and what is not."""
+"""Flags of submerged and of dry points: held against given heights and tides, printed, and never both."""
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 from formats.bad_deck_cases import COMPUTE, IIIA
 from formats.deck_edits import Edit, add, deck, drop, replace
+from musatpy import BlockBuilder, adjust
+from musatpy.errors import DeckError
 from musatpy.formats import musat
+from musatpy.reports.listing import listing
+from musatpy.reports.record import record
 
 LOW = replace(43, "   17.0386", "  -17.0386")  # a vertical control point on photos 841 and 842
 NONE = replace(2, "WATPT   ", "NONE    ")
@@ -71,11 +78,8 @@ def test_a_high_point_with_flag_is_told() -> None:
 
 
 def test_sigmas_of_tides_count() -> None:
-    tides = [
-        replace(line, f"0.{height}00        ", f"0.{height}00  5.0000") for line, height in ((12, 20), (13, 25))
-    ]
-    assert told(LOW, *tides) == []  # 3.4 sigmas
-    assert len(told(LOW, tides[0])) == 0 and len(told(LOW)) == 1
+    tides = [replace(n, f"0.{height}00        ", f"0.{height}00  5.0000") for n, height in ((12, 20), (13, 25))]
+    assert told(LOW, *tides) == told(LOW, tides[0]) == []  # 3.4 sigmas
 
 
 def test_tides_without_flags_are_told_unless_refraction_is_none() -> None:
@@ -84,3 +88,30 @@ def test_tides_without_flags_are_told_unless_refraction_is_none() -> None:
     assert told(without_flags(), NONE) == []
     assert told(without_flags(), drop(12, 13, 14)) == []  # the water card of a template
     assert told(without_flags(), add(COMPUTE)) == told(without_flags())
+
+
+def test_what_is_dry_for_certain_is_printed_and_recorded_and_changes_nothing() -> None:
+    """Two points of St. Thomas on land, flagged D on all their plate cards."""
+    path = Path("fixtures/st_thomas/st_thomas.crd")
+    cards = path.read_text().splitlines()
+    images = [line[:3] == "PLT" and line[13:21].strip() in ("204", "220") for line in cards]
+    cards = [f"{line[:61]}D{line[62:]}" if image else line for line, image in zip(cards, images, strict=True)]
+    solution = adjust(musat.read_deck("\n".join([*cards, ""]).encode()))
+    points, lines = record(solution)["points"], listing(solution).splitlines()
+    assert [name for name, dry in zip(points["point"], points["dry"], strict=True) if dry] == ["204", "220"]
+    at = next(line.index("Dry") for line in lines if line.startswith("Point") and "Dry" in line)
+    assert sum(line[:8].strip() in ("204", "220") and line[at : at + 1] == "D" for line in lines) == 2
+    echo = [line for line in lines if line[10:18].strip() in ("204", "220") and line.split()[-1] == "D"]
+    assert len(echo) == 2 * sum(images)  # as given, and as adjusted
+    plain = adjust(musat.read_deck(path))
+    np.testing.assert_array_equal(plain.points.position, solution.points.position)
+
+
+def test_a_block_cannot_have_both_flags() -> None:
+    builder = BlockBuilder()
+    builder.add_images("1", ["A"], [[0.0, 0.0]], submerged=True)
+    builder.add_images("2", ["A"], [[0.0, 0.0]], dry=True)
+    messages = [problem.message for problem in builder.check()]
+    assert messages.count("point A is flagged bathymetric and dry: one or the other") == 2
+    with pytest.raises(DeckError):
+        builder.build()

@@ -3,17 +3,15 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from formats.deck_edits import deck, drop
 from musatpy.errors import nearest, nearest_or_all
 from musatpy.formats import musat
 from musatpy.formats.cards.manual import card_of, card_text, list_of_cards
 from musatpy.formats.cards.settings import SettingError, deck_with, setting_of, settings_of
 from musatpy.formats.cards.spec import CardSpec, load_family
 from musatpy.formats.job_tables import card_family
-from musatpy.model import Program, ReductionOptions, WaterLevel
+from musatpy.model import Options, ReductionOptions, WaterLevel
 
 FAMILY = card_family()
 DECK = (Path(__file__).parents[2] / "fixtures/st_thomas/st_thomas.crd").read_bytes()
@@ -41,14 +39,11 @@ def test_a_card_that_is_not_there_stands_before_the_end(end):
     assert (block.options.water_level, block.options.sigma0_limit) == (WaterLevel.ONE, 2.5)
 
 
-def test_an_empty_value_leaves_the_default():
+def test_an_empty_value_leaves_the_default_and_the_last_of_two_holds():
     block, problems = musat.check_deck(DECK, settings=settings("OPT.max_iterations=", "OPT.weights="))
     default = replace(block.options, max_iterations=20)
     assert not problems and block.options == default
     assert block.settings == ("OPT.max_iterations=", "OPT.weights=")
-
-
-def test_the_last_of_two_settings_holds():
     (setting,) = settings("OPT.max_iterations=7", "OPT.max_iterations= 9")
     assert str(setting) == "OPT.max_iterations=9"
 
@@ -64,28 +59,19 @@ def test_a_set_value_is_checked_as_one_of_the_deck():
     assert problems[1].text == "OP2                ONE"
 
 
-def test_a_deck_without_end_stays_as_it_is():
-    data = deck(drop(49))
-    assert deck_with(data, settings("OP2.water_level=ONE")) == data
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("OP2.water_levl=ONE", "OP2 has no field 'water_levl'; did you mean water_level?"),
         ("OP3.water_level=ONE", "no card 'OP3'; did you mean OPT?"),
         ("OP2.water_level=ON", "not A5 (one of KNOWN, ONE, PHOTO, GROUP, DAY); did you mean ONE?"),
-        ("OP2.water_level=7", "OP2.water_level: '7' is not A5 (one of KNOWN, ONE, PHOTO, GROUP, DAY)"),
         ("OPT.max_iterations=2.5", "OPT.max_iterations: '2.5' is not a whole number (I3)"),
-        ("OPT.max_iterations=1e4", "OPT.max_iterations: '1e4' is not a number that fits I3"),
         ("OPT.max_iterations=many", "OPT.max_iterations: 'many' is not a number"),
         ("OPT.plate_sigma=inf", "OPT.plate_sigma: 'inf' is not a number that fits F7.2"),
         ("OPT.plate_sigma=5.1234567", "'5.1234567' does not fit F7.2: 5.12346 would be read"),
-        ("ELL.name=\u00e9", "ELL.name: '\u00e9' is not A16"),
         ("WTC.temperature=", "WTC.temperature: '' is not F"),
         ("PLT.x=3", "PLT: a deck may have many such cards; set are OPT, OP2, RED"),
         ("OP2", "'OP2' is not CARD.FIELD=VALUE, such as OP2.water_level=ONE"),
-        ("OP2.=", "'OP2.=' is not CARD.FIELD=VALUE"),
     ],
 )
 def test_slips_are_named_with_what_was_meant(text, message):
@@ -130,11 +116,9 @@ def test_a_card_is_made_of_names_and_values():
     ("name", "texts", "message"),
     [
         ("OPT", ["plate_sigma=-3"], "OPT.plate_sigma: a standard deviation must be greater than zero"),
-        ("WTR", ["index=3"], "WTR.index: a refractive index of 3 is not within 1.3 to 1.4"),
         ("WTR", ["index=3", "liquid=DIAMOND"], "WTR.index: a refractive index of 3 is not within 1 to 2"),
         ("ATT", ["photo=1", "x_tilt=95 0 0", "y_tilt=0 0 0", "heading=0 0 0"], "a tilt of 95.0000 degrees"),
         ("TID", ["height=1"], "TID.photo: blank, expected A8"),
-        ("WTC", ["temperature=20", "salinity=35", "chlorinity=20"], "salinity and chlorinity are one thing"),
         ("ELL", ["name=clark66"], "'clark66' is no ellipsoid that PROJ knows"),
     ],
 )
@@ -187,24 +171,19 @@ def test_a_card_is_explained_on_80_columns(spec):
 
 
 def defaults_of(name):
-    lines = card_text(FAMILY.cards[name]).splitlines()
-    rows = [line.split() for line in lines if line[:7].strip() and line.startswith(" ")]
+    rows = [
+        line.split() for line in card_text(FAMILY.cards[name]).splitlines() if line[:7].strip() and line[0] == " "
+    ]
     return {words[1]: words[-1] for words in rows}
 
 
-def test_defaults_are_those_of_the_model():
-    options = musat.read_deck(DECK).options
-    defaults = defaults_of("OPT")
-    for name in ("weights", "max_iterations", "max_passes"):
-        assert type(getattr(options, name))(defaults[name]) == getattr(type(options)(), name)
-    assert float(defaults["plate_sigma"]) / 1000.0 == pytest.approx(type(options)().plate_sigma)
-    assert Program(defaults["program"]) is Program.IIA
-    assert defaults_of("RED")["transformation"] == ReductionOptions().transformation
-    assert np.isclose(float(defaults_of("CMP")["reading_sigma"]), 0.003)
-    assert defaults_of("STA")["photo"] == "error" and defaults_of("CTG")["height"] == "value"
-
-
-def test_the_list_has_every_card():
+def test_the_list_has_every_card_and_defaults_are_those_of_the_model():
     lines = list_of_cards([FAMILY, COMPILATION]).splitlines()
     assert [line[:3] for line in lines if line[3:5] == "  "] == [*FAMILY.cards, *COMPILATION.cards]
     assert "OP2  More options                              one or none" in lines
+    defaults = defaults_of("OPT")
+    for name in ("weights", "max_iterations", "max_passes", "program"):
+        assert str(getattr(Options(), name)) == defaults[name]
+    assert float(defaults["plate_sigma"]) / 1000.0 == pytest.approx(Options().plate_sigma)
+    assert defaults_of("RED")["transformation"] == ReductionOptions().transformation
+    assert defaults_of("STA")["photo"] == "error" and defaults_of("CTG")["height"] == "value"
