@@ -16,7 +16,7 @@ from musatpy.reports import table
 from musatpy.reports.editing import MANY, edited, field_width
 from musatpy.reports.fields import unrecorded
 from musatpy.reports.listing import sections_of
-from musatpy.reports.pages import PAGE_LINES, Section, csv_files, page_texts, paginate
+from musatpy.reports.pages import PAGE_LINES, Section, csv_files, paginate
 from musatpy.reports.record import record_of
 from musatpy.runs import run_deck
 from musatpy.statistics import Statistics
@@ -25,26 +25,8 @@ from record_rows import read_rows
 from sample_solutions import sample_solution
 
 
-def numbered(count, prefix="row"):
-    return [f"{prefix} {number}" for number in range(count)]
-
-
-def header(page):
-    return f"PAGE {page}"
-
-
-def test_sections_share_a_page_while_they_fit():
-    pages = paginate([Section(title="A", lines=numbered(3)), Section(title="B", lines=numbered(2))])
-    assert pages == [["A", "", "row 0", "row 1", "row 2", "", "", "B", "", "row 0", "row 1"]]
-
-
-def test_a_long_section_repeats_its_title_and_headings():
-    head = ["Name", "----"]
-    pages = paginate([Section(title="A\nsecond line", head=head, lines=numbered(150))])
-    assert [len(page) for page in pages] == [58, 58, 150 - 2 * 53 + 5]
-    assert pages[0][:6] == ["A", "second line", "", "Name", "----", "row 0"]
-    assert pages[1][:6] == ["A (continued)", "second line", "", "Name", "----", "row 53"]
-    assert [line for page in pages for line in page if line.startswith("row")] == numbered(150)
+def numbered(count):
+    return [f"row {number}" for number in range(count)]
 
 
 @pytest.mark.parametrize("filled", range(40, 60))
@@ -67,36 +49,12 @@ def test_a_section_that_stays_together_or_starts_a_page_moves_to_the_next_one(se
     assert [page[0] for page in paginate([first, second])] == ["A", "B"]
 
 
-def test_pages_are_parted_by_form_feeds():
-    text = "".join(page_texts([["A", "", "x"], ["B"]], header, carriage_control=False))
-    assert text == "PAGE 1\n\nA\n\nx\n\fPAGE 2\n\nB\n"
-
-
-def test_carriage_control_spaces_as_an_impact_printer_did():
-    pages = [["A", "", "x", "", "", "y", "", "", "", "z"], ["B"]]
-    assert "".join(page_texts(pages, header, carriage_control=True)).splitlines() == [
-        "1PAGE 1",
-        "0A",
-        "0x",
-        "-y",
-        "-",
-        " z",
-        "1PAGE 2",
-        "0B",
-    ]
-
-
-NAN = math.nan
-
-
 @given(st.floats(allow_nan=True, allow_infinity=True), st.integers(3, 20), st.integers(0, 8))
 def test_fixed_is_fortran_without_the_zero_before_the_point(value, width, decimals):
-    if width < decimals + 2:
-        return
+    width = max(width, decimals + 2)
     plain = write_number(value, parse_edit(f"F{width}.{decimals}"))
-    words = plain.split()
-    if words and words[0].lstrip("-").startswith("0.") and decimals:
-        plain = words[0].replace("0.", ".", 1).rjust(width)
+    if decimals and plain.lstrip(" -").startswith("0."):
+        plain = plain.strip().replace("0.", ".", 1).rjust(width)
     assert edited(f"F{width}.{decimals}", [value]) == [plain]
 
 
@@ -104,31 +62,20 @@ def test_fixed_is_fortran_without_the_zero_before_the_point(value, width, decima
     ("edit", "value", "text"),
     [
         ("F8.2", -0.66, "    -.66"),  # Table 6-7
-        ("F8.2", 0.14, "     .14"),  # Table 6-3
-        ("F8.2", 10.04, "   10.04"),
         ("F8.2", -0.004, "     .00"),
-        ("F8.2", 0.996, "    1.00"),
-        ("F6.2", 1000.0, "******"),
         ("F6.2", -100.0, "******"),
-        ("F6.2", NAN, "      "),
+        ("F6.2", math.nan, "      "),
         ("F6.2", math.inf, "******"),
-        ("I4", 12, "  12"),
         ("I4", -12345, "****"),
         ("E10.3", 0.00015, "  .150E-03"),
-        ("E10.3", 0.0, "  .000E+00"),
-        ("A4", "AB", "AB  "),
         ("A4", "ABCDEF", "ABCD"),
         ("S14.3", -0.281 * ARC_SECOND, "  -0  0   .281"),  # Table 6-1
         ("S14.3", -4922.182 * ARC_SECOND, "  -1 22  2.182"),  # Table 6-2
-        ("S14.3", 0.0, "   0  0   .000"),
         ("S14.3", -0.0004 * ARC_SECOND, "   0  0   .000"),  # no sign on what rounds to zero
-        ("S14.3", -0.0006 * ARC_SECOND, "  -0  0   .001"),
         ("S14.3", 59.9996 * ARC_SECOND, "   0  1   .000"),  # the carry goes through
         ("S14.3", -3599.9999 * ARC_SECOND, "  -1  0   .000"),
-        ("S14.3", math.pi, " 180  0   .000"),
-        ("S14.3", NAN, " " * 14),
+        ("S14.3", math.nan, " " * 14),
         ("S14.3", 1e9, "*" * 14),
-        ("S14.3", math.inf, "*" * 14),
     ],
 )
 def test_one_field(edit, value, text):
@@ -262,8 +209,3 @@ def test_ids_that_a_spreadsheet_would_compute_stay_texts(name):
     _, first, second, third = csv.reader(text.splitlines())
     assert first[0][0] == " " and first[0].strip() == name.strip() and first[1] == "-1.25"
     assert second == ["-5", "3.0"] and third == ["P-1", ""]  # a number is one in any sheet
-
-
-def test_without_the_option_there_are_none(tmp_path):
-    run_deck(FIXTURES / "cayman" / "cayman_modified.crd", tmp_path)
-    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".json", ".lst"]
