@@ -29,10 +29,8 @@ def difference(a, b):
         ("41.", "42.", "1", "1"),
         (".1D-05", ".2D-05", "1E-6", "1"),
         ("0.1234E+03", "123.5", "0.1", "1"),
-        (".1234-105", ".1235-105", "1E-109", "1"),
         ("0.1234+105", "0.1236+105", "2E+101", "2"),
         ("(1.5),", "(1.7),", "0.2", "2"),
-        ("n=2", "n=5", "3", "3"),
         ("1.234-5.678", "1.234-5.679", "-0.001", "-1"),
         ("1.5D+03-2.5D-03", "1.5D+03-2.5D-02", "-0.0225", "-22.5"),
         ("12.345-103", "12.345-104", "-1", "-1"),  # no exponent: two digits stand before the point
@@ -105,7 +103,6 @@ relative = 1e-6
 @pytest.mark.parametrize(
     ("line", "key", "message"),
     [
-        ("tolerance = 1", "tolerance", "is no key here"),
         ("absolute = -1", "absolute", "zero or larger"),
         ("section = '('", "section", "no regular expression"),
         ("row = 3", "row", "is a text"),
@@ -130,12 +127,8 @@ def test_all_errors_are_reported_at_once():
         parse_rules("[[rule]]\ncolumn = 'x'\norder = 'any'\n")
     with pytest.raises(RulesError) as caught:
         parse_rules("[layout]\nwidth = 3\n[[rule]]\nskip = true\nabsolute = 1\n[[rule]]\nsection = 'x'\n[other]\n")
-    assert [(one.line, one.field) for one in caught.value.problems] == [
-        (8, "other"),
-        (2, "width"),
-        (4, "skip"),
-        (6, None),
-    ]
+    places = [(one.line, one.field) for one in caught.value.problems]
+    assert places == [(8, "other"), (2, "width"), (4, "skip"), (6, None)]
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from musatpy.listings.audit.against import numbers_of
 from musatpy.listings.audit.cells import RepairKind
 
 STANDARD, MODIFIED = (FIXTURES / "cayman" / f"cayman_{name}.lst" for name in ("standard", "modified"))
-ST_THOMAS = FIXTURES / "st_thomas" / "st_thomas.lst"
 
 
 def test_an_error_in_the_second_run_is_found_at_its_line():
@@ -47,9 +46,7 @@ def test_line_ends_tabs_and_a_byte_order_mark_change_nothing(source, tmp_path):
     ("number", "row", "old", "item", "found"),
     [
         (1, "Standard Dev", " 0  0    .144", "Latitude", "-0 0 .144"),
-        (2, "RMS", " 0  0    .792", "Heading", "-0 0 .792"),
         (4, "RMS of All Points - y", " .033", "frame 841", "-.033"),
-        (8, "RMS of Points Not Trig. - x", " .004", "frame 842", "-.004"),
     ],
 )
 def test_a_negative_root_is_found(number, row, old, item, found):
@@ -92,7 +89,9 @@ def spoiled(text, kind, rng):
 
 
 def numbers(listing):
-    return {key: cell.text if math.isnan(cell.value) else cell.value for key, cell in listing.items()}
+    return {
+        key: cell.text if math.isnan(cell.value) else cell.value for key, cell in statistics_of(listing).items()
+    }
 
 
 LISTINGS = {"own": OWN, **{f"6-{n}": table(n).read_text() for n in (1, 2, 5, 7, 8, 9)}}
@@ -103,7 +102,7 @@ CASES = [(name, kind) for name in LISTINGS for kind in KINDS]
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_declared_noise_changes_no_number_and_is_reported(name, kind):
     text = LISTINGS[name]
-    plain = numbers(statistics_of(listing_of(text, "x")))
+    plain = numbers(listing_of(text, "x"))
     rng = random.Random(f"{name} {kind}")
     repaired = 0
     for _ in range(12 if name == "own" else 6):
@@ -115,7 +114,7 @@ def test_declared_noise_changes_no_number_and_is_reported(name, kind):
             continue
         assert KINDS[kind][2] in [one.kind for one in here], noisy.split("\n")[line - 1]
         assert {one.line for one in listing.repairs} == {line} and listing.unreadable == ()
-        assert numbers(statistics_of(listing)) == plain, noisy.split("\n")[line - 1]
+        assert numbers(listing) == plain, noisy.split("\n")[line - 1]
         repaired += 1
     assert repaired >= 3
 
