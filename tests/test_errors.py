@@ -25,16 +25,11 @@ ROOT = Path(__file__).parents[1]
 
 def test_a_card_is_shown_with_ruler_and_carets():
     lines = Problem(message="wrong", file="a.crd", line=3, columns=(5, 7), text="TTL abc").render().splitlines()
-    assert lines[0] == "a.crd:3 cols 5-7: wrong"
-    assert lines[1] == "    " + "".join(f"----+----{i}" for i in range(1, 9))
-    assert lines[2:] == ["    TTL abc", "        ^^^"]
-
-
-def test_a_file_without_line_ends_is_not_shown_whole():
-    text = "X" * 5000
+    ruler = "    " + "".join(f"----+----{i}" for i in range(1, 9))
+    assert lines == ["a.crd:3 cols 5-7: wrong", ruler, "    TTL abc", "        ^^^"]
+    text = "X" * 5000  # a file without line ends is not shown whole
     lines = Problem(message="too long", columns=(81, 5000), text=text).render().splitlines()
-    assert lines[2] == "    " + "X" * 120 + "..."
-    assert lines[3] == "    " + " " * 80 + "^" * 40
+    assert lines[2:] == ["    " + "X" * 120 + "...", "    " + " " * 80 + "^" * 40]
     assert len(Problem(message="far out", columns=(300, 310), text=text).render().splitlines()) == 3
 
 
@@ -50,9 +45,8 @@ def test_what_is_quoted_is_cut_and_so_is_a_message_without_end():
 
 def test_the_size_of_a_cause_that_is_not_known_is_not_told():
     cause = Cause(kind=CauseKind.AIR_BASE, cards=("ABL",), photos=("1", "2"), unit="m", advice="read it again")
-    assert "off by" not in str(replace(cause, size=(math.nan,))) and "nan" not in str(
-        replace(cause, size=(math.nan,))
-    )
+    unknown = str(replace(cause, size=(math.nan,)))
+    assert "off by" not in unknown and "nan" not in unknown
     assert ", off by 1.250 m: read" in str(replace(cause, size=(1.25, math.nan)))
 
 
@@ -63,14 +57,18 @@ def test_control_characters_are_escaped_and_keep_their_columns_in_a_card():
 
 
 def test_of_a_kind_a_hundred_are_printed_and_the_others_counted():
-    far = [
-        Problem(message=f"point {name} is {n} m off", card="PLT", severity="warning")
-        for n, name in enumerate("ab" * 75)
-    ]
-    other = Problem(message="no sigma", card="PLT", severity="warning")
+    """Names and numbers make no kind, fields do; a message of a million letters took the square of that."""
+    problem = Problem(card="PLT", severity="warning")
+    far = [replace(problem, message=f"point {name} is {n} m off") for n, name in enumerate("ab" * 75)]
+    other = replace(problem, message="no sigma")
     shown = [one.headline() for one in of_each_kind([*far[:149], other, far[149]])]
     assert shown[:100] == [one.headline() for one in far[:100]]
     assert shown[100:] == [other.headline(), "PLT: warning: ... and 50 more of this kind"]
+    unread = [
+        replace(problem, field=field, found="x", expected="F10.3") for field in ("x", "y") for _ in range(100)
+    ]
+    unread.append(Problem(message=f"{'x' * 1_000_000} is no number"))
+    assert list(of_each_kind(unread)) == unread
 
 
 def test_of_a_kind_three_lines_are_printed_and_the_others_named():
@@ -83,13 +81,6 @@ def test_of_a_kind_three_lines_are_printed_and_the_others_named():
     *_, more = [one.headline() for one in of_each_kind(replace(bad[0], line=2 * n) for n in range(100))]
     first = ", ".join(str(2 * n) for n in range(3, 23))
     assert more.endswith(f"97 more of this kind, on lines {first}, ..., 198")
-
-
-def test_problems_of_other_fields_are_of_another_kind():
-    unread = [
-        Problem(card="PLT", field=field, found="x", expected="F10.3") for field in ("x", "y") for _ in range(100)
-    ]
-    assert list(of_each_kind(unread)) == unread
 
 
 @pytest.mark.parametrize(
@@ -124,12 +115,6 @@ def test_a_run_that_linear_algebra_refuses_names_photos_and_points(tmp_path, mon
     assert messages[0].startswith("the adjustment cannot be computed")
     assert any("most at odds: point 104 on photo 23" in message for message in messages)
     assert not any("SVD" in message for message in messages)
-
-
-def test_kinds_of_long_messages_are_told_apart_at_once() -> None:
-    """A message of a million letters: its kind took the square of that."""
-    far = Problem(message=f"{'x' * 1_000_000} is no number")
-    assert list(of_each_kind([far])) == [far]
 
 
 DEEP = "[" * 100_000
@@ -224,12 +209,9 @@ def test_normal_deviates_are_normal():
     assert kstest(Draws(2).normal("noise", 20000), "norm").pvalue > 0.01  # a fixed sample: it passes or never does
 
 
-def test_pick_takes_different_rows_in_order():
+def test_draws_have_their_shapes():
     rows = Draws(4).pick("rows", 50, 20)
     assert len(set(rows.tolist())) == 20 and np.all(np.diff(rows) > 0) and rows.max() < 50
-
-
-@pytest.mark.parametrize("shape", [(0,), (3,), (2, 3)])
-def test_shapes_and_signs(shape):
-    signs = Draws(5).signs("signs", *shape)
-    assert signs.shape == shape and np.all(np.abs(signs) == 1.0)
+    for shape in ((0,), (2, 3)):
+        signs = Draws(5).signs("signs", *shape)
+        assert signs.shape == shape and np.all(np.abs(signs) == 1.0)

@@ -1,20 +1,12 @@
 """A card field is added to a copy of the program as docs/extending.md says: two files, and nothing is lost."""
 
-import os
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
-from textwrap import dedent
 
 import pytest
 
 pytestmark = pytest.mark.slow
-ROOT = Path(__file__).parents[2]
-DECK = ROOT / "fixtures" / "waves" / "strip.crd"
-PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
-RECIPE = PAGE[PAGE.index("## A card field\n") :].split("\n## ")[0]
+DECK = Path(__file__).parents[2] / "fixtures" / "waves" / "strip.crd"
 TRIES = """
 import sys
 from dataclasses import replace
@@ -63,64 +55,42 @@ print(*left_out, sep="\\n")
 """
 
 
-def blocks(kind: str) -> str:
-    """Return the fenced block of a kind that the recipe has."""
-    (text,) = re.findall(rf"```{kind}\n(.*?)```", RECIPE, re.DOTALL)
-    return dedent(text)
-
-
 @pytest.fixture
-def copy(tmp_path: Path) -> Path:
-    """Return a copy of the program with the new field on its card, and not yet in the model."""
-    shutil.copytree(ROOT / "src" / "musatpy", tmp_path / "musatpy", ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copytree(ROOT / "card_formats", tmp_path / "musatpy" / "card_formats")
-    with (tmp_path / "musatpy" / "card_formats" / "musat" / "tid.toml").open("a", encoding="utf-8") as file:
-        file.write(f"\n{blocks('toml')}")
-    return tmp_path
+def copy(copy, blocks):
+    """Return a copy with the new field on its card, and not yet in the model."""
+    with (copy.package / "card_formats" / "musat" / "tid.toml").open("a", encoding="utf-8") as file:
+        file.write(f"\n{dict(blocks('A card field'))['toml']}")
+    return copy
 
 
-def run(copy: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """Run Python with the copy in the place of the program."""
-    environment = os.environ | {"PYTHONPATH": str(copy)}
-    return subprocess.run(
-        [sys.executable, *arguments], cwd=copy, env=environment, capture_output=True, text=True, check=False
-    )
-
-
-def test_what_is_on_a_card_and_not_in_the_model_is_an_error(copy: Path) -> None:
-    result = run(copy, "-m", "musatpy", "check", DECK)
-    assert result.returncode == 1
-    assert re.search(
-        r"tid\.toml: TID\.gauge: target: 'photos\.tide_gauge' is not in the model; expected", result.stderr
-    )
-
-
-def test_what_the_cards_of_another_table_say_is_an_error(copy: Path) -> None:
-    add_to_model(copy, blocks("py").replace('"tides"', '"stations"'))
-    result = run(copy, "-m", "musatpy", "check", DECK)
-    assert result.returncode == 1
-    assert "STA has no target photos.tide_gauge" in result.stderr
-
-
-def add_to_model(copy: Path, line: str) -> None:
+def add_to_model(copy, line: str) -> None:
     """Add a column to the photos."""
-    path = copy / "musatpy" / "model" / "block.py"
+    path = copy.package / "model" / "block.py"
     before, following, after = path.read_text(encoding="utf-8").partition("    time: FloatArray")
     assert following
     path.write_text(f"{before}    {line.strip()}\n{following}{after}", encoding="utf-8")
 
 
-def test_the_recipe_of_the_manual_works(copy: Path, tmp_path: Path) -> None:
-    add_to_model(copy, blocks("py"))
+def test_what_is_on_a_card_and_not_in_the_model_is_an_error(copy) -> None:
+    result = copy.musat("check", DECK)
+    assert result.returncode == 1
+    message = r"tid\.toml: TID\.gauge: target: 'photos\.tide_gauge' is not in the model; expected"
+    assert re.search(message, result.stderr)
+
+
+def test_what_the_cards_of_another_table_say_is_an_error(copy, blocks) -> None:
+    add_to_model(copy, dict(blocks("A card field"))["py"].replace('"tides"', '"stations"'))
+    result = copy.musat("check", DECK)
+    assert result.returncode == 1
+    assert "STA has no target photos.tide_gauge" in result.stderr
+
+
+def test_the_recipe_of_the_manual_works(copy, blocks) -> None:
+    add_to_model(copy, dict(blocks("A card field"))["py"])
     cards = DECK.read_text(encoding="ascii").splitlines()
     row = max(row for row, card in enumerate(cards) if card.startswith("TID"))
     cards[row] = f"{cards[row][:62]}PIER".ljust(72)
-    deck = tmp_path / "gauged.crd"
+    deck = copy.folder / "gauged.crd"
     deck.write_text("\n".join(cards) + "\n", encoding="ascii")
-    script = tmp_path / "tries.py"
-    script.write_text(TRIES, encoding="utf-8")
-    result = run(copy, script, deck)
-    assert result.returncode == 0, result.stderr
-    assert "patb holds no tides" in result.stdout
-    manual = run(copy, "-m", "musatpy.formats.cards.manual")
-    assert "photos.tide_gauge" in manual.stdout
+    assert "patb holds no tides" in copy.tries(TRIES, deck).stdout
+    assert "photos.tide_gauge" in copy.python("-m", "musatpy.formats.cards.manual").stdout

@@ -1,11 +1,8 @@
 """A table is added to a copy of the house by the recipe of docs/extending.md: what prints or reads it knows it."""
 
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -19,28 +16,19 @@ DECK = ROOT / "fixtures" / "cayman" / "cayman_modified.crd"
 TITLE, FIELD = "Images Of Photos", "images"
 
 
-def recipe() -> str:
-    """Return the page that the manual shows."""
-    text = (ROOT / "docs" / "extending.md").read_text()
-    section = text[text.index("## A table of the listing") :]
-    return re.search(r"```py\n(.*?)```", section, re.DOTALL)[1]
-
-
 @pytest.fixture(scope="module")
-def house(tmp_path_factory):
+def house(module_copy, blocks):
     """Return a copy of the house with the new page: one new file under src, one changed."""
-    house = tmp_path_factory.mktemp("house")
-    for name in ("src", "card_formats"):
-        shutil.copytree(ROOT / name, house / name, ignore=shutil.ignore_patterns("__pycache__"))
+    house = module_copy
     for name in ("docs/batch.md", "tests/json_schema.py", "pyproject.toml"):
-        (house / name).parent.mkdir(exist_ok=True)
-        shutil.copy(ROOT / name, house / name)
-    reports = house / "src" / "musatpy" / "reports"
-    (reports / "images.py").write_text(recipe())
+        (house.folder / name).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / name, house.folder / name)
+    reports = house.package / "reports"
+    (reports / "images.py").write_text(dict(blocks("A table of the listing"))["py"])
     pages = (reports / "listing.py").read_text()
     assert pages.count("    iterations,\n") == 2  # imported, and in REPORTS
     (reports / "listing.py").write_text(pages.replace("    iterations,\n", "    images,\n    iterations,\n"))
-    made = python(house, "tests/json_schema.py")
+    made = house.python("tests/json_schema.py")
     assert made.returncode == 0, made.stderr
     return house
 
@@ -48,20 +36,9 @@ def house(tmp_path_factory):
 @pytest.fixture(scope="module")
 def files(house):
     """Return the listing and the record of a run."""
-    ran = musat(house, "run", DECK, "--csv", "-o", house / "out")
+    ran = house.musat("run", DECK, "--csv", "-o", house.folder / "out")
     assert ran.returncode == 0, ran.stderr
-    return house / "out" / f"{DECK.stem}.lst", house / "out" / f"{DECK.stem}.json"
-
-
-def python(house, *arguments):
-    environment = {**os.environ, "PYTHONPATH": str(house / "src")}
-    return subprocess.run(
-        [sys.executable, *map(str, arguments)], capture_output=True, text=True, env=environment, cwd=house
-    )
-
-
-def musat(house, *arguments):
-    return python(house, "-m", "musatpy", *arguments)
+    return house.folder / "out" / f"{DECK.stem}.lst", house.folder / "out" / f"{DECK.stem}.json"
 
 
 def test_it_is_printed_and_recorded(files):
@@ -74,29 +51,29 @@ def test_it_is_printed_and_recorded(files):
 
 def test_it_is_written_as_csv(house, files):
     rows = read_rows(files[1])[FIELD]
-    lines = (house / "out" / f"{DECK.stem}_tables" / "images_of_photos.csv").read_text().splitlines()
+    lines = (house.folder / "out" / f"{DECK.stem}_tables" / "images_of_photos.csv").read_text().splitlines()
     assert lines == ["Photo,Images", *(f"{row['photo']},{row['images']}" for row in rows)]
 
 
 def test_a_difference_of_listing_and_record_is_seen(house, files):
     listing, record = files
-    same = musat(house, "diff", listing, record)
+    same = house.musat("diff", listing, record)
     assert same.returncode == 0, same.stdout
     assert TITLE not in same.stdout.partition("Not compared")[2]
-    other = house / "other.lst"
+    other = house.folder / "other.lst"
     before, _, after = listing.read_text().partition(f"\n{TITLE}\n")
     other.write_text(f"{before}\n{TITLE}\n" + re.sub(r"\d+$", "9999", after, count=1, flags=re.MULTILINE))
-    changed = musat(house, "diff", other, record)
+    changed = house.musat("diff", other, record)
     assert changed.returncode == 1 and TITLE in changed.stdout
 
 
 def test_the_audit_knows_it(house, files):
-    audited = musat(house, "audit", files[0])
+    audited = house.musat("audit", files[0])
     assert audited.returncode == 0 and "cannot be read" not in audited.stdout, audited.stdout
 
 
 def test_schema_and_manual_are_made_from_it(house):
-    schema = json.loads((house / "src/musatpy/reports/record.schema.json").read_text())
+    schema = json.loads((house.package / "reports/record.schema.json").read_text())
     assert FIELD in schema["required"] and schema["properties"][FIELD]["required"] == ["photo", "images"]
-    fields = (house / "src/musatpy/reports/record.md").read_text()
+    fields = (house.package / "reports/record.md").read_text()
     assert "- `images[].images` (integer): measured on the photo" in fields

@@ -128,15 +128,8 @@ def test_the_order_of_a_run_is_that_of_nearly_all_its_depths(tmp_path):
 
 
 def test_the_flight(page):
-    assert page.fact("Flying height over the ground") == "2378 m" or "2378 m" in page.text
-    assert "1 : 15,600" in page.text  # 2378 m / 152.25 mm
+    assert "2378 m" in page.text and "1 : 15,600" in page.text  # 2378 m / 152.25 mm
     assert [row["Rays"] for row in page.rows("Rays To Ground Points")] == ["2", "3"]
-
-
-def test_who_moved_most_is_not_named_where_the_movement_shows_zeros(page):
-    _, *rows = page.tables["Iterations"]
-    assert {row[3] for row in rows if float(row[2]) == 0.0} == {""}
-    assert {row[3] for row in rows if float(row[2]) > 0.0} <= {"21", "22", "23"}
 
 
 def test_every_link_leads_somewhere_and_ids_are_single(page):
@@ -220,17 +213,16 @@ def test_an_unconverged_run_says_so_with_the_place_of_its_reason(tmp_path):
     assert "limits not reached in 1 iteration" in page.text
 
 
-def test_a_run_without_water_or_dry_points(tmp_path):
-    dry = record()
-    dry["points"]["bathymetric"] = [False] * len(dry["points"]["point"])
-    dry["bathymetric_points"] = {name: [] for name in dry["bathymetric_points"]}
-    dry["adjusted_water"] = dry["water"] = None
-    dry["plates"]["refraction"] = [[0.0, 0.0]] * len(dry["plates"]["photo"])
-    page = read(written(tmp_path, json.dumps(dry)))
-    assert "(0 submerged)" in page.text and "What Refraction Changed" not in page.text
-    wet = record()
-    wet["points"]["bathymetric"] = [True] * len(wet["points"]["point"])
-    assert "(22 submerged)" in read(written(tmp_path, json.dumps(wet))).text
+@pytest.mark.parametrize("wet", [False, True])
+def test_a_run_without_water_or_dry_points(tmp_path, wet):
+    run = record()
+    run["points"]["bathymetric"] = [wet] * len(run["points"]["point"])
+    if not wet:
+        run["bathymetric_points"] = {name: [] for name in run["bathymetric_points"]}
+        run["adjusted_water"] = run["water"] = None
+        run["plates"]["refraction"] = [[0.0, 0.0]] * len(run["plates"]["photo"])
+    page = read(written(tmp_path, json.dumps(run)))
+    assert f"({22 * wet} submerged)" in page.text and ("What Refraction Changed" in page.text) is wet
 
 
 def test_positions_in_the_output_system(tmp_path):

@@ -46,16 +46,18 @@ def run() -> dict[str, Any]:
 
 def problems(tmp_path: Path, run: Any, needs: Iterable[str] = TABLES) -> list[str]:
     path = tmp_path / "RUN.json"
-    path.write_text(run if isinstance(run, str) else json.dumps(run))
+    path.write_bytes(run if isinstance(run, bytes) else (run if isinstance(run, str) else json.dumps(run)).encode())
     with pytest.raises(RecordError) as caught:
         read_record(path, needs, OPTIONAL)
     return [str(problem).removeprefix(f"{path}").lstrip(" :") for problem in caught.value.problems]
 
 
-def test_a_record_of_ours_is_read_whole(tmp_path: Path, run: dict[str, Any]) -> None:
+def test_a_record_is_read_whole_or_as_far_as_it_is_asked_for(tmp_path: Path, run: dict[str, Any]) -> None:
     path = tmp_path / "RUN.json"
     path.write_text(json.dumps(run))
     assert read_record(path, run) == with_images(run)
+    some = read_record(path, ("options", "points"))
+    assert some == {"options": run["options"], "points": run["points"]}
 
 
 def test_an_image_without_redundancy_has_no_estimated_error(run: dict[str, Any]) -> None:
@@ -63,15 +65,6 @@ def test_an_image_without_redundancy_has_no_estimated_error(run: dict[str, Any])
     assert whole[0] is not None
     run["plates"]["redundancy"][0][0] = 0.0
     assert with_images(run)["observations"]["estimated_error"] == [None, *whole[1:]]
-
-
-def test_what_is_not_asked_for_is_left_out(tmp_path: Path, run: dict[str, Any]) -> None:
-    path = tmp_path / "RUN.json"
-    path.write_text(json.dumps(run))
-    assert read_record(path, ("options", "points")) == {
-        "options": run["options"],
-        "points": run["points"],
-    }
 
 
 @pytest.mark.parametrize("strange", [[], None])
@@ -86,12 +79,11 @@ def test_columns_that_the_schema_does_not_know_have_the_rows_of_their_table(
         assert "bathymetric_points: has columns of 0 and of 8 entries" in result.output
 
 
-@pytest.mark.parametrize(
-    ("version", "rest"), [("4.0", "is a record of schema 4.0"), ("2.0", "is a record of schema 2.0")]
-)
-def test_other_schemas_are_refused(tmp_path: Path, run: dict[str, Any], version: str, rest: str) -> None:
+@pytest.mark.parametrize("version", ["4.0", "2.0"])
+def test_other_schemas_are_refused(tmp_path: Path, run: dict[str, Any], version: str) -> None:
     run["schema_version"] = version
-    assert problems(tmp_path, run) == [f"schema_version: {rest}, and this program reads 3.0; run the deck again"]
+    told = f"schema_version: is a record of schema {version}, and this program reads 3.0; run the deck again"
+    assert problems(tmp_path, run) == [told]
 
 
 def test_a_table_that_was_left_out_is_told(tmp_path: Path) -> None:
@@ -113,7 +105,6 @@ def test_a_table_that_was_left_out_is_told(tmp_path: Path) -> None:
     [
         (("stations", "position", 2), [1.0, 2.0], "stations.position[2]: expected 3 numbers, found 2"),
         (("stations", "position", 2, 1), "x", 'stations.position[2][1]: expected a number, found "x"'),
-        (("stations", "position", 2, 1), None, "stations.position[2][1]: expected a number, found null"),
         (("stations", "position", 2, 1), True, "stations.position[2][1]: expected a number, found true"),
         (("points", "position", 0, 1), 10**400, "points.position[0][1]: expected a number or null, found 1000"),
         (("points", "bathymetric", 3), 1, "points.bathymetric[3]: expected true or false, found 1"),
@@ -149,22 +140,15 @@ def test_every_missing_field_is_named(tmp_path: Path, run: dict[str, Any]) -> No
     [
         ("", "is no JSON: Expecting value"),
         ("[" * 100_000, "is nested too deep"),
-        ('{"a":' * 100_000, "is nested too deep"),
         ('{"schema_version": NaN}', "is no JSON: NaN is no finite number"),
         ("[1]", "is not the record of a run"),
         ("1" * 5000, "is no JSON: Exceeds the limit"),
+        (b'{"a": "\xe2\x82', "is no JSON: byte 8 is none of a text in UTF-8"),
     ],
 )
-def test_what_is_no_record(tmp_path: Path, text: str, message: str) -> None:
+def test_what_is_no_record(tmp_path: Path, text: str | bytes, message: str) -> None:
     (found,) = problems(tmp_path, text)
     assert found.startswith(message)
-
-
-def test_bytes_that_are_no_text(tmp_path: Path) -> None:
-    path = tmp_path / "run.json"
-    path.write_bytes(b'{"a": "\xe2\x82')
-    with pytest.raises(RecordError, match=r"is no JSON: byte 8 is none of a text in UTF-8"):
-        read_json(path)
 
 
 @pytest.mark.parametrize("number", ["1e999", "-1e400", "1" * 400, "Infinity"])
