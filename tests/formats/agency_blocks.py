@@ -1,10 +1,12 @@
 """Blocks of every coordinate system with random values, of which other agencies' files hold parts."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from formats.deck_edits import in_system
+from musatpy.formats import musat
 from musatpy.model import Block, CoordinateSystem, FiducialMeasurements
 
 
@@ -45,3 +47,10 @@ def with_marks(block: Block, count: int) -> Block:
         sigma=np.full((n * count, 2), np.nan),
     )
     return replace(block, fiducial_measurements=marks, plates=replace(block.plates, xy=block.plates.xy.round(3)))
+
+
+def deck_of(block: Block, folder: Path) -> Path:
+    """Return a written deck of the block."""
+    path = folder / "given.crd"
+    musat.write_deck(block, path)
+    return path

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from altered import altered, put
-from formats.agency_blocks import random_job, with_marks
+from formats.agency_blocks import deck_of, random_job, with_marks
 from formats.deck_edits import deck, drop, in_system
 from musatpy.errors import DeckError
-from musatpy.formats import families, musat, parts
-from musatpy.formats.job_tables import card_family
+from musatpy.formats import families, parts
 from musatpy.geometry.collinearity import attitude_matrix
+from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.units import ARC_SECOND, GON
 
@@ -21,13 +21,6 @@ AGENCIES = families.agencies()
 bingo, giant, jfk, patb = AGENCIES.values()
 PLACES = {"giant": "job.cnt", "patb": "job.ori", "bingo": "itera.dat", "jfk": "job.jfk"}
 SYSTEMS = list(CoordinateSystem)
-
-
-def deck_of(block, folder):
-    """Return a written deck of the block."""
-    path = folder / "given.crd"
-    musat.write_deck(block, path)
-    return path
 
 
 def files_in(folder):
@@ -66,7 +59,7 @@ DECIMALS = {
 
 
 @pytest.mark.parametrize("name", DECIMALS)
-@pytest.mark.parametrize("off", [0.0, 1e-9, -1e-9, 1e-6, -1e-6, 1e-3, -1e-3])
+@pytest.mark.parametrize("off", [0.0, 1e-9, -1e-6, 1e-3])
 def test_attitudes_at_a_phi_of_90_degrees_come_back(tmp_path, name, off):
     """And at 90 and -90 degrees of omega, where phi-omega-kappa is singular: within 1e-6 degrees."""
     agency, block, right = AGENCIES[name], random_job(11, CoordinateSystem.LOCAL), np.pi / 2
@@ -74,7 +67,7 @@ def test_attitudes_at_a_phi_of_90_degrees_come_back(tmp_path, name, off):
     for number, angles in enumerate(singular):
         attitude = np.tile(angles, (len(block.photos.ids), 1))
         attitude[np.abs(attitude) == right] += np.radians(off)
-        looking = replace(block, photos=replace(block.photos, attitude=attitude))
+        looking = altered(block, photos={"attitude": attitude})
         folder = tmp_path / str(number)
         folder.mkdir()
         agency.dump_one(looking, folder / PLACES[name])
@@ -115,8 +108,6 @@ def _metres(block):
     """Return the function that turns positions of the block's system into metres."""
     if not _is_geographic(block.options.system):
         return lambda position: position
-    from musatpy.geometry.geodesy import Ellipsoid
-
     return Ellipsoid(block.ellipsoid.name).geocentric
 
 
@@ -142,10 +133,8 @@ def test_giant_holds_sigmas_and_partial_control(tmp_path, system):
         np.testing.assert_allclose(sigma[is_known], sigmas[again.points.ids[point]][is_known], rtol=0, atol=1e-4)
     full = block.control.kind == ControlKind.FULL
     kept = full if system is CoordinateSystem.GEOCENTRIC else np.ones(len(full), dtype=bool)
-    kinds = {
-        block.points.ids[p]: k for p, k in zip(block.control.point[kept], block.control.kind[kept], strict=True)
-    }
-    assert {again.points.ids[p]: k for p, k in zip(again.control.point, again.control.kind, strict=True)} == kinds
+    kinds = dict(zip(block.points.ids[block.control.point[kept]], block.control.kind[kept], strict=True))
+    assert dict(zip(again.points.ids[again.control.point], again.control.kind, strict=True)) == kinds
 
 
 def test_patb_makes_one_point_of_its_two_parts(tmp_path):
@@ -154,8 +143,14 @@ def test_patb_makes_one_point_of_its_two_parts(tmp_path):
     text = (tmp_path / "job.con").read_text().split("-99")
     assert [len(part.split("\n")) - 2 + (number == 0) for number, part in enumerate(text[:2])] == [3, 4]
     again = patb.load_one(tmp_path / "job.con", deck_of(block, tmp_path))
-    kinds = {again.points.ids[p]: ControlKind(k).name for p, k in zip(again.control.point, again.control.kind)}  # noqa: B905
-    assert kinds == {"1101": "FULL", "1103": "VERTICAL", "1105": "FULL", "1107": "HORIZONTAL", "1109": "VERTICAL"}
+    kinds = [ControlKind(kind).name for kind in again.control.kind]
+    assert dict(zip(again.points.ids[again.control.point], kinds, strict=True)) == {
+        "1101": "FULL",
+        "1103": "VERTICAL",
+        "1105": "FULL",
+        "1107": "HORIZONTAL",
+        "1109": "VERTICAL",
+    }
 
 
 def test_partial_control_is_left_out_where_no_axis_is_vertical(tmp_path):
@@ -286,14 +281,6 @@ def test_a_deck_need_not_be_whole(tmp_path):
         bingo.load_one(tmp_path, given)
 
 
-def test_cards_of_the_parts_are_the_deck_of_the_block():
-    block = in_system(CoordinateSystem.GEOGRAPHIC)
-    family = card_family()
-    cards = families.write_cards(parts.cards_of_parts(parts.parts_of(block), family))
-    assert cards == musat.deck_bytes(block)
-    assert musat.deck_bytes(parts.block_of(parts.parts_of(block))) == cards
-
-
 @pytest.mark.parametrize(
     ("agency", "point", "photo", "expected"),
     [
@@ -307,19 +294,17 @@ def test_names_that_a_file_would_read_as_something_else_are_errors(tmp_path, age
     block = with_marks(in_system(CoordinateSystem.LOCAL), 4)
     ids, photos = block.points.ids.copy(), block.photos.ids.astype("<U8").copy()
     ids[0], photos[0] = point, photo
-    block = replace(block, points=replace(block.points, ids=ids), photos=replace(block.photos, ids=photos))
+    block = altered(block, points={"ids": ids}, photos={"ids": photos})
     with pytest.raises(DeckError, match=expected):
         agency.dump_one(block, tmp_path / "job.im" if agency is patb else tmp_path)
     assert not list(tmp_path.iterdir())
 
 
 def test_names_that_do_not_fit_are_all_reported(tmp_path):
-    block = in_system(CoordinateSystem.LOCAL)
-    ids = block.points.ids.astype("<U8").copy()
+    ids = in_system(CoordinateSystem.LOCAL).points.ids.astype("<U8").copy()
     ids[:2] = ["TOO LONG", "A B"]
-    block = replace(block, points=replace(block.points, ids=ids))
     with pytest.raises(DeckError) as caught:
-        bingo.dump_one(block, tmp_path)
+        bingo.dump_one(altered(in_system(CoordinateSystem.LOCAL), points={"ids": ids}), tmp_path)
     assert {problem.found for problem in caught.value.problems} == {"TOO LONG", "A B"}
     assert all("a text without blanks" in problem.message for problem in caught.value.problems)
     assert not list(tmp_path.iterdir())
