@@ -11,8 +11,7 @@ import pytest
 
 from blocks import FIXTURES
 from musatpy import adjust, read_deck
-from musatpy.campaign.baseline_reports import check_text
-from musatpy.campaign.baselines import check
+from musatpy.campaign.baseline_checks import check, check_text
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import ControlKind, Refraction, Solution
 from musatpy.statistics import Statistics

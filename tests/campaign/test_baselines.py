@@ -14,8 +14,8 @@ import pytest
 from campaign.batches import ROOT, ST_THOMAS, Here, decks_in, expected, musat
 from cli import commands
 from musatpy import __version__
-from musatpy.campaign.baseline_index import INDEX, BaselineError, load_baseline
-from musatpy.campaign.baselines import accept, check, save
+from musatpy.campaign.baseline_checks import check
+from musatpy.campaign.baselines import INDEX, BaselineError, accept, load_baseline, save
 from musatpy.campaign.batch import run_batch
 from musatpy.campaign.locks import LockedError, folder_locks
 
@@ -43,7 +43,8 @@ def in_this_process():
         return run_batch(plan, processes=1, executor=Here() if carried else None, **more)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("musatpy.campaign.baselines.run_batch", run)
+        for module in ("baselines", "baseline_checks"):
+            patch.setattr(f"musatpy.campaign.{module}.run_batch", run)
         yield
 
 

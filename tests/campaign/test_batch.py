@@ -14,7 +14,7 @@ from campaign.batches import ROOT, ST_THOMAS, assert_whole, command, decks_in, m
 from cli import commands
 from json_schema import BATCH_MANUAL, BATCH_SCHEMA, load_schema, violations, with_table
 from musatpy.campaign.batch import run_batch
-from musatpy.campaign.batch_jobs import Job, JobOptions, State
+from musatpy.campaign.batch_jobs import BatchJob, JobOptions, JobState
 from musatpy.campaign.ledger import Ledger
 from musatpy.campaign.manifest import ManifestError, decks_of, plan_of
 from musatpy.campaign.worker import run_job
@@ -102,7 +102,7 @@ def test_what_is_finished_depends_on_deck_options_and_results(tmp_path, monkeypa
     assert [one.kept for one in run_batch(plan).outcomes] == [False]
 
     def finished(**options) -> bool:
-        job = Job(deck=deck, out=tmp_path / "out", options=JobOptions(**{"formats": formats, **options}))
+        job = BatchJob(deck=deck, out=tmp_path / "out", options=JobOptions(**{"formats": formats, **options}))
         return Ledger(tmp_path / "out").finished(job) is not None
 
     assert finished()
@@ -245,8 +245,8 @@ def test_a_deck_that_is_edited_while_it_runs_has_no_results(tmp_path):
         if "photos" in message:
             deck.write_bytes(deck.read_bytes() + b"\n")
 
-    outcome = run_job(Job(deck=deck), edit)
-    assert (outcome.state, outcome.message) == (State.FAILED, f"{deck}: the deck was changed while it was run")
+    outcome = run_job(BatchJob(deck=deck), edit)
+    assert (outcome.state, outcome.message) == (JobState.FAILED, f"{deck}: the deck was changed while it was run")
 
 
 @pytest.mark.slow
@@ -257,7 +257,7 @@ def test_an_output_folder_that_cannot_be_made_fails_its_jobs_only(tmp_path):
         '[[job]]\ndeck = "small0.crd"\nout = "file/out"\n[[job]]\ndeck = "small1.crd"\n'
     )
     result = run_batch(plan_of([tmp_path / "m.toml"]))
-    assert [one.state for one in result.outcomes] == [State.FAILED, State.ACCEPTED]
+    assert [one.state for one in result.outcomes] == [JobState.FAILED, JobState.ACCEPTED]
     said = "file/out: Not a directory; --out, or out in a manifest, takes results elsewhere"
     assert result.outcomes[0].message.endswith(said)
 

@@ -14,7 +14,7 @@ import pytest
 
 from campaign.batches import ROOT, Here, assert_whole, decks_in, leftovers, musat, start, summary_of, wait_for
 from musatpy.campaign.batch import run_batch
-from musatpy.campaign.batch_jobs import Job, JobOptions, State
+from musatpy.campaign.batch_jobs import BatchJob, JobOptions, JobState
 from musatpy.campaign.carried import cluster as workers_of
 from musatpy.campaign.carried import delivered, parcel_of, run_parcel
 from musatpy.campaign.manifest import plan_of
@@ -49,7 +49,7 @@ def test_jobs_that_are_carried_leave_and_say_what_those_of_this_machine_do(tmp_p
     for name, executor in (("local", None), ("carried", Here())):
         result = run_batch(plan_of(sources, tmp_path / name, options), executor=executor)
         states = {job.deck.stem: outcome.state for job, outcome in zip(result.jobs, result.outcomes, strict=True)}
-        assert states == {"many_errors": State.UNUSABLE, "small0": State.ACCEPTED, "gone": State.UNUSABLE}
+        assert states == {"many_errors": JobState.UNUSABLE, "small0": JobState.ACCEPTED, "gone": JobState.UNUSABLE}
     assert results(tmp_path / "local") == results(tmp_path / "carried")
     assert len(results(tmp_path / "local")) >= 4
     assert "dry=land.csv (" in (tmp_path / "local/small0.lst").read_text()
@@ -61,7 +61,11 @@ def test_jobs_that_are_carried_leave_and_say_what_those_of_this_machine_do(tmp_p
 def test_a_job_that_an_engine_loses_stops_no_other(tmp_path):
     decks_in(tmp_path, small=3)
     result = run_batch(plan_of([tmp_path]), executor=Here({"small1": RuntimeError("no worker left")}))
-    assert [outcome.state for outcome in result.outcomes] == [State.ACCEPTED, State.CRASHED, State.ACCEPTED]
+    assert [outcome.state for outcome in result.outcomes] == [
+        JobState.ACCEPTED,
+        JobState.CRASHED,
+        JobState.ACCEPTED,
+    ]
     assert result.outcomes[1].message == "its worker was lost: RuntimeError: no worker left"
     assert assert_whole(tmp_path) == {"small0", "small2"}
 
@@ -74,7 +78,7 @@ def test_any_executor_will_do(tmp_path):
         for pid in list(executor._processes):
             os.kill(pid, signal.SIGKILL)
         states = {outcome.state for outcome in run_batch(plan_of([tmp_path]), executor=executor).outcomes}
-    assert states == {State.CRASHED}
+    assert states == {JobState.CRASHED}
     with ProcessPoolExecutor(2) as executor:
         assert run_batch(plan_of([tmp_path]), executor=executor).status == 0
     assert assert_whole(tmp_path) == {"small0", "small1", "small2"}
@@ -82,29 +86,29 @@ def test_any_executor_will_do(tmp_path):
 
 def test_what_changes_on_the_way_has_no_results(tmp_path, monkeypatch):
     (deck,) = decks_in(tmp_path, small=1)
-    job = Job(deck=deck)
+    job = BatchJob(deck=deck)
     parcel = parcel_of(job)
     outcome, files = run_parcel(parcel)
-    assert outcome.state is State.ACCEPTED
+    assert outcome.state is JobState.ACCEPTED
     deck.write_bytes(deck.read_bytes() + b"\n")
     late = delivered(job, outcome, files)
-    assert (late.state, late.message) == (State.FAILED, f"{deck}: the deck was changed while it was run")
+    assert (late.state, late.message) == (JobState.FAILED, f"{deck}: the deck was changed while it was run")
     assert (late.outputs, os.listdir(tmp_path)) == ({}, ["small0.crd"])
-    for changed in ("musatpy.__version__", "musatpy.campaign.program.sources_sha256"):
+    for changed in ("musatpy.__version__", "musatpy.campaign.batch_jobs.sources_sha256"):
         with monkeypatch.context() as patch:
             patch.setattr(changed, "99.0" if changed.endswith("__") else lambda: "other" * 10)
             other, files = run_parcel(parcel)
-        assert (other.state, files) == (State.FAILED, {})
+        assert (other.state, files) == (JobState.FAILED, {})
         assert re.match(r"its worker has version (99\.0 \(|0.* \(other).* of the program, not ", other.message)
 
 
 def test_a_disk_that_is_full_fails_a_job_that_was_carried(tmp_path, monkeypatch):
     (deck,) = decks_in(tmp_path, small=1)
-    outcome, files = run_parcel(parcel_of(Job(deck=deck)))
+    outcome, files = run_parcel(parcel_of(BatchJob(deck=deck)))
     (tmp_path / "small0.json").mkdir()
-    failed = delivered(Job(deck=deck), outcome, files)
-    assert (failed.state, failed.message) == (State.FAILED, f"{tmp_path / 'small0.json'}: Is a directory")
-    assert run_job(Job(deck=deck)).message == failed.message  # as a job of this machine says it
+    failed = delivered(BatchJob(deck=deck), outcome, files)
+    assert (failed.state, failed.message) == (JobState.FAILED, f"{tmp_path / 'small0.json'}: Is a directory")
+    assert run_job(BatchJob(deck=deck)).message == failed.message  # as a job of this machine says it
 
 
 def test_a_cluster_that_does_not_answer(tmp_path, monkeypatch):
@@ -123,7 +127,7 @@ def test_the_program_is_known_by_its_sources(tmp_path):
     """A copy with one changed title is another program, of the same version; a finished job is run again by it."""
     shutil.copytree(ROOT / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "card_formats", tmp_path / "card_formats")
-    says = [sys.executable, "-c", "from musatpy.campaign.program import program; print(program())"]
+    says = [sys.executable, "-c", "from musatpy.campaign.batch_jobs import program; print(program())"]
 
     def said(folder: Path) -> str:
         return subprocess.check_output(says, text=True, env=os.environ | {"PYTHONPATH": str(folder / "src")})
@@ -245,7 +249,7 @@ def test_a_cluster_whose_workers_die_on_loading(tmp_path, monkeypatch):
         monkeypatch.setattr("musatpy.campaign.carried._PATIENCE", 5)
         with workers_of(cluster.address) as executor:
             (outcome,) = run_batch(plan_of([tmp_path / "decks"]), executor=executor).outcomes
-    assert outcome.state is State.CRASHED
+    assert outcome.state is JobState.CRASHED
     assert outcome.message == "its worker was lost: all workers were lost, and none came in 5 s: their logs say why"
 
 

@@ -29,7 +29,7 @@ from campaign.batches import (
     wait_for,
 )
 from musatpy.campaign.batch import run_batch
-from musatpy.campaign.batch_jobs import Job, State
+from musatpy.campaign.batch_jobs import BatchJob, JobState
 from musatpy.campaign.local import last_words
 from musatpy.campaign.locks import LockedError, folder_locks
 from musatpy.campaign.manifest import plan_of
@@ -151,20 +151,20 @@ def test_memory_that_runs_out_is_told_in_words(tmp_path, monkeypatch):
         raise MemoryError("Unable to allocate 7.00 MiB")
 
     monkeypatch.setattr("musatpy.campaign.worker.run_deck", refuse)
-    outcome = run_job(Job(deck=deck), lambda _: None)
-    assert outcome.state is State.FAILED
+    outcome = run_job(BatchJob(deck=deck), lambda _: None)
+    assert outcome.state is JobState.FAILED
     assert outcome.message == "memory ran out; fewer --jobs need less (Unable to allocate 7.00 MiB)"
 
 
 ALMOST_NO_MEMORY = """
 import resource, sys
 from pathlib import Path
-from musatpy.campaign.batch_jobs import Job
+from musatpy.campaign.batch_jobs import BatchJob
 from musatpy.campaign.worker import run_job
 import numpy.linalg, scipy.linalg
 size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + 24 * 2**20
 resource.setrlimit(resource.RLIMIT_AS, (size, size))
-print(run_job(Job(deck=Path(sys.argv[1])), lambda _: None).message)
+print(run_job(BatchJob(deck=Path(sys.argv[1])), lambda _: None).message)
 """
 
 
@@ -203,7 +203,7 @@ def test_processes_that_the_system_refuses(tmp_path, monkeypatch):
 
     monkeypatch.setattr("musatpy.campaign.local.subprocess.Popen", refuse)
     (outcome,) = run_batch(plan_of([tmp_path])).outcomes
-    assert outcome.state is State.FAILED
+    assert outcome.state is JobState.FAILED
     assert outcome.message == "no process can be started: Too many open files; fewer --jobs need less"
 
 

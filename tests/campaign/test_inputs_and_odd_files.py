@@ -21,10 +21,10 @@ from campaign.batches import (
     summary_of,
     wait_for,
 )
-from musatpy.campaign.baseline_index import BaselineError, changed_decks, load_baseline
-from musatpy.campaign.baselines import accept, check, save
+from musatpy.campaign.baseline_checks import changed_decks, check
+from musatpy.campaign.baselines import BaselineError, accept, load_baseline, save
 from musatpy.campaign.batch import run_batch
-from musatpy.campaign.batch_jobs import Job, JobOptions, State
+from musatpy.campaign.batch_jobs import BatchJob, JobOptions, JobState
 from musatpy.campaign.ledger import Ledger
 from musatpy.campaign.locks import LockedError, folder_locks
 from musatpy.campaign.manifest import decks_of, plan_of
@@ -73,12 +73,12 @@ def test_another_geoid_model_is_another_job(tmp_path, monkeypatch):
 def test_card_formats_that_are_edited_while_a_process_is_at_work(tmp_path):
     (deck,) = decks_in(tmp_path, small=1)
     formats = Path(shutil.copytree(ROOT / "card_formats" / "musat", tmp_path / "own"))
-    job = Job(deck=deck, options=JobOptions(formats=formats))
-    assert run_job(job, lambda _: None).state is State.ACCEPTED
+    job = BatchJob(deck=deck, options=JobOptions(formats=formats))
+    assert run_job(job, lambda _: None).state is JobState.ACCEPTED
     with next(formats.glob("*.toml")).open("a") as stream:
         stream.write("# another remark\n")
     found = run_job(job, lambda _: None)  # by the formats that the process has read: nobody could say which
-    assert (found.state, "card formats" in found.message) == (State.FAILED, True)
+    assert (found.state, "card formats" in found.message) == (JobState.FAILED, True)
 
 
 @pytest.mark.slow
@@ -95,7 +95,7 @@ def test_what_has_the_name_of_a_deck_and_is_none(tmp_path):
     assert [path.name for path in decks_of(tmp_path / "*.crd")] == names
     assert decks_of(tmp_path / "folder.crd") == [tmp_path / "folder.crd"]
     outcomes = run_batch(plan_of([tmp_path, tmp_path / "gone.crd"])).outcomes
-    states = [State.UNUSABLE] * 4 + [State.FAILED, State.ACCEPTED, State.UNUSABLE]
+    states = [JobState.UNUSABLE] * 4 + [JobState.FAILED, JobState.ACCEPTED, JobState.UNUSABLE]
     assert [one.state for one in outcomes] == states
     for number, said in ((0, "No such file or directory"), (2, "Is a directory"), (6, "No such file or directory")):
         assert said in str(outcomes[number].problems[0])
@@ -153,8 +153,8 @@ def test_a_ledger_that_cannot_be_written_anew_is_still_read_and_added_to(tmp_pat
 
     monkeypatch.setattr("musatpy.campaign.ledger.write_files", full)
     again = Ledger(tmp_path)
-    again.add(Job(deck=deck), outcome)
-    assert Ledger(tmp_path).finished(Job(deck=deck)) is not None
+    again.add(BatchJob(deck=deck), outcome)
+    assert Ledger(tmp_path).finished(BatchJob(deck=deck)) is not None
     assert json.loads(ledger.read_text().splitlines()[-1])["job"] == "small0"
 
 

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from campaign.batches import ROOT, decks_in
-from musatpy.campaign.baseline_index import INDEX, BaselineError
-from musatpy.campaign.baselines import WORK, accept, check, save
+from musatpy.campaign.baseline_checks import check
+from musatpy.campaign.baselines import INDEX, WORK, BaselineError, accept, save
 from musatpy.campaign.batch import BatchResult
-from musatpy.campaign.batch_jobs import Job, Outcome
-from musatpy.campaign.manifest import Plan
+from musatpy.campaign.batch_jobs import BatchJob, JobOutcome
+from musatpy.campaign.manifest import BatchPlan
 from musatpy.campaign.worker import run_job
 from musatpy.files import write_files
 
@@ -28,9 +28,9 @@ pytestmark = [
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
     """Jobs without processes of their own, each run once: what is killed here is what comes after them."""
-    known: dict[tuple[str, bytes], tuple[Outcome, dict[str, bytes]]] = {}
+    known: dict[tuple[str, bytes], tuple[JobOutcome, dict[str, bytes]]] = {}
 
-    def run_once(job: Job) -> Outcome:
+    def run_once(job: BatchJob) -> JobOutcome:
         key = job.deck.name, job.deck.read_bytes() if job.deck.exists() else b""
         if key not in known:
             outcome = run_job(job, lambda _: None)
@@ -40,10 +40,11 @@ def in_this_process(monkeypatch):
         deck = str(job.deck)  # it may be a copy elsewhere
         return replace(outcome, problems=tuple(replace(one, file=deck) for one in outcome.problems))
 
-    def run(plan: Plan, **_: object) -> BatchResult:
+    def run(plan: BatchPlan, **_: object) -> BatchResult:
         return BatchResult(jobs=plan.jobs, outcomes=tuple(map(run_once, plan.jobs)), seconds=0.0, summary=None)
 
-    monkeypatch.setattr("musatpy.campaign.baselines.run_batch", run)
+    for module in ("baselines", "baseline_checks"):
+        monkeypatch.setattr(f"musatpy.campaign.{module}.run_batch", run)
 
 
 def killed_after(steps: int, work: Callable[[], object]) -> bool:

@@ -302,7 +302,7 @@ def test_a_reader_that_goes_away_is_no_error(bad_deck):
 @pytest.mark.parametrize("quiet", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_progress_is_shown_on_a_terminal_and_taken_away(deck, quiet):
     terminal, its_end = pty.openpty()
-    code = "import musatpy.cli.live_line as line; line._PATIENCE = 0.0\nfrom musatpy.cli.main import main; main()"
+    code = "import musatpy.cli.progress as line; line._PATIENCE = 0.0\nfrom musatpy.cli.main import main; main()"
     command = [sys.executable, "-c", code, "run", str(deck), *(["-q"] if quiet else [])]
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=its_end, check=False)
     os.close(its_end)

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from musatpy import read_deck
-from musatpy.cli import live_line
-from musatpy.cli.live_line import LiveLine
+from musatpy.cli import progress
+from musatpy.cli.progress import LiveLine
 from musatpy.model import Iteration
 from musatpy.model.progress import Phase
 from musatpy.runs import run_deck
@@ -53,7 +53,7 @@ class Phases:
 @pytest.fixture
 def still(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A thread that keeps no time: the test says when the line is drawn."""
-    monkeypatch.setattr(live_line, "_REDRAWN", 1e6)
+    monkeypatch.setattr(progress, "_REDRAWN", 1e6)
     monkeypatch.setenv("COLUMNS", "120")
     yield
 
@@ -112,7 +112,7 @@ def test_it_is_no_longer_than_the_terminal_is_wide(
 def test_a_thread_redraws_it_while_nothing_is_told(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(live_line, "_REDRAWN", 0.001)
+    monkeypatch.setattr(progress, "_REDRAWN", 0.001)
     drawn = threading.Event()
     clock = Clock()
 
@@ -145,7 +145,7 @@ def test_a_terminal_that_goes_away_ends_no_run(monkeypatch: pytest.MonkeyPatch, 
     def gone(*_: object, **__: object) -> None:
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(live_line.click, "echo", gone)
+    monkeypatch.setattr(progress.click, "echo", gone)
     clock = Clock()
     with LiveLine("job.crd", clock) as line:
         clock.now += 2.0

@@ -11,8 +11,8 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from campaign.batches import ST_THOMAS, musat
-from musatpy.campaign.batch_index import index_page
-from musatpy.campaign.batch_jobs import Job, Outcome, State
+from musatpy.campaign.batch_jobs import BatchJob, JobOutcome, JobState
+from musatpy.campaign.batch_reports import index_page
 from musatpy.page import compilation_page, run_page
 from musatpy.page.cells import cell_text
 from musatpy.page.flight import hull_area
@@ -100,7 +100,7 @@ HOSTILE = "<img src=x onerror=alert(1)>.crd"
 
 def row(name, state, sigma0=1.0, **more):
     given = {"photos": 3, "points": 22, "check_points": 1, "check_rms": (0.1, 0.2, None)}
-    return Job(deck=Path(name)), Outcome(state=State(state), sigma0=sigma0, **(given | more))
+    return BatchJob(deck=Path(name)), JobOutcome(state=JobState(state), sigma0=sigma0, **(given | more))
 
 
 def index_of(title, rows):

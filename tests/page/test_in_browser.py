@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from musatpy.campaign.batch_index import index_page
-from musatpy.campaign.batch_jobs import Job, Outcome, State
+from musatpy.campaign.batch_jobs import BatchJob, JobOutcome, JobState
+from musatpy.campaign.batch_reports import index_page
 from musatpy.page.composition import page_of_record
 from page.browser import browser, chromium
 from page.pages import ST_THOMAS, compiled_text, record_text, sounded_text
@@ -47,13 +47,13 @@ def places(tmp_path_factory):
     texts = {"job": record_text(), "compilation": compiled_text(), "comparison": sounded_text()}
     for name, text in (texts | {"rejected": json.dumps(content)}).items():
         (folder / f"{name}.json").write_text(text)
-    jobs = [Job(deck=Path(f"decks/{state.replace(' ', '-')}.crd")) for state in State]
+    jobs = [BatchJob(deck=Path(f"decks/{state.replace(' ', '-')}.crd")) for state in JobState]
     outcomes = [
-        Outcome(
+        JobOutcome(
             state=state, photos=3, points=22, sigma0=1.0, check_points=2, check_rms=(0.1, 0.2, 0.3),
             message="why " * 30, outputs={f"{job.deck.stem}{suffix}": "" for suffix in (".html", ".lst")},
         )
-        for job, state in zip(jobs, State, strict=True)
+        for job, state in zip(jobs, JobState, strict=True)
     ]  # fmt: skip
     (folder / "index.html").write_bytes(index_page("Campaign", folder, jobs, outcomes))
     for name in NAMES[:-1]:

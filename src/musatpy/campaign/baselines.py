@@ -8,39 +8,190 @@ Of a deck that is expected to be unusable it has what the program says. `rules.t
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import musatpy
-from musatpy.campaign.baseline_index import (
-    INDEX,
-    LISTING,
-    MESSAGES,
-    RECORD,
-    RULES,
-    Baseline,
-    BaselineError,
-    Entry,
-    below,
-    load_baseline,
-    place_fault,
-    unknown_decks,
-)
 from musatpy.campaign.batch import BatchResult, Watch, run_batch
-from musatpy.campaign.batch_jobs import Outcome
+from musatpy.campaign.batch_jobs import BatchJob, JobOptions, JobOutcome, sources_sha256
 from musatpy.campaign.locks import FolderLocks, folder_locks
-from musatpy.campaign.manifest import check_jobs
-from musatpy.campaign.program import sources_sha256
-from musatpy.errors import of_each_kind, printable
-from musatpy.files import real_path, remove_leftovers, write_files
-from musatpy.listings import CannotCompareError, Difference, Rules, compare_bytes, load_rules
+from musatpy.campaign.manifest import BatchPlan, check_jobs
+from musatpy.errors import MusatError, of_each_kind, printable
+from musatpy.files import name_fault, real_path, remove_leftovers, write_files
+from musatpy.listings import load_rules
+from musatpy.runs import ExitStatus
+from musatpy.specs import Reader, key
 
+INDEX = "baseline.json"
 WORK = ".new"  # below the baseline: new results until they are accepted
+LISTING, RECORD, MESSAGES = "lst", "json", "err"
+RULES = {LISTING: "rules.toml", RECORD: "record_rules.toml", MESSAGES: "message_rules.toml"}
+SCHEMA_VERSION = "1.0"
+_REMEDY = "restore it (git checkout), or save the baseline anew"
+
+
+class BaselineError(MusatError):
+    """A baseline that cannot be used, or something that cannot be done with it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One deck of a baseline, as it was when its results were taken over."""
+
+    deck_sha256: str = key()
+    version: str = key(doc="of the program")
+    status: int = key(doc="of its run: 0 accepted or doubtful, 1 unusable, 3 not converged, 4 rejected")
+    state: str = key(doc="what became of it in a word")
+    inputs: dict[str, str] = key(dict, "card formats and geoid models -> SHA-256")
+    sources: str = key("", "SHA-256 of the program's; empty in a baseline of before it was kept")
+
+    @property
+    def fails(self) -> bool:
+        """True for a deck that is expected to be unusable."""
+        return self.status == ExitStatus.UNUSABLE
+
+    def is_of(self, deck: Path, sha256: str | None) -> bool:
+        """Tell whether a deck that has this hash is the one that was saved, but for line ends (by git)."""
+        try:
+            cards = deck.read_bytes().replace(b"\r\n", b"\n")
+        except OSError:
+            return sha256 == self.deck_sha256
+        both = (cards, cards.replace(b"\n", b"\r\n"))
+        return self.deck_sha256 in [sha256, *(hashlib.sha256(data).hexdigest() for data in both)]
+
+    def changed_inputs(self, inputs: dict[str, str]) -> list[str]:
+        """Return the names of inputs besides the deck that are other ones, gone or new."""
+        return [name for name in sorted(self.inputs | inputs) if self.inputs.get(name) != inputs.get(name)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Baseline:
+    """A baseline as its index says it."""
+
+    folder: Path = Path()
+    root: str = key(doc="the common folder of the decks, seen from `folder`", name="decks_in")
+    records: bool = key(True, "false: listings only")
+    formats: str | None = key(None, "folder of card formats, seen from `folder`")
+    settings: tuple[str, ...] = key((), "fields of cards that are set for its runs")
+    runs: dict[str, str] = key(dict, "compilation decks -> those of their triangulations")
+    entries: dict[str, Entry] = key(doc="by the place of the deck below the root", name="decks")
+
+    @staticmethod
+    def faults(index: dict[str, Any]) -> Iterator[tuple[str, str]]:
+        """Yield the names of an index that are no places of decks: nothing is written there."""
+        runs = index.get("runs", {})
+        for name in (*index.get("decks", ()), *runs, *runs.values()):
+            if fault := _place_fault(name):
+                yield "decks", f"'{name}' is not the place of a deck: it {fault}"
+
+    def deck(self, name: str) -> Path:
+        """Return where a deck is, as short as can be: `..` behind a link to a folder leads elsewhere."""
+        plain = os.path.normpath(self.folder)
+        place = plain if os.path.realpath(plain) == os.path.abspath(plain) else real_path(self.folder)
+        return Path(os.path.normpath(Path(place) / self.root / name))
+
+    def kept(self, name: str) -> dict[str, Path]:
+        """Return the files that are kept of a deck, by their endings."""
+        return self.files(name, self.folder, fails=self.entries[name].fails)
+
+    def files(self, name: str, folder: Path, *, fails: bool) -> dict[str, Path]:
+        """Return what a deck leaves below a folder: its results, or if it `fails` what the program says of it."""
+        endings = [MESSAGES] if fails else [LISTING, RECORD] if self.records else [LISTING]
+        return {ending: (folder / name).with_suffix(f".{ending}") for ending in endings}
+
+    def plan(self, names: Iterable[str], work: Path) -> BatchPlan:
+        """Return the jobs that make the results of decks anew, in a work folder."""
+        formats = None if self.formats is None else self.folder / self.formats
+        options = JobOptions(formats=formats, settings=self.settings)
+        runs = {name: self.deck(run) for name, run in self.runs.items()}
+        jobs = (
+            BatchJob(deck=self.deck(name), out=(work / name).parent, options=options, run=runs.get(name))
+            for name in names
+        )
+        return BatchPlan(jobs=tuple(jobs), folder=work, name=".batch")
+
+    def chosen(self, names: Sequence[str]) -> list[str]:
+        """Return the decks that are meant, all where none is named; raises `BaselineError`.
+
+        A deck is named by its place in the baseline, by its path, or by the name of its file, with the ending or
+        without.
+        """
+        decks: set[str] = set()
+        for given in map(Path, names):
+            meant = {name for name in self.entries if given in _names_of(Path(name))}
+            meant = meant or {name for name in self.entries if real_path(self.deck(name)) == real_path(given)}
+            if not meant:
+                hint = "musat baseline list names those that are, save adds others"
+                raise BaselineError(f"{self.folder}: no such deck in the baseline: {given}; {hint}")
+            decks |= meant
+        return sorted(decks or self.entries)
+
+    def index(self) -> bytes:
+        """Return the index as JSON; of what may be missing that which is."""
+        data = {
+            "schema_version": SCHEMA_VERSION,
+            "decks_in": self.root,
+            "records": self.records,
+            "formats": self.formats,
+            "settings": list(self.settings),
+            "runs": {name: run for name, run in sorted(self.runs.items()) if name in self.entries},
+            "decks": {
+                name: {key: value for key, value in asdict(entry).items() if value not in ({}, "")}
+                for name, entry in sorted(self.entries.items())
+            },
+        }
+        given = {key: value for key, value in data.items() if key not in ("settings", "runs") or value}
+        return (json.dumps(given, indent=1) + "\n").encode()
+
+
+def load_baseline(folder: Path) -> Baseline:
+    """Return the baseline of a folder; raises `BaselineError` where there is none or its index is wrong."""
+    path = folder / INDEX
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise BaselineError(f"{folder}: no baseline here ({INDEX}); musat baseline save makes one") from error
+    except (ValueError, RecursionError) as error:
+        raise BaselineError(f"{path} is no JSON: {error}; {_REMEDY}") from error
+    given = {name: value for name, value in data.items() if value is not None} if isinstance(data, dict) else {}
+    version = given.pop("schema_version", "none")
+    if version != SCHEMA_VERSION:
+        raise BaselineError(
+            f"{path}: schema {version} is not {SCHEMA_VERSION}; another version made it, or {_REMEDY}"
+        )
+    reader = Reader()
+    baseline = reader.table(Baseline, given, "")
+    if reader.problems:
+        wrong = "; ".join(f"{problem.field}: {problem.message}" for problem in reader.problems)
+        raise BaselineError(f"{path} is not the index of a baseline ({wrong}); {_REMEDY}")
+    return replace(baseline, folder=folder)
+
+
+def _names_of(place: Path) -> tuple[Path, ...]:
+    """Return what a deck may be called."""
+    return place, place.with_suffix(""), Path(place.name), Path(place.stem)
+
+
+def _place_fault(name: str) -> str:
+    """Return why a name is not the place of a deck below the folder of the decks; empty for one that is."""
+    return next(filter(None, map(name_fault, name.split("/"))), "")
+
+
+def below(path: Path, folder: Path) -> str | None:
+    """Return a path as seen from a folder, None where it is not below it."""
+    place = Path(_seen_from(folder, path))
+    return None if ".." in place.parts or place.is_absolute() else place.as_posix()
+
+
+def _seen_from(folder: Path, path: Path) -> str:
+    return os.path.relpath(real_path(path), real_path(folder))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +205,11 @@ class Taken:
     unchanged: tuple[str, ...]
     dropped: tuple[str, ...] = ()  # whose decks are gone
     failed: tuple[str, ...] = ()  # without results; what is kept of them was left as it is
+
+
+def given_rules(rules: Path | None, record_rules: Path | None) -> dict[str, Path]:
+    """Return files of rules that are given, by the endings of what they are for."""
+    return {ending: path for ending, path in ((LISTING, rules), (RECORD, record_rules)) if path is not None}
 
 
 def save(
@@ -79,36 +235,34 @@ def save(
     decks, to be compiled on that one's run. Raises `BaselineError` for decks that are in it or
     cannot be, `RulesError`, `LockedError`, `OSError`.
     """
-    given = {ending: path for ending, path in ((LISTING, rules), (RECORD, record_rules)) if path is not None}
+    given = given_rules(rules, record_rules)
     for path in given.values():
         load_rules(path)
-    files = {folder / RULES[ending]: path.read_bytes() for ending, path in given.items()}
     if record_rules is not None and not records:
         raise BaselineError(f"{folder}: rules for records go with records, and listings only are to be kept")
-    root = _root_of(folder, decks if run is None else [*decks, run])
-    fresh = Baseline(folder=folder, root=_seen_from(folder, root), records=records, settings=settings, entries={})
-    fresh = fresh if formats is None else replace(fresh, formats=_seen_from(folder, formats))
+    files = {folder / RULES[ending]: path.read_bytes() for ending, path in given.items()}
+    every, root = decks if run is None else [*decks, run], folder
+    if not all(below(deck, folder) for deck in every):
+        root = Path(os.path.commonpath([real_path(deck).parent for deck in every]))
+    fresh = Baseline(
+        folder=folder,
+        root=_seen_from(folder, root),
+        records=records,
+        formats=None if formats is None else _seen_from(folder, formats),
+        settings=settings,
+        entries={},
+    )
     stated = bool(formats or not records or settings or exact or given)
     _with_decks(fresh, decks, run, stated)  # refused before anything is made
-    with _work_of(folder, None, to_write=True) as (work, locks):
+    with work_folder(folder, None, to_write=True) as (work, locks):
         baseline, chosen = _with_decks(fresh, decks, run, stated)
         if not (folder / INDEX).exists() and not exact:
-            own = [folder / RULES[ending] for ending in ((LISTING, RECORD) if records else (LISTING,))]
-            starters = {place: Path(__file__).with_name(place.name) for place in own if not place.exists()}
-            files = {place: starter.read_bytes() for place, starter in starters.items()} | files
+            for ending in (LISTING, RECORD) if records else (LISTING,):
+                place = folder / RULES[ending]
+                if place not in files and not place.exists():
+                    files[place] = Path(__file__).with_name(place.name).read_bytes()
         batch = run_batch(baseline.plan(chosen, work), processes=processes, watch=watch, again=True, locks=locks)
         return _take_over(baseline, chosen, batch, work, also=files, unusable=unusable)
-
-
-def _seen_from(folder: Path, path: Path) -> str:
-    return os.path.relpath(real_path(path), real_path(folder))
-
-
-def _root_of(folder: Path, decks: Sequence[Path]) -> Path:
-    """Return the common folder of the decks of a new baseline: its own, or the one that has them all below it."""
-    if all(below(deck, folder) for deck in decks):
-        return folder
-    return Path(os.path.commonpath([real_path(deck).parent for deck in decks]))
 
 
 def _with_decks(
@@ -124,28 +278,26 @@ def _with_decks(
         raise BaselineError(
             f"{fresh.folder} is a baseline already, which has its rules, formats and settings: only decks are added"
         )
-    chosen = list(dict.fromkeys(_name_in(baseline, deck) for deck in decks))
+    root = baseline.folder / baseline.root
+    names: dict[Path, str] = {}
+    for deck in decks if run is None else [*decks, run]:
+        name = below(deck, root)
+        if name is None:
+            raise BaselineError(f"{deck} is not below {root}, where the decks of the baseline are")
+        if fault := _place_fault(name):
+            raise BaselineError(f"{deck}: its name in the baseline {fault}")
+        names[deck] = name
+    chosen = list(dict.fromkeys(names[deck] for deck in decks))
     if old := [name for name in chosen if name in baseline.entries]:
         raise BaselineError(
             f"{baseline.deck(old[0])} is in the baseline; musat baseline accept takes its new results over, "
             "save adds others"
         )
     if run is not None:
-        baseline = replace(baseline, runs=baseline.runs | dict.fromkeys(chosen, _name_in(baseline, run)))
+        baseline = replace(baseline, runs=baseline.runs | dict.fromkeys(chosen, names[run]))
     jobs = baseline.plan([*baseline.entries, *chosen], baseline.folder).jobs
     check_jobs(jobs, also=[baseline.folder / INDEX])  # no file is that of two decks, a deck or the index
     return baseline, chosen
-
-
-def _name_in(baseline: Baseline, deck: Path) -> str:
-    """Return what a deck is called in a baseline; raises `BaselineError` where it cannot be in it."""
-    root = baseline.folder / baseline.root
-    name = below(deck, root)
-    if name is None:
-        raise BaselineError(f"{deck} is not below {root}, where the decks of the baseline are")
-    if fault := place_fault(name):
-        raise BaselineError(f"{deck}: its name in the baseline {fault}")
-    return name
 
 
 def accept(
@@ -164,7 +316,7 @@ def accept(
     over as such only if `unusable`. Raises `BaselineError`, `LockedError`, `OSError`.
     """
     load_baseline(folder)  # where there is none nothing is made
-    with _work_of(folder, work, to_write=True) as (place, locks):
+    with work_folder(folder, work, to_write=True) as (place, locks):
         baseline = load_baseline(folder)
         chosen = baseline.chosen(names)
         if not (folder / baseline.root).is_dir():
@@ -200,8 +352,9 @@ def _take_over(
         if outcome.deck_sha256 is None or not (outcome.state.has_results or expected):
             became["failed"].append(name)
             continue
-        entry = _entry_of(outcome, baseline.deck(name), was)
-        left, kept = _left(baseline, name, outcome, work), baseline.files(name, baseline.folder, fails=entry.fails)
+        entry = _entry_of(outcome, outcome.deck_sha256, baseline.deck(name), was)
+        kept = baseline.files(name, baseline.folder, fails=entry.fails)
+        left = new_results(baseline, name, outcome, work)
         contents = {kept[ending]: place.read_bytes() for ending, place in left.items()}
         same = entry == was and all(_is_kept(place, content) for place, content in contents.items())
         if was is not None and not same:
@@ -217,21 +370,23 @@ def _take_over(
         # the index last: after a kill before it the old one is true of what is not there any more
         write_files(files | {index: result.index()}, outdated=outdated)
     if work == baseline.folder / WORK:
-        _tidy(baseline, [*names, *gone], work)
+        for name in (*names, *gone):
+            for ending in RULES:
+                (work / name).with_suffix(f".{ending}").unlink(missing_ok=True)
+        if not any(path.suffix in (f".{LISTING}", f".{MESSAGES}") for path in work.rglob("*.*")):
+            shutil.rmtree(work)  # nothing in it could be accepted later
     return Taken(
         baseline=result, batch=batch, dropped=tuple(gone), **{key: tuple(value) for key, value in became.items()}
     )
 
 
-def _entry_of(outcome: Outcome, deck: Path, was: Entry | None) -> Entry:
+def _entry_of(outcome: JobOutcome, deck_sha256: str, deck: Path, was: Entry | None) -> Entry:
     """Return what the index says of a deck that is taken over, the same as it `was` where only line ends differ.
 
     What other sources of the program make too stays theirs that made it first.
     """
-    assert outcome.deck_sha256 is not None
-    same_deck = was is not None and was.is_of(deck, outcome.deck_sha256)
     return Entry(
-        deck_sha256=was.deck_sha256 if was is not None and same_deck else outcome.deck_sha256,
+        deck_sha256=was.deck_sha256 if was is not None and was.is_of(deck, deck_sha256) else deck_sha256,
         version=musatpy.__version__,
         status=int(outcome.state.status),
         state=outcome.state.value,
@@ -245,7 +400,7 @@ def _is_kept(place: Path, content: bytes) -> bool:
     return place.exists() and place.read_bytes().replace(b"\r\n", b"\n") == content
 
 
-def _left(baseline: Baseline, name: str, outcome: Outcome, work: Path) -> dict[str, Path]:
+def new_results(baseline: Baseline, name: str, outcome: JobOutcome, work: Path) -> dict[str, Path]:
     """Return the new files of a deck by their endings; what was said of one that cannot be used becomes one.
 
     That are its state, exit status and all messages of its run. The deck has its name in the baseline there, so
@@ -260,17 +415,8 @@ def _left(baseline: Baseline, name: str, outcome: Outcome, work: Path) -> dict[s
     return places
 
 
-def _tidy(baseline: Baseline, names: Sequence[str], work: Path) -> None:
-    """Take the new results of decks away, and the work folder when it has none that could be accepted later."""
-    for name in names:
-        for ending in (LISTING, RECORD, MESSAGES):
-            (work / name).with_suffix(f".{ending}").unlink(missing_ok=True)
-    if not any(path.suffix in (f".{LISTING}", f".{MESSAGES}") for path in work.rglob("*.*")):
-        shutil.rmtree(work)
-
-
 @contextmanager
-def _work_of(folder: Path, work: Path | None, *, to_write: bool = False) -> Iterator[tuple[Path, FolderLocks]]:
+def work_folder(folder: Path, work: Path | None, *, to_write: bool = False) -> Iterator[tuple[Path, FolderLocks]]:
     """Give the work folder, locked, and the baseline too where it is to be written to.
 
     A work folder below the baseline is nothing for git.
@@ -287,146 +433,3 @@ def _work_of(folder: Path, work: Path | None, *, to_write: bool = False) -> Iter
         yield place, locks
     with suppress(OSError):  # a new baseline in which nothing was kept
         folder.rmdir()
-
-
-State = Literal["identical", "within the rules", "different", "failed"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Checked:
-    """One deck held against its baseline."""
-
-    name: str
-    state: State
-    outcome: Outcome
-    notes: tuple[str, ...] = ()  # what is different besides the files, or why nothing could be compared
-    differences: tuple[Difference, ...] = ()  # of the files that are not identical
-    unmatched: dict[str, tuple[str, ...]] = field(default_factory=dict)  # rules that matched nothing, by file
-
-    @property
-    def same(self) -> bool:
-        """True where it differs by no more than the rules let pass."""
-        return self.state in ("identical", "within the rules")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Check:
-    """A baseline held against new runs."""
-
-    baseline: Baseline
-    batch: BatchResult
-    decks: tuple[Checked, ...]
-    unused_rules: tuple[str, ...]  # that matched nothing in any deck
-    unknown: tuple[str, ...]  # decks beside its own that the baseline does not have
-    work: Path | None  # where the new results are; None: taken away, because nothing is to be accepted
-
-    @property
-    def same(self) -> bool:
-        """True where no deck differs by more than the rules let pass, and none is unknown to the baseline."""
-        return self.decks_same and not self.unknown
-
-    @property
-    def decks_same(self) -> bool:
-        """True where no deck of the baseline differs by more than the rules let pass."""
-        return all(deck.same for deck in self.decks)
-
-
-def check(
-    folder: Path,
-    names: Sequence[str] = (),
-    *,
-    rules: Path | None = None,
-    record_rules: Path | None = None,
-    settings: tuple[str, ...] = (),
-    work: Path | None = None,
-    processes: int | None = None,
-    watch: Watch | None = None,
-) -> Check:
-    """Run the decks of a baseline anew (all, or those named) and hold their results against it.
-
-    `rules` are for the listings and `record_rules` for the records, in place of those of the baseline; `settings`
-    are set besides its own: what they change is different then, and is nothing that could be accepted. New results
-    go to `work`; without, below the baseline, where they stay until they are accepted if any deck is different.
-    Where no deck is named, those are looked for that the baseline does not have. Raises `BaselineError`,
-    `RulesError`, `LockedError`, `OSError`.
-    """
-    baseline = load_baseline(folder)
-    chosen = baseline.chosen(names)
-    if not chosen:
-        raise BaselineError(f"{folder}: the baseline has no deck any more; musat baseline save adds some")
-    if record_rules is not None and not baseline.records:
-        raise BaselineError(f"{folder}: the baseline keeps listings only; there are no records for these rules")
-    places = {ending: folder / name for ending, name in RULES.items()}
-    given = {ending: path for ending, path in ((LISTING, rules), (RECORD, record_rules)) if path is not None}
-    there = {ending: path for ending, path in places.items() if path.exists()} | given
-    ruled = {ending: load_rules(path) for ending, path in there.items()}
-    with _work_of(folder, work) as (place, locks):
-        plan = replace(baseline, settings=(*baseline.settings, *settings)).plan(chosen, place)
-        batch = run_batch(plan, processes=processes, again=True, watch=watch, locks=locks)
-        runs = zip(chosen, batch.outcomes, strict=True)
-        decks = tuple(_checked(baseline, name, outcome, place, ruled) for name, outcome in runs)
-        done = work is None and all(deck.same for deck in decks)
-        if done:
-            shutil.rmtree(place)
-        return Check(
-            baseline=baseline,
-            batch=batch,
-            decks=decks,
-            unused_rules=_unused(decks),
-            unknown=() if names else tuple(unknown_decks(baseline)),
-            work=None if done else place,
-        )
-
-
-def _unused(decks: Sequence[Checked]) -> tuple[str, ...]:
-    """Return the rules that matched in no file that was compared, after the names of theirs."""
-    unused: dict[str, list[str]] = {}
-    for file, rules in (item for deck in decks for item in deck.unmatched.items()):
-        unused[file] = [rule for rule in unused.get(file, rules) if rule in rules]
-    return tuple(f"{file}: {rule}" for file, rules in unused.items() for rule in rules)
-
-
-def _checked(baseline: Baseline, name: str, outcome: Outcome, work: Path, rules: dict[str, Rules]) -> Checked:
-    """Return one deck held against its baseline."""
-    entry, deck = baseline.entries[name], baseline.deck(name)
-    notes: list[str] = []
-    differences: list[Difference] = []
-    unmatched: dict[str, tuple[str, ...]] = {}
-    if not outcome.state.has_results and not (entry.fails and outcome.unusable):
-        why = f"{outcome.state}: {outcome.message}" if outcome.message else str(outcome.state)
-        why = why if os.path.lexists(deck) else "the deck is gone; musat baseline accept drops it"
-        return Checked(name=name, state="failed", outcome=outcome, notes=(why,))
-    if not entry.is_of(deck, outcome.deck_sha256):
-        notes.append("the deck is not the one that was saved")
-    if changed := entry.changed_inputs(outcome.inputs):
-        notes.append(f"not the one that was saved: {', '.join(changed)}")
-    if entry.fails and not outcome.unusable:
-        notes.append(f"it can be used now: {outcome.state}")
-    elif int(outcome.state.status) != entry.status or entry.state not in ("", outcome.state):
-        notes.append(f"it is {outcome.state} now" + (f", and was {entry.state}" if entry.state else ""))
-    left = _left(baseline, name, outcome, work) if entry.fails == outcome.unusable else {}
-    for ending, new in left.items():
-        kept = baseline.kept(name)[ending]
-        try:
-            contents = kept.read_bytes(), new.read_bytes()
-            if contents[0] == contents[1] and ending not in rules:
-                continue
-            difference = compare_bytes(*contents, rules.get(ending), names=(str(kept), str(new)))
-        except FileNotFoundError:
-            notes.append(f"{kept} is gone")
-        except CannotCompareError as error:
-            notes.append(str(error))
-        else:
-            unmatched[RULES[ending]] = difference.unused_rules
-            differences += [] if contents[0] == contents[1] else [difference]
-    state: State = "within the rules" if differences else "identical"
-    if notes or not all(difference.same for difference in differences):
-        state = "different"
-    return Checked(
-        name=name,
-        state=state,
-        outcome=outcome,
-        notes=tuple(notes),
-        differences=tuple(differences),
-        unmatched=unmatched,
-    )

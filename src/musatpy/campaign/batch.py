@@ -7,20 +7,19 @@ import os
 import queue
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
-from musatpy.campaign.batch_index import index_page
-from musatpy.campaign.batch_jobs import OUT_OF_MEMORY, Job, Outcome, State
-from musatpy.campaign.batch_summary import summary_json
+from musatpy.campaign.batch_jobs import OUT_OF_MEMORY, BatchJob, JobOutcome, JobState
+from musatpy.campaign.batch_reports import index_page, summary_json
 from musatpy.campaign.carried import delivered, parcel_of, run_parcel
 from musatpy.campaign.ledger import Ledger
 from musatpy.campaign.local import LocalExecutor, ProcessDiedError
 from musatpy.campaign.locks import FolderLocks, folder_locks
-from musatpy.campaign.manifest import Plan
+from musatpy.campaign.manifest import BatchPlan
 from musatpy.campaign.worker import run_job
 from musatpy.errors import MusatError
 from musatpy.files import remove_leftovers, write_files
@@ -39,13 +38,13 @@ class Event:
     photos: int | None = None  # the deck was read
     points: int | None = None
     iteration: tuple[int, int] | None = None  # pass and number
-    outcome: Outcome | None = None  # the job has ended
+    outcome: JobOutcome | None = None  # the job has ended
 
 
-class Watch:
-    """Who looks on while a batch runs; this one says nothing."""
+class Watch(Protocol):
+    """Who looks on while a batch runs."""
 
-    def begin(self, jobs: Sequence[Job]) -> None:
+    def begin(self, jobs: Sequence[BatchJob]) -> None:
         """Called with all jobs before the first event."""
 
     def event(self, event: Event | None) -> None:
@@ -59,8 +58,8 @@ class Watch:
 class BatchResult:
     """A batch after its run: an outcome of each job, in their order."""
 
-    jobs: tuple[Job, ...]
-    outcomes: tuple[Outcome, ...]
+    jobs: tuple[BatchJob, ...]
+    outcomes: tuple[JobOutcome, ...]
     seconds: float
     summary: Path | None  # where the summary is; None: it could not be written
     index: Path | None = None  # where the index page is; None: there is none
@@ -83,7 +82,7 @@ def cores() -> int:
 
 
 def run_batch(
-    plan: Plan,
+    plan: BatchPlan,
     *,
     processes: int | None = None,
     again: bool = False,
@@ -105,20 +104,22 @@ def run_batch(
         locks = locks or stack.enter_context(folder_locks())
         start = time.monotonic()
         locks.take(plan.folder, _ELSEWHERE)
-        watch = watch or Watch()
         batch = _Batch(plan, locks, watch)
         interrupted = False
-        watch.begin(plan.jobs)
+        if watch:
+            watch.begin(plan.jobs)
         try:
             batch.prepare(again)
             batch.run(processes or cores(), executor)
         except KeyboardInterrupt:
             interrupted = True
         finally:
-            watch.end()
+            if watch:
+                watch.end()
+        not_run = JobOutcome(state=JobState.NOT_RUN)
         result = BatchResult(
             jobs=plan.jobs,
-            outcomes=tuple(batch.outcomes.get(n, Outcome(state=State.NOT_RUN)) for n in range(len(plan.jobs))),
+            outcomes=tuple(batch.outcomes.get(n, not_run) for n in range(len(plan.jobs))),
             seconds=round(time.monotonic() - start, 3),
             summary=plan.folder / f"{plan.name}.json",
             index=plan.index,
@@ -151,12 +152,12 @@ _ENDED = object()  # after the messages of a job
 class _Batch:
     """The jobs of a plan on their way."""
 
-    def __init__(self, plan: Plan, locks: FolderLocks, watch: Watch) -> None:
+    def __init__(self, plan: BatchPlan, locks: FolderLocks, watch: Watch | None) -> None:
         self.plan = plan
         self.locks = locks
-        self.watch = watch
+        self.tell: Callable[[Event | None], None] = watch.event if watch else lambda event: None
         self.ledger = Ledger(plan.folder)
-        self.outcomes: dict[int, Outcome] = {}
+        self.outcomes: dict[int, JobOutcome] = {}
         self.notes: list[str] = []
         self.begun: dict[int, float] = {}  # when
         self.happened: queue.SimpleQueue[tuple[Future[Any], Any]] = queue.SimpleQueue()
@@ -169,7 +170,7 @@ class _Batch:
             try:
                 self.locks.take(job.folder, _ELSEWHERE)
             except OSError as error:
-                self.end(n, Outcome(state=State.FAILED, message=_words(error)))
+                self.end(n, JobOutcome(state=JobState.FAILED, message=_words(error)))
         jobs = [job for n, job in enumerate(self.plan.jobs) if n not in self.outcomes]
         summary = self.plan.folder / f"{self.plan.name}.json"
         index = [] if self.plan.index is None else [self.plan.index]
@@ -178,10 +179,10 @@ class _Batch:
             if n not in self.outcomes and not again and (outcome := self.ledger.finished(job)) is not None:
                 self.end(n, outcome)
 
-    def end(self, n: int, outcome: Outcome) -> None:
+    def end(self, n: int, outcome: JobOutcome) -> None:
         """Keep the outcome of a job."""
         self.outcomes[n] = outcome
-        self.watch.event(Event(index=n, outcome=outcome))
+        self.tell(Event(index=n, outcome=outcome))
 
     def run(self, processes: int, executor: Executor | None) -> None:
         """Run what is left, by processes of our own where there is no executor."""
@@ -197,7 +198,7 @@ class _Batch:
             killed = [job for n, job in left if self._may_have_been_killed(n)]
             remove_leftovers(path for job in killed for path in job.outputs())
 
-    def _run(self, jobs: Sequence[tuple[int, Job]], executor: Executor) -> None:
+    def _run(self, jobs: Sequence[tuple[int, BatchJob]], executor: Executor) -> None:
         """Hand out jobs, and take what comes back until all have ended."""
         left, futures = deque(jobs), dict[Future[Any], int]()
         try:
@@ -210,12 +211,12 @@ class _Batch:
                 try:
                     future, message = self.happened.get(timeout=_TICK)
                 except queue.Empty:
-                    self.watch.event(None)
+                    self.tell(None)
                     continue
                 n = futures[future]
                 if message is not _ENDED:
                     self.begun.setdefault(n, time.monotonic())
-                    self.watch.event(Event(index=n, **(message or {})))
+                    self.tell(Event(index=n, **(message or {})))
                     continue
                 del futures[future]
                 outcome = self._outcome(n, future)
@@ -225,7 +226,7 @@ class _Batch:
             for future in futures:
                 future.cancel()
 
-    def _submitted(self, job: Job, executor: Executor) -> Future[Any]:
+    def _submitted(self, job: BatchJob, executor: Executor) -> Future[Any]:
         """Return the future of a job; of a deck that cannot be read here it is what its run says of it."""
         if isinstance(executor, LocalExecutor):
             return executor.submit(run_job, job)
@@ -238,16 +239,16 @@ class _Batch:
             future.set_exception(error)
         return future
 
-    def _outcome(self, n: int, future: Future[Any]) -> Outcome:
+    def _outcome(self, n: int, future: Future[Any]) -> JobOutcome:
         """Return the outcome of a job whose future is done."""
         try:
             result = future.result()
         except Exception as error:
             seconds = round(time.monotonic() - self.begun[n], 3) if n in self.begun else 0.0
             return replace(_lost(error), seconds=seconds)
-        return result if isinstance(result, Outcome) else delivered(self.plan.jobs[n], *result)
+        return result if isinstance(result, JobOutcome) else delivered(self.plan.jobs[n], *result)
 
-    def _record(self, job: Job, outcome: Outcome) -> None:
+    def _record(self, job: BatchJob, outcome: JobOutcome) -> None:
         """Note in the ledger what is finished; a job that cannot be noted is done again, and nothing is lost."""
         if not outcome.state.has_results:
             return
@@ -258,20 +259,20 @@ class _Batch:
 
     def _may_have_been_killed(self, n: int) -> bool:
         """Tell whether the process of a job may have ended before the job did, and left temporary files."""
-        return n not in self.outcomes or self.outcomes[n].state is State.CRASHED
+        return n not in self.outcomes or self.outcomes[n].state is JobState.CRASHED
 
 
-def _lost(error: Exception) -> Outcome:
+def _lost(error: Exception) -> JobOutcome:
     """Return the outcome of a job that its executor has no result of: jobs themselves raise nothing."""
     if isinstance(error, ProcessDiedError):
-        return Outcome(state=State.CRASHED, message=str(error))
+        return JobOutcome(state=JobState.CRASHED, message=str(error))
     if isinstance(error, MemoryError):
-        return Outcome(state=State.FAILED, message=OUT_OF_MEMORY)
+        return JobOutcome(state=JobState.FAILED, message=OUT_OF_MEMORY)
     if isinstance(error, OSError):
         why = f"no process can be started: {error.strerror or error}; fewer --jobs need less"
-        return Outcome(state=State.FAILED, message=why)
+        return JobOutcome(state=JobState.FAILED, message=why)
     what = str(error) if isinstance(error, MusatError) else f"{type(error).__name__}: {error}"
-    return Outcome(state=State.CRASHED, message=f"its worker was lost: {what}")
+    return JobOutcome(state=JobState.CRASHED, message=f"its worker was lost: {what}")
 
 
 def _words(error: OSError) -> str:

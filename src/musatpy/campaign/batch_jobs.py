@@ -1,27 +1,27 @@
-"""What a batch consists of: jobs, their options, and what became of each."""
+"""What a batch consists of: jobs, their options, the program that runs them, and what became of each."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import musatpy
-from musatpy.campaign.program import sources_sha256
 from musatpy.errors import MusatError, Problem
 from musatpy.files import real_path
+from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.jobs.point_flags import PointFlags
 from musatpy.model import CauseSearch, Grade, RecordContent
 from musatpy.runs import ExitStatus, output_paths
 from musatpy.specs import key, require
 
 
-class State(StrEnum):
+class JobState(StrEnum):
     """What became of a job."""
 
     ACCEPTED = "accepted"
@@ -49,10 +49,10 @@ class State(StrEnum):
 
 
 GRADES = {
-    State.ACCEPTED: Grade.ACCEPTED,
-    State.DOUBTFUL: Grade.DOUBTFUL,
-    State.REJECTED: Grade.REJECTED,
-    State.NOT_CONVERGED: Grade.FAILED,
+    JobState.ACCEPTED: Grade.ACCEPTED,
+    JobState.DOUBTFUL: Grade.DOUBTFUL,
+    JobState.REJECTED: Grade.REJECTED,
+    JobState.NOT_CONVERGED: Grade.FAILED,
 }
 
 
@@ -95,13 +95,10 @@ class JobOptions:
     def as_data(self) -> dict[str, Any]:
         """Return the options that are set, as JSON can hold them."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        values = {
-            key: value for key, value in values.items() if value not in (None, False, ()) or key in _THREE_WAY
-        }
         return {
-            key: str(value) if isinstance(value, Path) else value
-            for key, value in values.items()
-            if value is not None
+            name: str(value) if isinstance(value, Path) else value
+            for name, value in values.items()
+            if value is not None and (value not in (False, ()) or name in _THREE_WAY)
         }
 
 
@@ -146,40 +143,30 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
         "carriage_control": options.carriage_control,
         "brief": options.brief,
         "flags": options.flags,
-        "record": _content(options),
-        "causes": _search(options),
+        "record": RecordContent(options.record or RecordContent.FULL),
+        "causes": CauseSearch(options.causes or CauseSearch.USUAL),
         "punch_edits": options.punch_edits,
         "punch": punch,
         "punch_family": other,
     }
 
 
-def _content(options: JobOptions) -> RecordContent:
-    """Return what of a job is recorded."""
-    if options.record not in (None, *RecordContent):
-        raise MusatError(f"record is one of {', '.join(RecordContent)}, not '{options.record}'")
-    return RecordContent(options.record or RecordContent.FULL)
-
-
-def _search(options: JobOptions) -> CauseSearch:
-    """Return how far causes are looked for."""
-    if options.causes not in (None, *CauseSearch):
-        raise MusatError(f"causes is one of {', '.join(CauseSearch)}, not '{options.causes}'")
-    return CauseSearch(options.causes or CauseSearch.USUAL)
-
-
 def _punch(options: JobOptions) -> Any:
-    """Return what is to be punched, None for nothing."""
+    """Return what is to be punched, None for nothing; raises `MusatError` for a word that no option has."""
     from musatpy.jobs.punch import KINDS, Content, Punch, PunchedPoints
 
-    if options.punch is None:
-        details = [name for name in options.as_data() if name.startswith("punch_") and name != "punch_edits"]
-        if details:
-            raise MusatError(f"{', '.join(details)}: what is punched is said by punch = restart or result")
-        return None
-    for name, known in (("punch", Content), ("punch_points", PunchedPoints), ("punch_kind", KINDS)):
+    details = [name for name in options.as_data() if name.startswith("punch_") and name != "punch_edits"]
+    if options.punch is None and details:
+        raise MusatError(f"{', '.join(details)}: what is punched is said by punch = restart or result")
+    words: dict[str, Iterable[str]] = {
+        "record": RecordContent, "causes": CauseSearch, "punch": Content, "punch_points": PunchedPoints,
+        "punch_kind": KINDS,
+    }  # fmt: skip
+    for name, known in words.items():
         if getattr(options, name) not in (None, *known):
             raise MusatError(f"{name} is one of {', '.join(known)}, not '{getattr(options, name)}'")
+    if options.punch is None:
+        return None
     try:
         return Punch.of(
             options.punch,
@@ -192,8 +179,35 @@ def _punch(options: JobOptions) -> Any:
         raise MusatError(str(error)) from error
 
 
+@cache
+def sources_sha256() -> str:
+    """Return a hash of the sources of the package and of its own card formats, the same wherever it is installed.
+
+    A checkout has the version of its release for months: the version alone does not say what program it is.
+    """
+    package, formats = Path(musatpy.__file__).resolve().parent, card_formats_folder()
+    files = {
+        (root.name, path.relative_to(root).as_posix()): path
+        for root in (package, formats)
+        for path in root.rglob("*")
+        if path.suffix in (".py", ".toml")
+    }
+    digest = hashlib.sha256()
+    for (root, name), path in sorted(files.items()):
+        if root == package.name and name.startswith(("card_formats/", "examples/examples.")):
+            continue  # those of a wheel, which stand elsewhere in a checkout
+        content = path.read_bytes().replace(b"\r\n", b"\n")
+        digest.update(f"{root}/{name} {len(content)}\n".encode() + content)
+    return digest.hexdigest()
+
+
+def program() -> str:
+    """Return the version of the program and what its sources are, in a word."""
+    return f"{musatpy.__version__} ({sources_sha256()[:12]})"
+
+
 @dataclass(frozen=True, kw_only=True)
-class Job:
+class BatchJob:
     """One deck and where its results go."""
 
     deck: Path
@@ -250,10 +264,10 @@ class Job:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class JobOutcome:
     """What became of a job."""
 
-    state: State
+    state: JobState
     seconds: float = 0.0  # of this job alone
     deck_sha256: str | None = None  # None: the deck could not be read
     inputs: dict[str, str] = field(default_factory=dict)  # other files that were read -> SHA-256
@@ -274,22 +288,15 @@ class Outcome:
     @property
     def unusable(self) -> bool:
         """True for a deck that was read and cannot be used: whatever else went wrong may go right another time."""
-        return self.state is State.UNUSABLE and self.deck_sha256 is not None
-
-    def as_data(self) -> dict[str, Any]:
-        """Return the outcome as JSON can hold it."""
-        return asdict(self)
+        return self.state is JobState.UNUSABLE and self.deck_sha256 is not None
 
     @classmethod
-    def of_data(cls, data: dict[str, Any]) -> Outcome:
-        """Return the outcome that `as_data` made data of; raises `TypeError`, `ValueError` for other data."""
-        problems = tuple(Problem(**_problem(row)) for row in data["problems"])
-        return cls(**{**data, "state": State(data["state"]), "problems": problems})
-
-
-def _problem(data: dict[str, Any]) -> dict[str, Any]:
-    """Return the fields of a problem, its columns as a tuple again."""
-    return data if data["columns"] is None else {**data, "columns": tuple(data["columns"])}
+    def of_data(cls, data: dict[str, Any]) -> JobOutcome:
+        """Return the outcome that `asdict` made data of; raises `TypeError`, `ValueError` for other data."""
+        problems = [
+            Problem(**row | {"columns": row["columns"] and tuple(row["columns"])}) for row in data["problems"]
+        ]
+        return cls(**data | {"state": JobState(data["state"]), "problems": tuple(problems)})
 
 
 def sha256_of(path: Path) -> str:

@@ -19,8 +19,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from musatpy.campaign.batch_jobs import Job, Outcome, State
-from musatpy.campaign.program import program
+from musatpy.campaign.batch_jobs import BatchJob, JobOutcome, JobState, program
 from musatpy.campaign.worker import check_kind, check_unchanged, failure_of, run_job
 from musatpy.errors import MusatError, Problem
 from musatpy.files import write_files
@@ -33,14 +32,14 @@ _NONE_YET = 3.0  # seconds until it is told that there are no workers
 class Parcel:
     """A job and what it reads; the grid of a geoid model has to be among the worker's own."""
 
-    job: Job
+    job: BatchJob
     deck: bytes
     formats: tuple[tuple[str, bytes], ...]  # names and contents of its card formats
     points: tuple[tuple[str, str, bytes], ...]  # lists and polygons of points: option, name, content
     program: str  # version and hash of the program here
 
 
-def parcel_of(job: Job) -> Parcel:
+def parcel_of(job: BatchJob) -> Parcel:
     """Return a job with what it reads; raises `OSError`, and `MusatError` for what is no file."""
     check_kind(job.deck)
     folder = job.options.formats
@@ -54,11 +53,11 @@ def parcel_of(job: Job) -> Parcel:
     )
 
 
-def run_parcel(parcel: Parcel) -> tuple[Outcome, dict[str, bytes]]:
+def run_parcel(parcel: Parcel) -> tuple[JobOutcome, dict[str, bytes]]:
     """Return the outcome of a job and the files that it leaves, by their names in its folder; run by a worker."""
     if parcel.program != program():
         message = f"its worker has version {program()} of the program, not {parcel.program}: install one on all"
-        return Outcome(state=State.FAILED, message=message), {}
+        return JobOutcome(state=JobState.FAILED, message=message), {}
     with TemporaryDirectory(prefix="musat-") as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         deck, out = Path(folder) / parcel.job.deck.name, Path(folder) / "out"
@@ -70,7 +69,7 @@ def run_parcel(parcel: Parcel) -> tuple[Outcome, dict[str, bytes]]:
         options = replace(
             given, formats=formats, dry=points.get("dry"), submerged=points.get("submerged", given.submerged)
         )
-        outcome = run_job(Job(deck=deck, out=out, options=options))
+        outcome = run_job(BatchJob(deck=deck, out=out, options=options))
         files = {name: (out / name).read_bytes() for name in outcome.outputs}
     return _renamed(outcome, str(deck), str(parcel.job.deck)), files
 
@@ -87,7 +86,7 @@ def _formats(name: str, files: tuple[tuple[str, bytes], ...]) -> Path:
 _kept: list[TemporaryDirectory[str]] = []
 
 
-def _renamed(outcome: Outcome, there: str, here: str) -> Outcome:
+def _renamed(outcome: JobOutcome, there: str, here: str) -> JobOutcome:
     """Return an outcome whose texts name the deck as it is named here."""
 
     def renamed(problem: Problem) -> Problem:
@@ -98,10 +97,10 @@ def _renamed(outcome: Outcome, there: str, here: str) -> Outcome:
     return replace(outcome, problems=problems, message=outcome.message.replace(there, here))
 
 
-def delivered(job: Job, outcome: Outcome, files: dict[str, bytes]) -> Outcome:
+def delivered(job: BatchJob, outcome: JobOutcome, files: dict[str, bytes]) -> JobOutcome:
     """Write the files of a job that a worker ran, and return what became of it."""
     try:
-        if outcome.deck_sha256 is not None and outcome.state is not State.FAILED:
+        if outcome.deck_sha256 is not None and outcome.state is not JobState.FAILED:
             check_unchanged(job, outcome.deck_sha256, outcome.inputs)
         write_files({job.folder / name: data for name, data in files.items()})
     except (OSError, MusatError) as error:

@@ -8,10 +8,11 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from musatpy.campaign.batch_jobs import Job, Outcome, sha256_of
+from musatpy.campaign.batch_jobs import BatchJob, JobOutcome, sha256_of
 from musatpy.errors import MusatError
 from musatpy.files import NO_LINK, real_path, write_files
 
@@ -44,7 +45,7 @@ class Ledger:
         text = "".join(_line(key, outcome) for key, outcome in self.entries.items())
         write_files({self.path: text.encode()})
 
-    def finished(self, job: Job) -> Outcome | None:
+    def finished(self, job: BatchJob) -> JobOutcome | None:
         """Return the outcome of a job that is finished, None where it has to be run.
 
         It is finished where the bytes of the deck and of its other inputs, the program's version and the options
@@ -54,7 +55,7 @@ class Ledger:
         if entry is None:
             return None
         try:
-            outcome = Outcome.of_data(entry | {"kept": True})
+            outcome = JobOutcome.of_data(entry | {"kept": True})
             intact = (
                 outcome.fingerprint == job.fingerprint(sha256_of(job.deck), job.inputs(outcome.inputs))
                 and bool(outcome.outputs)
@@ -64,10 +65,10 @@ class Ledger:
             return None
         return outcome if intact else None
 
-    def add(self, job: Job, outcome: Outcome) -> None:
+    def add(self, job: BatchJob, outcome: JobOutcome) -> None:
         """Append a job that is finished; raises `OSError`, and leaves the ledger as it was then."""
         key = self._key(job)
-        line = _line(key, outcome.as_data()).encode()
+        line = _line(key, asdict(outcome)).encode()
         fd = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_LINK, 0o666)
         try:
             before = os.fstat(fd).st_size
@@ -81,9 +82,9 @@ class Ledger:
                 raise OSError(error.errno, error.strerror, str(self.path)) from error
         finally:
             os.close(fd)
-        self.entries[key] = outcome.as_data()
+        self.entries[key] = asdict(outcome)
 
-    def _key(self, job: Job) -> str:
+    def _key(self, job: BatchJob) -> str:
         here = real_path(self.path.parent)
         return os.path.relpath(real_path(job.folder) / job.deck.stem, here)
 

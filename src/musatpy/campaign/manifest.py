@@ -9,7 +9,7 @@ from glob import escape, glob, has_magic
 from pathlib import Path
 from typing import Any
 
-from musatpy.campaign.batch_jobs import Job, JobOptions, path_of
+from musatpy.campaign.batch_jobs import BatchJob, JobOptions, path_of
 from musatpy.errors import MusatError, Problem, ProblemsError
 from musatpy.files import real_path
 from musatpy.formats.musat import PATTERNS
@@ -25,10 +25,10 @@ class ManifestError(ProblemsError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class BatchPlan:
     """What is to be done, and the folder where the batch keeps its state and its summary."""
 
-    jobs: tuple[Job, ...]
+    jobs: tuple[BatchJob, ...]
     folder: Path
     name: str  # of the summary, without its ending
 
@@ -38,7 +38,7 @@ class Plan:
         return self.folder / f"{self.name}.html" if any(job.options.html for job in self.jobs) else None
 
 
-def plan_of(sources: Sequence[Path], out: Path | None = None, options: JobOptions | None = None) -> Plan:
+def plan_of(sources: Sequence[Path], out: Path | None = None, options: JobOptions | None = None) -> BatchPlan:
     """Return the jobs of a manifest, or of decks, folders of decks and globs.
 
     `out` and `options` are those of every job; a manifest says its own. Raises `ManifestError`, `MusatError`
@@ -47,7 +47,7 @@ def plan_of(sources: Sequence[Path], out: Path | None = None, options: JobOption
     manifests = [source for source in sources if source.suffix == ".toml"]
     if not manifests:
         decks = [deck for source in sources for deck in decks_of(source)]
-        jobs = [Job(deck=deck, out=out, options=options or JobOptions()) for deck in decks]
+        jobs = [BatchJob(deck=deck, out=out, options=options or JobOptions()) for deck in decks]
         if out is None:
             os.stat(os.path.join(_common(decks), ""))  # a folder with a name that was mistyped is not made
         return _plan(jobs, out or _common(decks), "musat-batch")
@@ -108,14 +108,14 @@ def _common(decks: Iterable[Path]) -> Path:
     return parents.pop() if len(parents) == 1 else Path(os.path.commonpath([real_path(p) for p in parents]))
 
 
-def _plan(jobs: Iterable[Job], folder: Path, name: str) -> Plan:
-    plan = Plan(jobs=tuple(dict.fromkeys(jobs)), folder=folder, name=name)
+def _plan(jobs: Iterable[BatchJob], folder: Path, name: str) -> BatchPlan:
+    plan = BatchPlan(jobs=tuple(dict.fromkeys(jobs)), folder=folder, name=name)
     summary = plan.folder / f"{plan.name}.json"
     check_jobs(plan.jobs, also=(summary,) if plan.index is None else (summary, plan.index))
     return plan
 
 
-def check_jobs(jobs: Sequence[Job], also: Iterable[Path] = ()) -> None:
+def check_jobs(jobs: Sequence[BatchJob], also: Iterable[Path] = ()) -> None:
     """Raise `MusatError` where two jobs, or one and a file of `also`, would write one file, or over a deck."""
     decks = {real_path(job.deck): job.deck for job in jobs}
     written: dict[Path, str] = {real_path(path): "the summary" for path in also}
@@ -171,7 +171,7 @@ class _DeckKeys(_JobKeys):
     deck: tuple[str, ...] = key((), _DECKS, required=True, convert=_decks)
 
 
-def _of_manifest(path: Path) -> Plan:
+def _of_manifest(path: Path) -> BatchPlan:
     """Return the plan of a manifest; raises `ManifestError` with every reason, and `OSError`."""
     try:
         content = read_toml(path)
@@ -194,7 +194,7 @@ def _of_manifest(path: Path) -> Plan:
     return _plan(jobs, path.parent / out if out is not None else path.parent, f"{path.stem}.batch")
 
 
-def _jobs(job: _DeckKeys, folder: Path, where: str, reader: Reader) -> list[Job]:
+def _jobs(job: _DeckKeys, folder: Path, where: str, reader: Reader) -> list[BatchJob]:
     """Return the jobs of one table, whose paths are seen from a folder."""
     values = {option.name: getattr(job, option.name) for option in fields(JobOptions)}
     paths = {"formats": job.formats, **job.flags.files}
@@ -207,4 +207,4 @@ def _jobs(job: _DeckKeys, folder: Path, where: str, reader: Reader) -> list[Job]
     except OSError as error:
         reader.complain(f"{where}.deck", f"{error.filename}: {error.strerror}")
         return []
-    return [Job(deck=deck, out=job.out and folder / job.out, options=options) for deck in decks]
+    return [BatchJob(deck=deck, out=job.out and folder / job.out, options=options) for deck in decks]

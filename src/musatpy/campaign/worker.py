@@ -22,7 +22,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from musatpy.campaign.batch_jobs import GRADES, OUT_OF_MEMORY, Job, Outcome, State, sha256_of
+from musatpy.campaign.batch_jobs import GRADES, OUT_OF_MEMORY, BatchJob, JobOutcome, JobState, sha256_of
 from musatpy.errors import MusatError, Problem
 from musatpy.files import together
 from musatpy.formats.musat import geoid_files
@@ -63,7 +63,7 @@ def _listen(calls: queue.SimpleQueue[tuple[Any, ...]]) -> None:
         os._exit(0)
 
 
-def run_job(job: Job, tell: Tell = lambda message: None) -> Outcome:
+def run_job(job: BatchJob, tell: Tell = lambda message: None) -> JobOutcome:
     """Run one job; whatever goes wrong with it is in its outcome. `tell` gets fields of `batch.Event`."""
     start = time.monotonic()
     known: dict[str, Any] = {}
@@ -85,7 +85,7 @@ def run_job(job: Job, tell: Tell = lambda message: None) -> Outcome:
         ended = _run(job, known, on_read, on_iteration)
     except Exception as error:
         ended = failure_of(error)
-    return Outcome(**(known | ended), seconds=round(time.monotonic() - start, 3))
+    return JobOutcome(**(known | ended), seconds=round(time.monotonic() - start, 3))
 
 
 def failure_of(error: Exception) -> dict[str, Any]:
@@ -97,12 +97,15 @@ def failure_of(error: Exception) -> dict[str, Any]:
         message = str(error)
     elif isinstance(error, MemoryError):
         message = OUT_OF_MEMORY + (f" ({error})" if str(error) else "")
-    return {"state": State.FAILED, "message": message}
+    return {"state": JobState.FAILED, "message": message}
 
 
 @together()  # the hashes are those of what was written
 def _run(
-    job: Job, known: dict[str, Any], on_read: Callable[[Block], None], on_iteration: Callable[[Iteration], None]
+    job: BatchJob,
+    known: dict[str, Any],
+    on_read: Callable[[Block], None],
+    on_iteration: Callable[[Iteration], None],
 ) -> dict[str, Any]:
     """Return the fields of the outcome of a job, the early ones in `known`; raises what `run_deck` does.
 
@@ -124,7 +127,7 @@ def _run(
     if fields is None:
         errors = sum(problem.severity == "error" for problem in problems)
         message = "1 error" if errors == 1 else f"{errors} errors"
-        return {"state": State.UNUSABLE, "problems": problems, "message": message}
+        return {"state": JobState.UNUSABLE, "problems": problems, "message": message}
     return fields | {
         "problems": problems,
         "fingerprint": job.fingerprint(known["deck_sha256"], known["inputs"]),
@@ -136,7 +139,7 @@ _Work = tuple[tuple[Problem, ...], dict[str, Any] | None, list[Path]]
 """Problems, fields of an outcome (None where there are no results), and the files written."""
 
 
-def _adjusted(job: Job, on_iteration: Callable[[Iteration], None], on_block: Callable[[Block], None]) -> _Work:
+def _adjusted(job: BatchJob, on_iteration: Callable[[Iteration], None], on_block: Callable[[Block], None]) -> _Work:
     """Run the deck of a triangulation."""
     result = run_deck(job.deck, job.out, progress=on_iteration, on_read=on_block, **job.options.arguments())
     if result.solution is None or result.verdict is None:
@@ -156,7 +159,7 @@ def _adjusted(job: Job, on_iteration: Callable[[Iteration], None], on_block: Cal
     return result.problems, fields, [path for path in files if path is not None]
 
 
-def _compiled(job: Job, on_iteration: Callable[[Iteration], None], on_block: Callable[[Block], None]) -> _Work:
+def _compiled(job: BatchJob, on_iteration: Callable[[Iteration], None], on_block: Callable[[Block], None]) -> _Work:
     """Run the triangulation of a compilation deck in a folder of its own, and compile the deck in its models."""
     from musatpy.as11_runs import compile_deck  # few jobs need it
 
@@ -173,7 +176,7 @@ def _compiled(job: Job, on_iteration: Callable[[Iteration], None], on_block: Cal
     return found, None if result.compiled is None else fields, list(result.files)
 
 
-def check_unchanged(job: Job, deck_sha256: str | None, inputs: dict[str, str]) -> None:
+def check_unchanged(job: BatchJob, deck_sha256: str | None, inputs: dict[str, str]) -> None:
     """Raise `MusatError` where what was read is not there any more as it was."""
     if sha256_of(job.deck) != deck_sha256:
         raise MusatError(f"{job.deck}: the deck was changed while it was run")

@@ -1,23 +1,340 @@
-"""`musat as11`: points compiled in stereomodels of a run; its commands are loaded when used."""
+"""`musat as11`: stereomodels of a run, points compiled in them, and their comparison with other sources."""
 
 from __future__ import annotations
 
+import datetime
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
 import click
 
-from musatpy.cli.lazy import LazyGroup
+from musatpy.cli.correct import correct, correction_options
+from musatpy.cli.messages import (
+    complain,
+    complain_of,
+    complain_of_each,
+    complain_of_verdict,
+    count_of,
+    name_of,
+    not_done,
+    tell,
+)
+from musatpy.cli.options import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    LazyGroup,
+    NamedPath,
+    anyway_option,
+    carriage_control_option,
+    crs_option,
+    csv_option,
+    date_option,
+    options_of,
+    out_option,
+    refuse_overwriting,
+    strict_option,
+)
 
-COMMANDS = {
-    "compile": "musatpy.cli.as11_compile",
-    "contours": "musatpy.cli.as11_grid_contours",
-    "correct": "musatpy.cli.as11_correct",
-    "compare-points": "musatpy.cli.as11_points",
-    "compare-contours": "musatpy.cli.as11_contours",
-    "compare-soundings": "musatpy.cli.as11_soundings",
-    "drive": "musatpy.cli.as11_drive",
-    "setup": "musatpy.cli.as11_setup",
-}
+if TYPE_CHECKING:
+    from musatpy.as11_runs import CompileResult
+    from musatpy.compilation.compiled import Compiled
+
+_run = click.argument("run", type=NamedPath())
+_run_and_deck = options_of(_run, click.argument("deck", type=NamedPath()), out_option, anyway_option)
+_model = options_of(click.argument("left"), click.argument("right"))
+_bottom = click.argument("bottom", type=NamedPath())
 
 
-@click.group(name="as11", cls=LazyGroup, modules=COMMANDS, short_help="Compile points in stereomodels of a run.")
+@click.group(name="as11", cls=LazyGroup, short_help="Compile points in stereomodels of a run.")
 def command() -> None:
     """Set stereomodels up from a run, and compile points in them through the water."""
+
+
+@command.command(name="compile", short_help="Compile the points of a deck.")
+@_run_and_deck
+@carriage_control_option
+@csv_option
+@click.option("--plots", is_flag=True, help="Pictures of depths, sigmas, contours too (NAME.depths.svg).")
+@click.option("--gis", is_flag=True, help="Points and contours for GIS and CAD too (NAME.gpkg, NAME.dxf).")
+@click.option("--las", is_flag=True, help="Points with depths and sigmas as a cloud too (NAME.las).")
+@crs_option("System of these files, on the ellipsoid of the job: EPSG:4267; then GeoJSON too.")
+@strict_option
+@date_option
+@click.pass_context
+def compile_command(
+    ctx: click.Context, /, run: Path, deck: Path, out_dir: Path | None, crs: str, gis: bool, las: bool, **given: Any
+) -> None:
+    """Compile the compilation DECK in stereomodels of RUN.json: the listing NAME.lst and the record NAME.json.
+
+    RUN.json is the record of a run; a punched deck serves too, without covariances. Exit status: 0 done, 1 the run
+    or the deck cannot be used, 4 rejected (with --strict: or doubtful).
+    """
+    if crs and not (gis or las):
+        raise click.UsageError("--crs goes with --gis or --las")
+    from musatpy.as11_runs import compile_deck
+    from musatpy.runs import output_paths
+
+    refuse_overwriting(output_paths(deck, out_dir)[:2], [run, deck])
+    result = compile_deck(run, deck, out_dir, crs=crs, gis=gis, las=las, **given)
+    compiled = _compiled(ctx, deck, result)
+    lost = sum(reason is not None for reason in compiled.reasons)
+    without = f", {lost} without coordinates" if lost else ""
+    points = f"{count_of(len(compiled.rows), 'point')} in {count_of(len(compiled.models), 'model')}"
+    grade = "" if result.verdict is None else f"{result.verdict.grade}, "
+    tell(f"{name_of(deck)}: {grade}{points}{without}, listing {name_of(result.files[0])}")
+    ctx.exit(result.status)
+
+
+def _compiled(ctx: click.Context, deck: Path, result: CompileResult) -> Compiled:
+    """Complain of what is wrong or odd, and return what came of the deck; exit where nothing did."""
+    if result.compiled is None:
+        not_done(deck, "compiled", result.problems)
+        ctx.exit(result.status)
+    complain_of(result.problems)
+    complain_of_verdict(deck, result.verdict)
+    complain_of_each(deck, result.warnings)
+    return result.compiled
+
+
+@command.command(name="contours", short_help="Draw contours of a raster of depths.")
+@click.argument("raster", type=NamedPath())
+@click.option(
+    "-o", "--out", "targets", type=NamedPath(), required=True, multiple=True,
+    help="What to write, by the suffix: .gpkg, .dxf, .geojson. May be given several times.",
+)  # fmt: skip
+@click.option("--interval", type=POSITIVE, help="Between contours, m.")
+@click.option("--depth", "levels", type=float, multiple=True, help="Of a contour, m. May be given several times.")
+@click.option("--index", type=click.IntRange(min=1), default=5, show_default=True, help="Every so many is thick.")
+@click.option("--shortest", type=NOT_NEGATIVE, default=0.0, help="Shorter pieces are left out, m.")
+@click.option("--band", default="", help="Of the raster. Default: depth, or the only one.")
+@click.option("--datum", type=float, help="Contours are depths below that height of a band of heights.")
+@crs_option("System of a raster that says none.")
+def contours_command(
+    raster: Path, targets: tuple[Path, ...], interval: float | None, band: str, crs: str, **wish: Any
+) -> None:
+    """Draw contours of RASTER, as `musat correct --surface` and the grids of `musat as11 compile` have them.
+
+    Lines are 3-D, at the heights of their depths, with these as a column or, in DXF, as layers.
+    """
+    from musatpy.compilation.rasters import ContourWish, contour_raster
+
+    if (interval is None) == (not wish["levels"]):
+        raise click.UsageError("give --interval, or --depth for each contour")
+    refuse_overwriting(targets, [raster])
+    drawn, what = contour_raster(raster, targets, ContourWish(interval=interval or 0.0, **wish), band=band, crs=crs)
+    lines = drawn.lines
+    depths = count_of(len({line.level for line in lines}), what.removesuffix("s"))
+    length = sum(line.length for line in lines)
+    left_out = f", {count_of(drawn.dropped, 'piece')} left out" if drawn.dropped else ""
+    for target in targets:
+        tell(f"{name_of(target)}: {count_of(len(lines), 'line')} of {depths}, {length:.0f} m{left_out}")
+
+
+@command.command(name="correct", hidden=True)
+@_run
+@_model
+@click.argument("points", type=NamedPath())
+@correction_options
+@click.pass_context
+def correct_command(ctx: click.Context, /, run: Path, left: str, right: str, points: Path, **given: Any) -> None:
+    """Correct POINTS as `musat correct --run RUN.json --photos LEFT,RIGHT` does, whose name this was."""
+    given["photos"] = f"{left},{right}"
+    given["surface"] |= {points.suffix.lower(), given["out"].suffix.lower()} <= {".tif", ".tiff"}
+    correct(ctx, points, run, is_run=True, **given)
+
+
+@command.command(name="compare-points", short_help="Hold the points of a deck against those of the run.")
+@_run_and_deck
+def points_command(run: Path, deck: Path, out_dir: Path | None, anyway: bool) -> None:
+    """Compile DECK in stereomodels of RUN.json, and hold its points against those of the run by the same names.
+
+    The listing NAME.points.lst has the differences, compiled less run, their sigmas and tests, and their analysis;
+    the record goes to NAME.points.json.
+    """
+    from musatpy.as11_runs import compare_points
+
+    listing, record, _ = _results(deck, out_dir, "points", run)
+    count, lengths, problems = compare_points(run, deck, listing, record, anyway)
+    complain_of(problems)
+    least, mean, largest = lengths
+    tell(
+        f"{name_of(deck)}: {count_of(count, 'point')} of the run, vectors {least:.4f} to {largest:.4f} m, "
+        f"mean {mean:.4f} m, listing {name_of(listing)}"
+    )
+
+
+def _results(compared: Path, out_dir: Path | None, kind: str, *others: Path) -> tuple[Path, Path, Path]:
+    """Return listing, record and picture of a comparison, which are none of the files that are read."""
+    stem = (compared.parent if out_dir is None else out_dir) / f"{compared.stem}.{kind}"
+    listing, record, picture = (stem.with_name(f"{stem.name}.{ending}") for ending in ("lst", "json", "png"))
+    refuse_overwriting([listing, record, picture], [compared, *others])
+    return listing, record, picture
+
+
+@command.command(name="compare-contours", short_help="Hold contours against those of another source.")
+@_run
+@_bottom
+@click.argument("contours", type=NamedPath())
+@out_option
+@anyway_option
+@click.option("--datum", type=float, default=0.0, help="How far the datum of CONTOURS is below the bottom's, m.")
+@click.option(
+    "--farthest", type=POSITIVE, default=math.inf, help="Contours farther than that, m, are of other places."
+)
+@crs_option("Coordinate system of a file that says none: EPSG:32620.")
+@click.option("--layer", default="", help="Layer of a GeoPackage that has several.")
+@click.option("--depths", is_flag=True, help="Third coordinates are depths, positive down, and no heights.")
+def compare_contours_command(run: Path, bottom: Path, contours: Path, out_dir: Path | None, **given: Any) -> None:
+    """Hold contours of BOTTOM against the 3-D lines of CONTOURS, in the system of RUN.json.
+
+    BOTTOM is a deck, which is compiled in stereomodels of the run, or a GeoTIFF with a band depth. CONTOURS is a
+    DXF, GeoJSON, GeoPackage, CSV or XYZ file. Its depths are those of its column depth, or heights with the
+    opposite sign. The listing goes to CONTOURS.contours.lst, the record to CONTOURS.contours.json.
+    """
+    from musatpy.as11_comparisons import compare_contours
+
+    listing, record, _ = _results(contours, out_dir, "contours", run, bottom)
+    compared = compare_contours(run, bottom, contours, (listing, record), **given)
+    partners = {row.depth for row in compared.distances}
+    tell(
+        f"{name_of(contours)}: contours of {count_of(len(partners), 'depth')}, RMS distance {compared.rms:.2f} m, "
+        f"listing {name_of(listing)}"
+    )
+
+
+@command.command(name="compare-soundings", short_help="Hold a bottom against soundings.")
+@_run
+@_bottom
+@click.argument("soundings", type=NamedPath())
+@out_option
+@anyway_option
+@click.option(
+    "--datum", type=float, default=0.0, help="How far the datum of the soundings is below the bottom's, m."
+)
+@click.option("--datum-sigma", type=NOT_NEGATIVE, default=0.0, help="Of that, m.")
+@click.option("--sigma", type=NOT_NEGATIVE, default=0.0, help="Of soundings whose file has none, m.")
+@click.option("--plan-sigma", type=NOT_NEGATIVE, default=0.0, help="Of the places of soundings, m.")
+@click.option("--steepest", type=NOT_NEGATIVE, default=math.inf, help="Slope of the bottom at most.")
+@click.option(
+    "--radius",
+    type=POSITIVE,
+    default=math.inf,
+    help="The bottom is the plane of the points so near, m, and no triangle.",
+)
+@click.option("--not-before", type=click.DateTime(["%Y-%m-%d"]), help="First day (column date).")
+@crs_option("Coordinate system of x and y of a file that says none: EPSG:32620.")
+@click.option("--plots", is_flag=True, help="A picture of the differences too (SOUNDINGS.soundings.png).")
+def soundings_command(
+    run: Path,
+    bottom: Path,
+    soundings: Path,
+    out_dir: Path | None,
+    anyway: bool,
+    not_before: datetime.datetime | None,
+    crs: str,
+    plots: bool,
+    **matching: float,
+) -> None:
+    """Hold soundings of the CSV, LAS or LAZ file SOUNDINGS against BOTTOM, in the system of RUN.json.
+
+    BOTTOM is a deck, which is compiled in stereomodels of the run, or a GeoTIFF with bands depth and sigma, as
+    `musat correct --surface` and the grids of `musat as11 compile` are. Columns of a CSV file are lat and lon
+    (degrees) or x and y, depth or height, and sigma, name and date as known. The listing goes to
+    SOUNDINGS.soundings.lst, the record to SOUNDINGS.soundings.json.
+    """
+    from musatpy.as11_comparisons import compare_soundings
+    from musatpy.compilation.sounded import Matching
+    from musatpy.soundings.differences import samples
+
+    listing, record, picture = _results(soundings, out_dir, "soundings", run, bottom)
+    how = Matching(not_before=None if not_before is None else not_before.date(), **matching)
+    drawn = picture if plots else None
+    compared, warnings = compare_soundings(
+        run, bottom, soundings, (listing, record), how, picture=drawn, crs=crs, anyway=anyway
+    )
+    complain_of_each(soundings, warnings)
+    sample = samples(compared.differences)[0]
+    tell(
+        f"{name_of(soundings)}: {len(compared.rows)} of {count_of(len(compared.soundings.names), 'sounding')}, "
+        f"median {sample.median:.3f} m, NMAD {sample.spread:.3f} m, listing {name_of(listing)}"
+    )
+
+
+@command.command(name="drive", short_help="Drive the mark along a path.")
+@_run
+@_model
+@click.argument("path", type=NamedPath())
+@out_option
+@anyway_option
+@click.option("--air", is_flag=True, help="The mark is where straight rays meet, not the true point.")
+@click.option("--job", "of_job", is_flag=True, help="The path is in the system of the job (lat, lon, height).")
+@click.option(
+    "--rate",
+    type=click.FloatRange(min=0.0, max=1000.0, min_open=True),
+    default=50.0,
+    show_default=True,
+    help="Cycles a second.",
+)
+def drive_command(
+    run: Path,
+    left: str,
+    right: str,
+    path: Path,
+    out_dir: Path | None,
+    anyway: bool,
+    air: bool,
+    of_job: bool,
+    rate: float,
+) -> None:
+    """Drive the mark along PATH in the stereomodel of photos LEFT and RIGHT of RUN.json.
+
+    PATH is a CSV file with columns t (s), X, Y, Z (m in the model), or those of the job: lat, lon (degrees) and
+    height (m), or X, Y, Z of a local one. PATH.stages.csv has both stages at every cycle: refined plate
+    coordinates.
+    """
+    import numpy as np
+
+    from musatpy.as11_runs import run_of
+    from musatpy.compilation.loop import Drive, Loop, driven, driven_csv, read_path
+    from musatpy.compilation.stereomodels import set_up
+    from musatpy.files import write_files
+
+    target = (path.parent if out_dir is None else out_dir) / f"{path.stem}.stages.csv"
+    refuse_overwriting([target], [run, path])
+    triangulation = run_of(run, anyway)
+    if triangulation.caution:
+        complain(f"{name_of(run)}: {triangulation.caution}")
+    stereo = set_up(triangulation, left, right)
+    loop = Loop(stereo=stereo, drive=Drive.AIR if air else Drive.TRUE)
+    result = driven(loop, read_path(path, stereo, of_job=of_job), rate)
+    write_files({target: driven_csv(result).encode()})
+    if len(off := result.off(loop)):
+        cycles = count_of(len(off), "cycle")
+        complain(f"{name_of(path)}: {cycles} off the plates, t = {off[0]:g} to {off[-1]:g} s")
+    late = f"{1e3 * np.quantile(result.seconds, 0.99):.2f} ms, at most {1e3 * result.seconds.max():.2f}"
+    tell(
+        f"{name_of(target)}: {len(result.t)} cycles at {rate:g} Hz, {result.missed} missed; 99 % within {late} ms; "
+        f"stages up to {result.speed:.3f} mm/s"
+    )
+
+
+@command.command(name="setup", short_help="Set the models of a deck up.")
+@_run_and_deck
+@carriage_control_option
+@date_option
+@click.pass_context
+def setup_command(ctx: click.Context, /, run: Path, deck: Path, out_dir: Path | None, **given: Any) -> None:
+    """Set the stereomodels of DECK up on RUN.json: the listing NAME.setup.lst and the record NAME.setup.json.
+
+    They have the axes of the models, what the stages should read of the points of the run, whether the models are
+    recovered, and the standard errors to expect. DECK needs no readings. Exit status: 0 done, 1 the run or the deck
+    cannot be used.
+    """
+    from musatpy.as11_runs import set_up_deck, setup_paths
+
+    refuse_overwriting(setup_paths(deck, out_dir), [run, deck])
+    result = set_up_deck(run, deck, out_dir, **given)
+    compiled = _compiled(ctx, deck, result)
+    models = count_of(len(compiled.models), "model")
+    tell(f"{name_of(deck)}: {models} set up, listing {name_of(result.files[0])}")

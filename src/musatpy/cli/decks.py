@@ -1,38 +1,70 @@
-"""Decks that are edited: read though they could not be run yet, and written only where they can be read again."""
+"""Commands that read decks which need not be ready for a run: `check`, `list`, `merge` and `extract`."""
 
 from __future__ import annotations
 
+import json
+import shlex
 import sys
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from musatpy.cli.messages import complain, count_of, name_of, tell, tell_file
-from musatpy.errors import DeckError, Problem, of_each_kind
+import click
+
+from musatpy.cli.messages import complain, count_of, name_of, tell, tell_as_is
+from musatpy.cli.options import (
+    NamedPath,
+    deck_option,
+    decks_argument,
+    formats_option,
+    refuse_overwriting,
+    set_option,
+    settings_for,
+    titles_option,
+    usage_errors,
+)
+from musatpy.errors import DeckError, Problem, of_each_kind, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from musatpy.formats.cards.spec import Family
+    from musatpy.jobs.agreement import Part
+    from musatpy.jobs.naming import NamedKind
+    from musatpy.jobs.plan_positions import Area
     from musatpy.model import Block
-
 
 STREAM = Path("-")  # as a deck: the standard input; as an output: the standard output
 
 
-def source_of(deck: Path) -> Path | bytes:
+def _source_of(deck: Path) -> Path | bytes:
     """Return where a deck is read from: its path, or of `-` the bytes of the standard input."""
     return sys.stdin.buffer.read() if deck == STREAM else deck
 
 
-def read_for_editing(decks: Iterable[Path], family: Family) -> list[Block]:
+def data_of(deck: Path) -> bytes:
+    """Return the bytes of a deck, or of the standard input."""
+    source = _source_of(deck)
+    return source if isinstance(source, bytes) else source.read_bytes()
+
+
+def write_deck(path: Path, data: bytes) -> None:
+    """Write the bytes of a deck to a file, or to the standard output."""
+    from musatpy.files import write_files
+
+    if path == STREAM:
+        tell_as_is(data)
+    else:
+        write_files({path: data})
+
+
+def _blocks_of(decks: Iterable[Path], family: Family) -> list[Block]:
     """Return the blocks of decks, which may lack a datum. Raises `DeckError` with every error of all of them."""
     from musatpy.formats.musat import check_deck
 
     blocks, errors = [], []
     for deck in decks:
-        block, problems = check_deck(source_of(deck), family, for_run=False)
+        block, problems = check_deck(_source_of(deck), family, for_run=False)
         errors += [problem for problem in problems if problem.severity == "error"]
         if block is not None:
             blocks.append(block)
@@ -41,7 +73,7 @@ def read_for_editing(decks: Iterable[Path], family: Family) -> list[Block]:
     return blocks
 
 
-def sizes_of(block: Block) -> list[str]:
+def _sizes_of(block: Block) -> list[str]:
     """Return how many photos, points, measurements and control points a block has, in words."""
     tables = {
         "photo": block.photos,
@@ -52,44 +84,290 @@ def sizes_of(block: Block) -> list[str]:
     return [count_of(table.count, noun) for noun, table in tables.items()]
 
 
-def write_edited(block: Block, titles: tuple[str, ...], path: Path, family: Family, report: str) -> None:
+@click.command(name="check", short_help="Print every problem of decks.")
+@decks_argument
+@formats_option
+@set_option
+@click.pass_context
+def check_command(
+    ctx: click.Context, decks: tuple[Path, ...], formats: Path | None, settings: tuple[str, ...]
+) -> None:
+    """Print every problem of each DECK (- is the standard input), with ruler and carets, and how many there are.
+
+    Exit status: 0 no errors (there may be warnings), 1 errors.
+    """
+    from musatpy.formats.job_tables import card_family
+    from musatpy.formats.musat import check_deck
+
+    family = card_family(formats)
+    instead = settings_for(settings, family)
+    usable = True
+    for deck in decks:
+        block, problems = check_deck(_source_of(deck), family, settings=instead)
+        for problem in of_each_kind(problems):
+            tell(problem.render())
+        errors = sum(problem.severity == "error" for problem in problems)
+        counts = f"{count_of(errors, 'error')}, {count_of(len(problems) - errors, 'warning')}"
+        sizes = "" if block is None else f"; {', '.join(_sizes_of(block)[:3])}"
+        tell(f"{name_of(deck)}: {counts}{sizes}")
+        usable = usable and block is not None
+    ctx.exit(0 if usable else 1)
+
+
+@click.command(name="list", short_help="List what is in decks.")
+@decks_argument
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, a list with an entry for each deck.")
+@click.option(
+    "--few", type=click.IntRange(min=1), default=5, show_default=True, help="Points in common that are enough."
+)
+@formats_option
+def list_command(decks: tuple[Path, ...], as_json: bool, few: int, formats: Path | None) -> None:
+    """List photos, rays, overlaps, control and submerged points of each DECK, which need not be ready for a run.
+
+    A DECK - is the standard input. Exit status: 0, or 1 where a deck cannot be read.
+    """
+    from musatpy.formats.job_tables import card_family
+    from musatpy.jobs.summary import summary
+    from musatpy.reports.jobs import list_record, list_text
+
+    jobs = [summary(block, few) for block in _blocks_of(decks, card_family(formats))]
+    names = [name_of(deck) for deck in decks]
+    if as_json:
+        records = [list_record(job, name) for job, name in zip(jobs, names, strict=True)]
+        tell(json.dumps(records, indent=1))
+        return
+    pages = "\f".join(list_text(job, name) for job, name in zip(jobs, names, strict=True))
+    tell_as_is("\f".join(map(printable, pages.split("\f"))))
+
+
+@click.command(name="merge", short_help="Put decks together into one.")
+@decks_argument
+@deck_option
+@click.option(
+    "--prefix", "prefixes", multiple=True, metavar="DECK=TEXT", help="TEXT before the names of the photos of DECK."
+)
+@click.option(
+    "--point-prefix",
+    "point_prefixes",
+    multiple=True,
+    metavar="DECK=TEXT",
+    help="TEXT before the names of the points of DECK, except the --shared ones.",
+)
+@click.option("--shared", default="", metavar="ID,ID...", help="Points that --point-prefix leaves as they are.")
+@click.option(
+    "--rename",
+    "renames",
+    multiple=True,
+    type=NamedPath(),
+    metavar="FILE",
+    help="New names: lines of DECK KIND OLD NEW.",
+)
+@click.option("--join-photos", is_flag=True, help="A photo that several decks have is one photo, and no error.")
+@click.option("--options-from", metavar="DECK", help="Whose options and water hold where they differ.")
+@click.option("--prefer", metavar="DECK", help="Whose stations, measurements and control hold where they differ.")
+@click.option("--near", type=float, metavar="METRES", help="List control of different names that is this near.")
+@titles_option
+@formats_option
+def merge_command(
+    decks: tuple[Path, ...],
+    out: Path,
+    prefixes: tuple[str, ...],
+    point_prefixes: tuple[str, ...],
+    shared: str,
+    renames: tuple[Path, ...],
+    join_photos: bool,
+    options_from: str | None,
+    prefer: str | None,
+    near: float | None,
+    titles: tuple[str, ...],
+    formats: Path | None,
+) -> None:
+    """Merge two or more DECKs into the deck OUT, and say what was merged, renamed and found to be the same.
+
+    Equal names are one camera, one point, one group. A deck is named by its path or its file name. Exit status: 0,
+    or 1 where decks contradict one another or cannot be read; nothing is written then.
+    """
+    from musatpy.formats.job_tables import card_family
+    from musatpy.jobs.agreement import Part
+    from musatpy.jobs.merge import MergeOptions, merged
+    from musatpy.jobs.naming import NamedKind, assigned, new_names, prefixed, renamed, text_of
+    from musatpy.reports.jobs import merge_text
+
+    if len(decks) < 2:
+        raise click.UsageError("a merged deck needs two decks at least")
+    refuse_overwriting([out], decks)
+    family, files = card_family(formats), [str(deck) for deck in decks]
+    chosen = MergeOptions(
+        join_photos=join_photos,
+        options_from=_number("--options-from", options_from, files) if options_from else -1,
+        prefer=_number("--prefer", prefer, files) if prefer else -1,
+    )
+    prefix: dict[NamedKind, tuple[dict[int, str], set[str]]] = {
+        NamedKind.PHOTO: (_by_deck("--prefix", prefixes, files), set()),
+        NamedKind.POINT: (
+            _by_deck("--point-prefix", point_prefixes, files),
+            {name.strip() for name in shared.split(",")},
+        ),
+    }
+    blocks = _blocks_of(decks, family)
+    lines = [line for path in renames for line in new_names(text_of(path), str(path))]
+    names = assigned(lines, list(zip(files, blocks, strict=True)))
+    for kind, (texts, but) in prefix.items():
+        for n, text in texts.items():
+            names[n][kind] = prefixed(blocks[n], kind, text, names[n], but)
+    parts = [
+        Part(name=file, block=renamed(block, new, file))
+        for file, block, new in zip(files, blocks, names, strict=True)
+    ]
+    job = merged(parts, chosen)
+    report = merge_text(parts, names, job) + ("" if near is None else _near_text(parts, near))
+    _write_edited(job.block, titles, out, family, report)
+
+
+def _by_deck(option: str, given: Sequence[str], files: list[str]) -> dict[int, str]:
+    """Return the texts of options DECK=TEXT by the number of their deck."""
+    texts: dict[int, str] = {}
+    for prefix in given:
+        deck, equals, text = prefix.rpartition("=")
+        if not (equals and deck and text):
+            raise click.UsageError(f"{option} {prefix}: not DECK=TEXT")
+        texts[_number(option, deck, files)] = text
+    return texts
+
+
+def _number(option: str, deck: str, files: list[str]) -> int:
+    """Return which deck the text of an option means."""
+    from musatpy.jobs.naming import deck_number
+
+    with usage_errors(DeckError, option):
+        return deck_number(deck, files)
+
+
+def _near_text(parts: Sequence[Part], limit: float) -> str:
+    """Return the control points of different names that are near each other, as lines of a file for --rename."""
+    from musatpy.jobs.plan_positions import near_control
+
+    pairs = near_control([part.block for part in parts], limit)
+    lines = [
+        f"    {shlex.join([parts[second].name, 'point', other, one])}"
+        f"  # {distance:.3f} m from that of {parts[first].name}\n"
+        for first, one, second, other, distance in pairs
+    ]
+    return "".join([f"control of different names nearer than {limit:g} m: {len(pairs)}\n", *lines])
+
+
+@click.command(name="extract", short_help="Take photos or an area out of a deck.")
+@click.argument("deck", type=NamedPath())
+@deck_option
+@click.option("--photos", default="", metavar="LIST", help="Photos and ranges of them: 101-120,131.")
+@click.option("--photos-from", type=NamedPath(), metavar="FILE", help="Likewise, on the lines of FILE.")
+@click.option("--box", metavar="W,S,E,N", help="Photos in a box: X and Y of local jobs, else degrees.")
+@click.option(
+    "--area",
+    type=NamedPath(),
+    metavar="FILE",
+    help="Photos in a polygon: GeoJSON, or lines of east and north.",
+)
+@click.option(
+    "--by",
+    type=click.Choice(["stations", "points"]),
+    default="stations",
+    show_default=True,
+    help="A photo is in an area by its station, or by any of its points.",
+)
+@click.option("--height", type=float, metavar="METRES", help="Height of the ground for --by points.")
+@click.option("--drop-single", is_flag=True, help="Leave out points that would have one ray and nothing known.")
+@titles_option
+@formats_option
+def extract_command(
+    deck: Path,
+    out: Path,
+    photos: str,
+    photos_from: Path | None,
+    box: str | None,
+    area: Path | None,
+    by: str,
+    height: float | None,
+    drop_single: bool,
+    titles: tuple[str, ...],
+    formats: Path | None,
+) -> None:
+    """Write the photos of DECK that are named or in the area, with all that belongs to them, as the deck OUT.
+
+    Named photos and those in the area both come along. Says what was left out. Exit status: 0, or 1 where the deck
+    cannot be read or no photo is asked for; nothing is written then.
+    """
+    from musatpy.formats.job_tables import card_family
+    from musatpy.jobs.extract import extracted, photos_above, photos_named, photos_showing
+    from musatpy.jobs.naming import names_of, text_of
+    from musatpy.jobs.plan_positions import ground_level
+    from musatpy.reports.jobs import extract_text
+
+    if not any((photos, photos_from, box, area)):
+        raise click.UsageError("say which photos: --photos, --photos-from, --box or --area")
+    if height is not None and by != "points":
+        raise click.UsageError("--height is for --by points")
+    refuse_overwriting([out], [deck])
+    family = card_family(formats)
+    (block,) = _blocks_of([deck], family)
+    named = [name.strip() for name in photos.split(",") if name.strip()]
+    chosen = photos_named(block, named + (names_of(text_of(photos_from)) if photos_from else []))
+    for polygon in _areas(block, box, area):
+        if by == "stations":
+            chosen |= photos_above(block, polygon)
+        else:
+            chosen |= photos_showing(block, polygon, ground_level(block) if height is None else height)
+    part = extracted(block, chosen, drop_single=drop_single)
+    _write_edited(part.block, titles, out, family, extract_text(part))
+
+
+def _areas(block: Block, box: str | None, area: Path | None) -> list[Area]:
+    """Return the areas of two options, in longitude and latitude but for a local job."""
+    from musatpy.jobs.naming import text_of
+    from musatpy.jobs.plan_positions import Area, area_of
+    from musatpy.model import CoordinateSystem
+
+    geographic = block.options.system is not CoordinateSystem.LOCAL
+    areas = []
+    if box:
+        try:
+            west, south, east, north = map(float, box.split(","))
+        except ValueError as error:
+            raise click.UsageError(f"--box {box}: not four numbers W,S,E,N") from error
+        areas.append(Area.box(west, south, east, north, geographic=geographic))
+    if area:
+        areas.append(area_of(text_of(area), str(area), geographic=geographic))
+    return areas
+
+
+def _write_edited(block: Block, titles: tuple[str, ...], path: Path, family: Family, report: str) -> None:
     """Write the deck of a block, and print the report of the editing, what is in the deck, and what it lacks.
 
     The deck has `titles` where there are any, else those of the block; `-` goes to stdout, and what is said to
     stderr. Raises `DeckError` where it cannot be written or would contradict itself; nothing is written and printed
     then.
     """
-    from musatpy.files import write_files
     from musatpy.formats.musat import check_deck, deck_bytes
+
+    def of_deck(problems: Iterable[Problem]) -> list[Problem]:
+        return [replace(problem, file=str(path)) for problem in problems]
 
     try:
         data = deck_bytes(replace(block, titles=titles or block.titles), family)
     except DeckError as error:
-        raise DeckError(_once_each(_of(path, error.problems))) from error
+        first: dict[str | None, Problem] = {}  # of each value that does not fit, however many cards have it
+        for problem in error.problems:
+            first.setdefault(problem.found, problem)
+        raise DeckError(of_deck(first.values())) from error
     again, problems = check_deck(data, family, for_run=False)
     if again is None:
-        raise DeckError(_of(path, problems))
-    if path == STREAM:
-        tell_file(data)
-    else:
-        write_files({path: data})
+        raise DeckError(of_deck(problems))
+    write_deck(path, data)
     about = partial(tell, err=path == STREAM)  # of what stands on stdout itself
     about(report, nl=False)
     _, of_a_run = check_deck(data, family)
-    missing = [problem for problem in _of(path, of_a_run) if problem.severity == "error"]
+    missing = [problem for problem in of_deck(of_a_run) if problem.severity == "error"]
     warnings = count_of(len(of_a_run) - len(missing), "warning")
-    about(f"{name_of(path)}: {', '.join(sizes_of(again))}; {warnings} of musat check")
+    about(f"{name_of(path)}: {', '.join(_sizes_of(again))}; {warnings} of musat check")
     for problem in of_each_kind(missing):
         complain(f"{problem.headline()}: it cannot be run yet")
-
-
-def _once_each(problems: Iterable[Problem]) -> list[Problem]:
-    """Return one problem of each value that does not fit its field, however many cards have it."""
-    first: dict[str | None, Problem] = {}
-    for problem in problems:
-        first.setdefault(problem.found, problem)
-    return list(first.values())
-
-
-def _of(path: Path, problems: Iterable[Problem]) -> list[Problem]:
-    return [replace(problem, file=str(path)) for problem in problems]

@@ -13,36 +13,36 @@ from typing import Any
 import click
 
 import musatpy
-from musatpy.cli.lazy import LazyGroup
 from musatpy.cli.messages import complain, complain_of_error
+from musatpy.cli.options import LazyGroup
 from musatpy.errors import MusatError, printable, shortened
 from musatpy.memory import limit, take_working_memory
 
 COMMANDS = {
-    "example": "musatpy.cli.example",
-    "run": "musatpy.cli.run",
-    "orient": "musatpy.cli.orient",
+    "example": "musatpy.cli.making:example_command",
+    "run": "musatpy.cli.run:run_command",
+    "orient": "musatpy.cli.run:orient_command",
     "as11": "musatpy.cli.as11",
-    "batch": "musatpy.cli.batch",
-    "baseline": "musatpy.cli.baseline",
-    "plot": "musatpy.cli.plot",
-    "check": "musatpy.cli.check",
-    "card": "musatpy.cli.card",
-    "tidy": "musatpy.cli.tidy",
-    "tide": "musatpy.cli.tide",
-    "simulate": "musatpy.cli.simulate",
-    "explain": "musatpy.cli.explain",
-    "compare": "musatpy.cli.compare",
-    "report": "musatpy.cli.report",
-    "audit": "musatpy.cli.audit",
-    "diff": "musatpy.cli.diff",
-    "convert": "musatpy.cli.convert",
-    "merge": "musatpy.cli.merge",
-    "extract": "musatpy.cli.extract",
-    "list": "musatpy.cli.list",
+    "batch": "musatpy.cli.batches:batch_command",
+    "baseline": "musatpy.cli.batches:baseline_command",
+    "plot": "musatpy.cli.results:plot_command",
+    "check": "musatpy.cli.decks:check_command",
+    "card": "musatpy.cli.cards:card_command",
+    "tidy": "musatpy.cli.cards:tidy_command",
+    "tide": "musatpy.cli.cards:tide_command",
+    "simulate": "musatpy.cli.making:simulate_command",
+    "explain": "musatpy.cli.results:explain_command",
+    "compare": "musatpy.cli.results:compare_command",
+    "report": "musatpy.cli.results:report_command",
+    "audit": "musatpy.cli.results:audit_command",
+    "diff": "musatpy.cli.results:diff_command",
+    "convert": "musatpy.cli.making:convert_command",
+    "merge": "musatpy.cli.decks:merge_command",
+    "extract": "musatpy.cli.decks:extract_command",
+    "list": "musatpy.cli.decks:list_command",
     "correct": "musatpy.cli.correct",
     "depth": "musatpy.cli.depth",
-    "waves": "musatpy.cli.waves",
+    "waves": "musatpy.cli.making:waves_command",
     "sea": "musatpy.cli.sea",
 }
 # Before numpy is imported. The matrices of a job are small: threads of the linear algebra library cost more than
@@ -56,7 +56,7 @@ gc.set_threshold(100_000)
 # take a twentieth of a short run.
 atexit.register(gc.freeze)
 
-FAILURE = {"diff": 2}  # exit status of commands that cannot do their work, 1 for all others
+FAILURE = {"diff": 2, "audit": 2}  # exit status of commands that cannot do their work, 1 for all others
 REPORT_TO = "please report it, with the deck and what 'musat --debug ...' prints"
 
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from musatpy.errors import MusatError, Problem, ProblemsError, of_each_kind, printable, shortened
+
+if TYPE_CHECKING:
+    from musatpy.model.findings import Verdict
 
 _COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red"}, "b": {"fg": "green"}}
 _COLOURS |= {"same": {"fg": "green"}, "different": {"fg": "red"}, "warning": {"fg": "yellow"}}
@@ -22,14 +25,9 @@ def tell(text: str, *, nl: bool = True, err: bool = False) -> None:
     click.echo(printable(text), nl=nl, err=err)
 
 
-def tell_file(content: bytes) -> None:
-    """Print a file to stdout as it is."""
+def tell_as_is(content: str | bytes) -> None:
+    """Print a file, or a text whose parts went through `printable` already, for colours or page breaks in it."""
     click.echo(content, nl=False)
-
-
-def tell_escaped(text: str) -> None:
-    """Print a text whose parts went through `printable` already, for the colours or page breaks between them."""
-    click.echo(text, nl=False)
 
 
 def complain(message: str) -> None:
@@ -50,19 +48,27 @@ def complain_of(problems: Iterable[Problem]) -> None:
         click.echo(printable(problem.render()), err=True)
 
 
-def complain_of_system(error: OSError) -> None:
-    """Print what the system said about a file to stderr, as one line."""
-    complain(f"{error.filename or 'system'}: {error.strerror or error}")
-
-
 def complain_of_error(error: MusatError | OSError) -> None:
-    """Print an error to stderr: each of its problems, or a line."""
+    """Print an error to stderr: each of its problems, or a line, as what the system said about a file."""
     if isinstance(error, ProblemsError):
         complain_of(error.problems)
     elif isinstance(error, OSError):
-        complain_of_system(error)
+        complain(f"{error.filename or 'system'}: {error.strerror or error}")
     else:
         complain(str(error))
+
+
+def complain_of_verdict(file: Path, verdict: Verdict | None) -> None:
+    """Print to stderr why an answer is not accepted."""
+    reasons = () if verdict is None else verdict.reasons
+    complain_of_each(file, (f"{reason.grade.lower()}: {reason.text}" for reason in reasons))
+
+
+def not_done(file: Path, what: str, problems: Collection[Problem]) -> None:
+    """Print the problems of a file to stderr, and that it was not run, compiled or oriented for their errors."""
+    complain_of(problems)
+    errors = sum(problem.severity == "error" for problem in problems)
+    complain(f"{name_of(file)}: not {what}, {count_of(errors, 'error')}")
 
 
 def styled(text: str, kind: str) -> str:

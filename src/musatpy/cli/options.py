@@ -1,20 +1,56 @@
-"""Arguments and options that several commands share."""
+"""Groups of commands, and the arguments and options that several commands share."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import datetime
+from collections import UserDict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from musatpy.cli.messages import name_of
-from musatpy.errors import printable
+from musatpy.errors import MusatError, printable
 
 if TYPE_CHECKING:
     from musatpy.formats.cards.settings import Setting
     from musatpy.formats.cards.spec import Family
-    from musatpy.formats.families import FormatFamily
+
+
+class LazyCommands(UserDict[str, Any]):
+    """Commands by their names, each imported when asked for: from `module`, as its `command`, or `module:name`."""
+
+    def __getitem__(self, name: str) -> click.Command:
+        """Return a command; raises `KeyError`."""
+        command = super().__getitem__(name)
+        if isinstance(command, str):
+            module, _, attribute = command.partition(":")
+            command = self[name] = getattr(import_module(module), attribute or "command")
+        return command
+
+
+class LazyGroup(click.Group):
+    """Commands in the order in which they are stated: first `modules`, which are loaded when used, then its own."""
+
+    def __init__(self, *args: Any, modules: Mapping[str, str] | None = None, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.commands = LazyCommands(modules or {})
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in the order of the help page."""
+        return list(self.commands)
+
+
+@contextmanager
+def usage_errors(kind: type[Exception] = MusatError, option: str = "") -> Iterator[None]:
+    """Turn errors of a kind into those of a wrong command line, of an `option` where one is named."""
+    try:
+        yield
+    except kind as error:
+        raise click.UsageError(f"{option and f'{option}: '}{printable(str(error))}") from error
 
 
 class NamedPath(click.Path):
@@ -41,14 +77,15 @@ def options_of(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]], C
     return decorate
 
 
-def keys_option(spec: Callable[[], type[object]]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return the option --keys, which lists the keys of a TOML file by the dataclass that `spec` returns."""
+def keys_option(spec: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the option --keys, which lists the keys of a TOML file by its dataclass, named `module:name`."""
 
     def show(context: click.Context, _: click.Parameter, shown: bool) -> None:
         if shown:
             from musatpy.specs import key_tables
 
-            click.echo(key_tables(spec()), nl=False)
+            module, name = spec.split(":")
+            click.echo(key_tables(getattr(import_module(module), name)), nl=False)
             context.exit()
 
     return click.option(
@@ -56,23 +93,12 @@ def keys_option(spec: Callable[[], type[object]]) -> Callable[[Callable[..., Any
     )
 
 
-def family_named(families: Mapping[str, FormatFamily], name: str, option: str) -> FormatFamily:
-    """Return a family of formats; raises `click.UsageError` where an option names one that there is not."""
-    if name not in families:
-        raise click.UsageError(f"{option}: no family '{printable(name)}'; there are {', '.join(families)}")
-    return families[name]
-
-
 def settings_for(texts: Sequence[str], family: Family) -> tuple[Setting, ...]:
     """Return what --set says of the cards of a family; raises `click.UsageError`."""
-    if not texts:
-        return ()
     from musatpy.formats.cards.settings import SettingError, settings_of
 
-    try:
+    with usage_errors(SettingError, "--set"):
         return settings_of(texts, family)
-    except SettingError as error:
-        raise click.UsageError(f"--set: {printable(str(error))}") from error
 
 
 def refuse_overwriting(results: Iterable[Path], read: Iterable[Path]) -> None:
@@ -85,21 +111,14 @@ def refuse_overwriting(results: Iterable[Path], read: Iterable[Path]) -> None:
             raise click.UsageError(f"the result would overwrite {name_of(path)}, which is read")
 
 
-class CoordinateNames(click.ParamType):  # type: ignore[type-arg]
-    """The names of three columns, with commas between them."""
-
-    name = "names"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
-        """Return the names of a text."""
-        if isinstance(value, tuple):
-            return value
-        names = tuple(name.strip() for name in value.split(","))
-        if len(names) != 3 or not all(names):
-            self.fail(f"three names are needed, not '{value}'", param, ctx)
-        if len({name.lower() for name in names}) < 3:
-            self.fail(f"'{value}' has a name twice", param, ctx)
-        return names
+def _coordinate_names(ctx: click.Context, param: click.Parameter, text: str) -> tuple[str, ...]:
+    """Return three names with commas between them."""
+    names = tuple(name.strip() for name in text.split(","))
+    if len(names) != 3 or not all(names):
+        raise click.BadParameter(f"three names are needed, not '{text}'", ctx, param)
+    if len({name.lower() for name in names}) < 3:
+        raise click.BadParameter(f"'{text}' has a name twice", ctx, param)
+    return names
 
 
 def columns_of(points: Path, columns: tuple[str, ...]) -> tuple[str, ...]:
@@ -113,13 +132,24 @@ _COORDINATES = ("x", "y", "z")
 # records of runs, clouds of points, rasters, and files of GIS and CAD
 _NAMELESS = (".json", ".las", ".laz", ".tif", ".tiff", ".gpkg", ".geojson", ".dxf")
 
+POSITIVE, NOT_NEGATIVE = click.FloatRange(min=0.0, min_open=True), click.FloatRange(min=0.0)
+
+
+def crs_option(meaning: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the option --crs, a coordinate system that has this meaning."""
+    return click.option("--crs", default="", help=meaning)
+
+
 columns_option = click.option(
     "--columns",
-    type=CoordinateNames(),
+    callback=_coordinate_names,
     default=",".join(_COORDINATES),
     show_default=True,
     metavar="X,Y,Z",
     help="Names of the coordinates in a CSV file.",
+)
+quiet_run_option = click.option(
+    "-q", "--quiet", is_flag=True, help="No progress and no summary; messages of errors only."
 )
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress and no summary.")
 decks_argument = click.argument("decks", metavar="DECK...", nargs=-1, required=True, type=NamedPath())
@@ -137,14 +167,18 @@ carriage_control_option = click.option(
 csv_option = click.option(
     "--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv."
 )
-date_option = click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
+date_option = click.option(
+    "--date",
+    is_flag=True,
+    callback=lambda ctx, param, dated: datetime.date.today() if dated else None,
+    help="Print today's date on every page.",
+)
 strict_option = click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
 anyway_option = click.option(
     "--anyway", is_flag=True, help="Also on a run that has not converged; every page says so."
 )
 formats_option = click.option(
     "--formats",
-    "formats_dir",
     metavar="DIR",
     type=NamedPath(exists=True, file_okay=False),
     help="A family of your own: read the decks by the card formats (TOML) of this folder.",
@@ -178,6 +212,9 @@ deck_option = click.option(
     required=True,
     type=NamedPath(),
     help="The deck to be written; - is the standard output.",
+)
+listed_option = click.option(
+    "--listed", type=click.IntRange(min=1), default=20, show_default=True, help="Rows of each section."
 )
 titles_option = click.option(
     "--title",

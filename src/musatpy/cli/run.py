@@ -1,4 +1,4 @@
-"""`musat run`: adjust decks and write their listings."""
+"""Commands that compute: `run` adjusts decks and writes their listings, `orient` orients photos from nothing."""
 
 from __future__ import annotations
 
@@ -14,35 +14,39 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from musatpy.cli.decks import STREAM
-from musatpy.cli.live_line import LiveLine
 from musatpy.cli.messages import (
     complain,
     complain_of,
     complain_of_each,
     complain_of_error,
+    complain_of_verdict,
     count_of,
     name_of,
+    not_done,
     on_terminal,
-    tell_file,
+    tell,
+    tell_as_is,
 )
 from musatpy.cli.options import (
     carriage_control_option,
     causes_option,
+    crs_option,
     csv_option,
     date_option,
     decks_argument,
     dry_option,
     formats_option,
+    options_of,
     out_option,
+    quiet_run_option,
     record_option,
     set_option,
-    settings_for,
     strict_option,
     submerged_option,
+    usage_errors,
 )
-from musatpy.cli.punching import punch_of, punch_options, run_cards
-from musatpy.cli.shown import show, shown_of, shown_options
-from musatpy.errors import MusatError
+from musatpy.cli.progress import LiveLine
+from musatpy.errors import CardFormatError, MusatError, ProblemsError
 from musatpy.files import together
 
 if TYPE_CHECKING:
@@ -54,6 +58,45 @@ _CAUSES = 3  # that are named
 _LARGE = 500  # photos of a block, from which on numpy alone is not what is chosen where there is a choice
 _FAST = "pip install 'musatpy[fast]'"
 
+_shown_options = options_of(  # what people look at
+    click.option("--plots", is_flag=True, help="The pictures of 'musat plot' too (NAME.plan.svg, ...)."),
+    click.option("--html", is_flag=True, help="The page of 'musat report' too (NAME.html)."),
+    click.option("--gis", is_flag=True, help="Stations, points, observations for GIS too (NAME.gpkg, GeoJSON)."),
+    crs_option("With --gis: their system, on the ellipsoid of the job: EPSG:4267."),
+)
+_punch_options = options_of(
+    click.option(
+        "--punch",
+        type=click.Choice(["restart", "result"]),
+        help="Write NAME.pun too: the deck to start again from, or adjusted values with sigmas for another job.",
+    ),
+    click.option(
+        "--punch-family",
+        metavar="FAMILY",
+        help="Punch the files of this family in place of a deck: giant, patb, bingo, jfk, or that of --formats.",
+    ),
+    click.option(
+        "--punch-points",
+        type=click.Choice(["none", "control", "all"]),
+        help="Ground points punched as control; all of a result and none of a restart where not given.",
+    ),
+    click.option(
+        "--punch-kind",
+        type=click.Choice(["F", "H", "V", "C"]),
+        help="Kind of control of the points of a result; F where not given.",
+    ),
+    click.option(
+        "--punch-sigmas/--no-punch-sigmas",
+        default=None,
+        help="A result has its sigmas; without, stations are approximations and control is without error.",
+    ),
+    click.option(
+        "--punch-plates/--no-punch-plates",
+        default=None,
+        help="Plate coordinates are punched; those of a restart only where not given.",
+    ),
+)
+
 
 @click.command(name="run", short_help="Adjust decks and write their listings.")
 @decks_argument
@@ -62,32 +105,27 @@ _FAST = "pip install 'musatpy[fast]'"
 @set_option
 @dry_option
 @submerged_option
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no summary; messages of errors only.")
+@quiet_run_option
 @carriage_control_option
 @click.option("--brief", is_flag=True, help="A listing without echo of the input and residuals: 40 pages at most.")
 @record_option
 @causes_option
 @csv_option
-@shown_options
+@_shown_options
 @strict_option
 @date_option
 @click.option("--punch-edits", is_flag=True, help="Write NAME.edited.crd too: the deck without the blunders found.")
-@punch_options
+@_punch_options
 @click.pass_context
-def command(
+def run_command(
     ctx: click.Context,
     /,
     decks: tuple[Path, ...],
     out_dir: Path | None,
-    formats_dir: Path | None,
-    settings: tuple[str, ...],
     quiet: bool,
-    dated: bool,
-    punch_edits: bool,
-    record: str | None,
-    causes: str | None,
-    dry: Path | None,
-    submerged: Path | None,
+    csv: bool,
+    strict: bool,
+    date: datetime.date | None,
     **given: Any,
 ) -> None:
     """Adjust each DECK and write its listing NAME.lst and its record NAME.json.
@@ -96,46 +134,53 @@ def command(
     all accepted or doubtful, 1 a deck or its data cannot be used, 3 a run did not converge, 4 an answer is rejected
     (with --strict: or doubtful).
     """
-    from musatpy.jobs.point_flags import PointFlags
-    from musatpy.model import CauseSearch, RecordContent
+    from musatpy.campaign.batch_jobs import JobOptions
+    from musatpy.formats.cards.settings import SettingError
     from musatpy.runs import ExitStatus, check_outputs, run_deck
 
-    wanted = shown_of(given)
-    punch, punch_family = punch_of(formats_dir, given)
-    more = punch_edits or given["csv"] or punch or wanted.anything
+    wanted = _shown_of(given)
+    options = JobOptions(**given)
+    details = [name for name in given if name.startswith("punch_") and given[name] is not None]
+    if options.punch is None and details != ["punch_edits"]:
+        raise click.UsageError("what is punched is said by --punch restart or --punch result")
+    more = options.punch_edits or csv or options.punch or wanted.anything
     if STREAM in decks and out_dir is None and (len(decks) > 1 or more):
         raise click.UsageError("- with other decks, or with files besides the listing, needs -o")
-    flags, punching = PointFlags(dry=dry, submerged=submerged), punch is not None
     try:
-        check_outputs(
-            decks, out_dir, punch_edits=punch_edits, punch=punching, punch_family=punch_family, flags=flags
-        )
+        with usage_errors(SettingError, "--set"):
+            arguments = options.arguments()
+        outputs = {name: arguments[name] for name in ("punch_edits", "punch_family", "flags")}
+        check_outputs(decks, out_dir, punch=options.punch is not None, **outputs)
+    except CardFormatError:
+        raise
     except MusatError as error:
         raise click.UsageError(str(error)) from error
-    family = run_cards(formats_dir, punch_family)
-    run = partial(
-        run_deck,
-        out_dir=out_dir,
-        date=datetime.date.today() if dated else None,
-        family=family,
-        settings=settings_for(settings, family),
-        flags=flags,
-        punch_edits=punch_edits,
-        punch=punch,
-        punch_family=punch_family,
-        record=RecordContent(record or "full"),
-        causes=CauseSearch(causes or "usual"),
-        **{name: given[name] for name in ("carriage_control", "brief", "csv", "strict")},
-    )
+    run = partial(run_deck, out_dir=out_dir, date=date, csv=csv, strict=strict, **arguments)
     statuses = [
-        _filtered(run, wanted, out_dir, quiet) if deck == STREAM else _status_of(deck, run, wanted, quiet)
+        _status_of_stream(run, wanted, out_dir, quiet) if deck == STREAM else _status_of(deck, run, wanted, quiet)
         for deck in decks
     ]
     ctx.exit(ExitStatus.worst(statuses))
 
 
+def _shown_of(given: dict[str, Any]) -> Shown:
+    """Return what options want, taken from all that is given. Raises `click.UsageError` where it cannot be had."""
+    from musatpy.shown_runs import Shown, check_packages
+
+    wanted = Shown(**{name: given.pop(name) for name in ("plots", "html", "gis", "crs")})
+    if wanted.crs and not wanted.gis:
+        raise click.UsageError("--crs goes with --gis")
+    try:
+        check_packages(wanted)
+    except ProblemsError as error:
+        raise click.UsageError(f"--crs: {error.problems[0].message}") from error
+    return wanted
+
+
 @together()  # pictures, pages and layers are those of the listing and the record
-def _filtered(run: Callable[..., RunResult], wanted: Shown, out_dir: Path | None, quiet: bool) -> ExitStatus:
+def _status_of_stream(
+    run: Callable[..., RunResult], wanted: Shown, out_dir: Path | None, quiet: bool
+) -> ExitStatus:
     """Run the deck of the standard input; without a folder its listing goes to stdout, what is said to stderr."""
     from tempfile import TemporaryDirectory  # rarely needed
 
@@ -150,14 +195,15 @@ def _filtered(run: Callable[..., RunResult], wanted: Shown, out_dir: Path | None
             complain_of_error(error)
             return ExitStatus.UNUSABLE
         problems = tuple(
-            replace(one, file=str(STREAM)) if one.file == str(deck) else one for one in result.problems
+            replace(problem, file=str(STREAM)) if problem.file == str(deck) else problem
+            for problem in result.problems
         )
         listing = result.listing
         if listing is not None and out_dir is None:
-            tell_file(listing.read_bytes())
+            tell_as_is(listing.read_bytes())
             result = replace(result, listing=STREAM)
         _tell(replace(result, deck=STREAM, problems=problems), quiet, err=out_dir is None)
-        return result.status if show(result, wanted, quiet) else ExitStatus.UNUSABLE
+        return result.status if _show(result, wanted, quiet) else ExitStatus.UNUSABLE
 
 
 @together()
@@ -175,38 +221,39 @@ def _status_of(deck: Path, run: Callable[..., RunResult], wanted: Shown, quiet: 
         complain_of_error(error)
         return ExitStatus.UNUSABLE
     _tell(result, quiet)
-    if not show(result, wanted, quiet):
+    if not _show(result, wanted, quiet):
         return ExitStatus.worst([result.status, ExitStatus.UNUSABLE])
     return result.status
 
 
 def _tell(result: RunResult, quiet: bool, *, err: bool = False) -> None:
     """Print problems to stderr and, unless `quiet`, the summary to stdout; or to stderr too."""
-    complain_of(result.problems)
     solution, verdict = result.solution, result.verdict
     if solution is None or verdict is None or result.listing is None:
-        errors = sum(problem.severity == "error" for problem in result.problems)
-        complain(f"{name_of(result.deck)}: not run, {count_of(errors, 'error')}")
+        not_done(result.deck, "run", result.problems)
         return
-    complain_of_each(result.deck, (f"{reason.grade.lower()}: {reason.text}" for reason in verdict.reasons))
+    name = name_of(result.deck)
+    complain_of(result.problems)
+    complain_of_verdict(result.deck, verdict)
     for cause in solution.causes[:_CAUSES] if verdict.reasons else ():
-        complain(f"{name_of(result.deck)}: possible cause: {cause}")
-    if not quiet:
-        complain_of_each(result.deck, (f"note: {note}" for note in verdict.notes))
-        if _would_gain(solution):
-            complain(f"{name_of(result.deck)}: note: with its extra 'fast' such blocks take half the time: {_FAST}")
-        click.echo(
-            f"{name_of(result.deck)}: {verdict.grade}, sigma0 {solution.sigma0:.4f}, "
-            f"{count_of(len(solution.iterations), 'iteration')}, water passes: {len(solution.passes)}, "
-            f"{'' if solution.kernels == 'numpy' else f'{solution.kernels} kernels, '}"
-            f"listing {name_of(result.listing)}"
-            f"{_punched(result.punched)}",
-            err=err,
-        )
-        if solution.edited is not None:
-            punched = f", edited deck {name_of(result.edited)}" if result.edited else ""
-            found = count_of(len(solution.findings), "blunder")
-            click.echo(f"{name_of(result.deck)}: {found} found{punched}", err=err)
+        complain(f"{name}: possible cause: {cause}")
+    if quiet:
+        return
+    complain_of_each(result.deck, (f"note: {note}" for note in verdict.notes))
+    if _would_gain(solution):
+        complain(f"{name}: note: with its extra 'fast' such blocks take half the time: {_FAST}")
+    kernels = "" if solution.kernels == "numpy" else f"{solution.kernels} kernels, "
+    decks = f", punched deck{'' if len(result.punched) == 1 else 's'} {', '.join(map(name_of, result.punched))}"
+    click.echo(
+        f"{name}: {verdict.grade}, sigma0 {solution.sigma0:.4f}, "
+        f"{count_of(len(solution.iterations), 'iteration')}, "
+        f"water passes: {len(solution.passes)}, {kernels}listing {name_of(result.listing)}"
+        f"{decks if result.punched else ''}",
+        err=err,
+    )
+    if solution.edited is not None:
+        edited = f", edited deck {name_of(result.edited)}" if result.edited else ""
+        click.echo(f"{name}: {count_of(len(solution.findings), 'blunder')} found{edited}", err=err)
 
 
 def _would_gain(solution: Solution) -> bool:
@@ -215,8 +262,98 @@ def _would_gain(solution: Solution) -> bool:
     return plain and len(solution.block.photos.ids) > _LARGE
 
 
-def _punched(files: tuple[Path, ...]) -> str:
-    """Return what to say of punched files."""
-    if not files:
-        return ""
-    return f", punched deck{'' if len(files) == 1 else 's'} {', '.join(name_of(file) for file in files)}"
+def _show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
+    """Write what is wanted of a run, say so, and return whether all of it could be."""
+    if result.listing is None or not wanted.anything:
+        return True
+    from musatpy.plots.picture import NothingToShowError
+    from musatpy.shown_runs import draw_run, write_layers, write_page
+
+    name, done = name_of(result.deck), True
+    try:
+        if wanted.plots:
+            drawn = draw_run(result)
+            complain_of_each(result.deck, (f"no {picture}: {why}" for picture, why in drawn.reasons.items()))
+            if drawn.files and not quiet:
+                tell(f"{name}: {count_of(len(drawn.files), 'picture')}, {name_of(drawn.files[0])} the first")
+        if wanted.html:
+            page = write_page(result)
+            if not quiet:
+                tell(f"{name}: page {name_of(page)}")
+        if wanted.gis:
+            files, refused = write_layers(result, wanted.crs)
+            complain_of_each(result.deck, refused)
+            if not quiet:
+                tell(f"{name}: layers {', '.join(name_of(file) for file in files)}")
+    except ProblemsError as error:
+        complain_of_each(result.deck, (problem.message for problem in error.problems))
+        done = False
+    except (OSError, MusatError) as error:
+        complain_of_error(error)
+        done = False
+    except NothingToShowError as error:
+        complain(f"{name}: no layers: {error}")
+    return done
+
+
+@click.command(name="orient", short_help="Orient photos through an unknown water surface, from nothing.")
+@decks_argument
+@out_option
+@formats_option
+@click.option("-q", "--quiet", is_flag=True, help="No summary; messages of errors only.")
+@carriage_control_option
+@csv_option
+@strict_option
+@date_option
+@click.option("--punch", is_flag=True, help="Write NAME.pun too: the deck that a run starts from.")
+@click.option(
+    "--study",
+    is_flag=True,
+    help="Where starts lead, and what depths and dry points do: NAME.study.txt, pictures; needs the extra 'plots'.",
+)
+@click.pass_context
+def orient_command(
+    ctx: click.Context,
+    /,
+    decks: tuple[Path, ...],
+    out_dir: Path | None,
+    formats: Path | None,
+    quiet: bool,
+    punch: bool,
+    **given: Any,
+) -> None:
+    """Orient the photos of each DECK as its ORI card says, and write the listing NAME.lst and the record NAME.json.
+
+    Exit status: 0 all accepted or doubtful, 1 a deck or its data cannot be used, 3 not
+    converged, 4 an answer is rejected (with
+    --strict: or doubtful).
+    """
+    from musatpy.formats.job_tables import card_family
+    from musatpy.orient_runs import orient_deck
+    from musatpy.runs import ExitStatus, check_outputs
+
+    with usage_errors():
+        check_outputs(decks, out_dir, punch=punch)
+    family, statuses = card_family(formats), []
+    for deck in decks:
+        try:
+            result = orient_deck(deck, out_dir, family=family, punch=punch, **given)
+        except OSError as error:
+            complain_of_error(error)
+            statuses.append(ExitStatus.UNUSABLE)
+            continue
+        statuses.append(result.status)
+        answer = result.answer
+        if answer is None:
+            not_done(deck, "oriented", result.problems)
+            continue
+        complain_of(result.problems)
+        complain_of_verdict(deck, answer.verdict)
+        if not quiet:
+            photos = answer.photos.tolist()
+            of = ", ".join(photos) if len(photos) <= 3 else f"{len(photos)} photos"
+            tell(
+                f"{name_of(deck)}: {answer.verdict.grade}, {answer.task.spec.method} of {of}, "
+                f"sigma0 {answer.sigma0:.4f}, {answer.summary}, listing {name_of(result.files[0])}"
+            )
+    ctx.exit(ExitStatus.worst(statuses))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from musatpy.cli.lazy import LazyGroup
+from musatpy.cli.options import LazyGroup
 
 COMMANDS = {
     "fit": "musatpy.cli.sea_fit",

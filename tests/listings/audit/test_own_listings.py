@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from listings.audit.report_tables import FIXTURES
-from musatpy.campaign.baseline_index import load_baseline
+from musatpy.campaign.baselines import load_baseline
 from musatpy.listings.audit import audit, listing_of, read_listing
 
 GOLDEN = load_baseline(FIXTURES)

@@ -1,0 +1,311 @@
+"""Commands about many decks: `batch` runs them in parallel, `baseline` keeps results to hold new runs against."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import time
+from collections.abc import Container, Iterator
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from musatpy.cli.messages import (
+    complain,
+    complain_of,
+    complain_of_each,
+    complain_of_error,
+    count_of,
+    name_of,
+    styled,
+    tell,
+    tell_as_is,
+)
+from musatpy.cli.options import (
+    NamedPath,
+    causes_option,
+    dry_option,
+    formats_option,
+    listed_option,
+    options_of,
+    out_option,
+    processes_option,
+    record_option,
+    set_option,
+    strict_option,
+    submerged_option,
+)
+from musatpy.cli.progress import Display
+from musatpy.errors import MusatError
+
+if TYPE_CHECKING:
+    from musatpy.campaign.baselines import Taken
+    from musatpy.campaign.batch import BatchResult
+
+_IMPATIENCE = 3.0  # seconds in which an interruption that comes again is the same one
+_CANNOT_CHECK = 2  # exit status
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Let SIGTERM (a system that shuts down, a queue whose time is over) and SIGHUP do what Ctrl-C does.
+
+    What comes again while the batch ends does not keep it from ending in order.
+    """
+    never = last = -_IMPATIENCE
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal last
+        again = time.monotonic() - last < _IMPATIENCE
+        if not again:
+            last = time.monotonic()
+            raise KeyboardInterrupt
+
+    before = {}
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)  # Windows has no SIGHUP
+        # `nohup` has SIGHUP ignored, a shell SIGINT of what it starts in the background
+        if number is not None and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            before[number] = signal.signal(number, interrupt)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            # one that comes again would give the program that ends anyway another exit status
+            signal.signal(number, handler if last == never else signal.SIG_IGN)
+
+
+def _tell_of_trouble(result: BatchResult, expected: Container[int] = (), *, resumable: bool = True) -> None:
+    """Print to stderr what is wrong with jobs, but those whose outcome is `expected`, and what else happened."""
+    for n, (job, outcome) in enumerate(zip(result.jobs, result.outcomes, strict=True)):
+        if n in expected:
+            continue
+        complain_of(outcome.problems)
+        if outcome.message:
+            complain(f"{name_of(job.deck)}: {outcome.state}: {outcome.message}")
+    complain_of_each(None, result.notes)
+    if result.interrupted:
+        kept = "; what is finished is kept, and the same command goes on from there" if resumable else ""
+        complain(f"interrupted{kept}")
+
+
+@click.command(name="batch", short_help="Run many decks in parallel; resumable.")
+@click.argument("sources", metavar="MANIFEST|FOLDER|DECK...", nargs=-1, required=True, type=NamedPath())
+@out_option
+@formats_option
+@set_option
+@dry_option
+@submerged_option
+@processes_option
+@click.option(
+    "--cluster",
+    "address",
+    metavar="ADDRESS",
+    help="Run the jobs by the workers of a Dask scheduler, such as tcp://host:8786.",
+)
+@record_option
+@causes_option
+@click.option("--html", is_flag=True, help="A page of each job too, and an index page of all (musat-batch.html).")
+@click.option("--again", is_flag=True, help="Run finished jobs again too.")
+@strict_option
+@click.option("-q", "--quiet", is_flag=True, help="No progress and no table; messages of errors only.")
+@click.pass_context
+def batch_command(
+    ctx: click.Context,
+    /,
+    sources: tuple[Path, ...],
+    out_dir: Path | None,
+    processes: int | None,
+    address: str | None,
+    again: bool,
+    strict: bool,
+    quiet: bool,
+    **options: Any,
+) -> None:
+    """Run the jobs of a MANIFEST (TOML), or decks, folders of decks and globs, in parallel processes.
+
+    What was finished by an earlier run of the same batch, however that ended, is not done again. Exit status: that
+    of `musat run` for the worst job; 1 too where a job crashed or the batch was interrupted.
+    """
+    from musatpy.campaign.batch import run_batch
+    from musatpy.campaign.batch_jobs import JobOptions
+    from musatpy.campaign.batch_reports import table, verdict
+    from musatpy.campaign.carried import cluster
+    from musatpy.campaign.manifest import ManifestError, plan_of
+    from musatpy.page.rendering import check_packages
+
+    if address is not None and processes is not None:
+        raise click.UsageError("-j is of this machine: how many jobs a cluster runs at a time its workers say")
+    try:
+        plan = plan_of(sources, out_dir, JobOptions(**options))
+    except ManifestError:
+        raise
+    except MusatError as error:
+        raise click.UsageError(str(error)) from error
+    if plan.index is not None:
+        check_packages()
+    workers = contextlib.nullcontext() if address is None else cluster(address, complain)
+    with _ended_by_signals(), workers as executor:
+        watch = None if quiet else Display()
+        result = run_batch(plan, processes=processes, again=again, strict=strict, watch=watch, executor=executor)
+        _tell_of_trouble(result)
+        if not quiet:
+            tell(table(result.jobs, result.outcomes), nl=False)
+            summary = f"; summary {name_of(result.summary)}" if result.summary else ""
+            index = f", index {name_of(result.index)}" if result.index else ""
+            tell(f"{verdict(result.outcomes)}{summary}{index}")
+    ctx.exit(result.status)
+
+
+_base = click.argument("base", metavar="FOLDER", type=NamedPath(file_okay=False))
+_base_and_names = options_of(_base, click.argument("names", metavar="[DECK...]", nargs=-1))
+_quiet = click.option("-q", "--quiet", is_flag=True, help="No progress; print nothing where all is well.")
+_work = click.option(
+    "-o",
+    "--out",
+    "work",
+    metavar="DIR",
+    type=NamedPath(file_okay=False),
+    help="Where new results go; FOLDER/.new where not given.",
+)
+_unusable = click.option(
+    "--unusable", is_flag=True, help="Keep of decks that cannot be used that they cannot, and what is said of them."
+)
+
+
+@click.group(name="baseline", short_help="Keep results of decks, and hold new runs against them.")
+def baseline_command() -> None:
+    """Keep listings and records of decks in a FOLDER, as plain files, and hold new runs against them."""
+
+
+@baseline_command.command(name="save", short_help="Run decks and keep their results.")
+@_base
+@click.argument("sources", metavar="DECK...", nargs=-1, required=True, type=NamedPath())
+@click.option(
+    "--run", metavar="DECK", type=NamedPath(), help="Compilation decks: compile them on the run of this deck."
+)
+@formats_option
+@click.option("--no-records", is_flag=True, help="Keep listings only.")
+@click.option("--rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the listings.")
+@click.option("--record-rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the records.")
+@click.option("--exact", is_flag=True, help="No rules to start from: every digit counts.")
+@set_option
+@_unusable
+@processes_option
+@_quiet
+@click.pass_context
+def save_command(
+    ctx: click.Context, /, base: Path, sources: tuple[Path, ...], no_records: bool, quiet: bool, **given: Any
+) -> None:
+    """Run decks (or folders, globs) and keep their results; decks are added to a baseline that is there.
+
+    Exit status: 0 done, 1 a deck has no results, or the baseline or the rules cannot be used.
+    """
+    from musatpy.campaign.baselines import save
+    from musatpy.campaign.manifest import decks_of
+
+    decks = [deck for source in sources for deck in decks_of(source)]
+    with _ended_by_signals():
+        taken = save(base, decks, records=not no_records, watch=None if quiet else Display(), **given)
+    _tell_taken(ctx, taken, quiet)
+
+
+@baseline_command.command(name="check", short_help="Run the decks anew; show what differs.")
+@_base_and_names
+@click.option("--rules", metavar="FILE", type=NamedPath(), help="Other rules for the listings.")
+@click.option("--record-rules", metavar="FILE", type=NamedPath(), help="Other rules for the records.")
+@set_option
+@_work
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
+@click.option("--junit", metavar="FILE", type=NamedPath(), help="Write JUnit XML too: a test a deck.")
+@listed_option
+@processes_option
+@_quiet
+@click.pass_context
+def check_command(
+    ctx: click.Context,
+    /,
+    base: Path,
+    names: tuple[str, ...],
+    as_json: bool,
+    junit: Path | None,
+    listed: int,
+    quiet: bool,
+    **given: Any,
+) -> None:
+    """Run the decks of a baseline anew (or those named), and show what differs beyond the rules.
+
+    Decks beside its own that the baseline does not have are named. Exit status: 0 same, 1 a deck is different, has
+    no results or is not in the baseline, 2 the baseline or the rules cannot be used.
+    """
+    from musatpy.campaign.baseline_checks import check, check_json, check_junit, check_text
+    from musatpy.files import write_files
+
+    try:
+        with _ended_by_signals():
+            result = check(base, names, watch=None if quiet else Display(), **given)
+    except (OSError, MusatError) as error:
+        complain_of_error(error)
+        ctx.exit(_CANNOT_CHECK)
+    _tell_of_trouble(result.batch, {n for n, deck in enumerate(result.decks) if deck.same}, resumable=False)
+    if junit:
+        write_files({junit: check_junit(result).encode()})
+    if as_json:
+        tell(check_json(result), nl=False)
+    elif not (quiet and result.same):
+        tell_as_is(check_text(result, listed, styled))
+    ctx.exit(0 if result.same else 1)
+
+
+@baseline_command.command(name="accept", short_help="Take new results over.")
+@_base_and_names
+@_work
+@_unusable
+@processes_option
+@_quiet
+@click.pass_context
+def accept_command(ctx: click.Context, /, base: Path, names: tuple[str, ...], quiet: bool, **given: Any) -> None:
+    """Take new results over, of all decks or of those named: what a check left, else of a new run.
+
+    Exit status: 0 done, 1 a deck has no results, or the baseline cannot be used.
+    """
+    from musatpy.campaign.baselines import accept
+
+    with _ended_by_signals():
+        taken = accept(base, names, watch=None if quiet else Display(), **given)
+    _tell_taken(ctx, taken, quiet)
+
+
+@baseline_command.command(name="list", short_help="List the decks: as saved or not, by which version.")
+@_base
+def list_command(base: Path) -> None:
+    """List the decks of a baseline: whether they are as they were saved, and by which version of the program."""
+    from musatpy.campaign.baseline_checks import changed_decks
+    from musatpy.campaign.baselines import load_baseline
+
+    baseline = load_baseline(base)
+    width = max((len(name) for name in baseline.entries), default=0)
+    for name, state in changed_decks(baseline).items():
+        entry = baseline.entries[name]
+        verdict = "unusable" if entry.fails else entry.state
+        program = f"{entry.version} ({entry.sources[:12]})" if entry.sources else entry.version
+        tell(f"{name:<{width}}  {state:<12}  musatpy {program}  {entry.deck_sha256[:12]}  {verdict}")
+
+
+def _tell_taken(ctx: click.Context, taken: Taken, quiet: bool) -> None:
+    """Print what became of each deck."""
+    same = {taken.baseline.deck(name) for name in taken.unchanged}
+    _tell_of_trouble(taken.batch, {n for n, job in enumerate(taken.batch.jobs) if job.deck in same})
+    outcomes = {job.deck: outcome for job, outcome in zip(taken.batch.jobs, taken.batch.outcomes, strict=True)}
+    for name in taken.failed:
+        unusable = outcomes[taken.baseline.deck(name)].unusable
+        complain(f"{name}: not taken over" + ("; with --unusable that it cannot be used is" if unusable else ""))
+    if not quiet:
+        for verb in ("new", "changed", "dropped"):
+            for name in getattr(taken, verb):
+                tell(f"{name}: {verb}")
+        held = count_of(len(taken.baseline.entries), "deck")
+        tell(f"{name_of(taken.baseline.folder)}: baseline of {held}, {len(taken.unchanged)} unchanged")
+    ctx.exit(1 if taken.failed else 0)

@@ -1,0 +1,186 @@
+"""Commands about cards: `card` explains and makes them, `tidy` puts them right, `tide` writes their tides."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from musatpy.cli.decks import STREAM, data_of, write_deck
+from musatpy.cli.messages import complain, complain_of, complain_of_each, count_of, name_of, tell
+from musatpy.cli.options import NOT_NEGATIVE, NamedPath, formats_option, quiet_option, usage_errors
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+    from musatpy.formats.cards.spec import Family
+
+_deck_to_write = click.option(
+    "-o", "--out", required=True, type=NamedPath(), help="The deck to write; - is the standard output."
+)
+
+
+def _cards_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
+    """Return the cards that a shell may complete a text to, with their titles."""
+    from click.shell_completion import CompletionItem
+
+    cards = [card for family in _card_families(ctx.params.get("formats")) for card in family.cards.values()]
+    fitting = [card for card in cards if card.mnemonic.startswith(text.upper())]
+    return [CompletionItem(card.mnemonic, help=card.title) for card in fitting]
+
+
+def _values_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
+    """Return the fields of the card, and behind the sign of equality the words that a field may have."""
+    from click.shell_completion import CompletionItem
+
+    families = _card_families(ctx.params.get("formats"))
+    cards = [family.cards.get((ctx.params.get("name") or "").upper()) for family in families]
+    fields = [field for card in cards if card is not None for field in card.fields]
+    words = [f"{field.name}={word}" for field in fields for word in field.allowed]
+    known = words if "=" in text else [f"{field.name}=" for field in fields]
+    return [CompletionItem(one) for one in known if one.startswith(text)]
+
+
+@click.command(name="card", short_help="Explain cards; make one of names and values.")
+@click.argument("name", metavar="[CARD]", required=False, shell_complete=_cards_beginning)
+@click.argument("values", metavar="[FIELD=VALUE...]", nargs=-1, shell_complete=_values_beginning)
+@formats_option
+@click.pass_context
+def card_command(ctx: click.Context, name: str | None, values: tuple[str, ...], formats: Path | None) -> None:
+    """List the cards, or the fields of a CARD with columns, values and defaults; with values, print that card.
+
+    What is wrong with the values of the card itself stands on stderr. Exit status: 0, or 1 where a value is wrong.
+    """
+    from musatpy.formats.cards.manual import card_of, card_text, list_of_cards
+    from musatpy.formats.cards.settings import SettingError, card_named, setting_of
+
+    families = _card_families(formats)
+    if name is None:
+        tell(list_of_cards(families), nl=False)
+        return
+    cards = {mnemonic: card for family in reversed(families) for mnemonic, card in family.cards.items()}
+    settings = []
+    with usage_errors(SettingError):
+        spec = card_named(cards, name)
+        for text in values:
+            field, equals, value = text.partition("=")
+            if not equals:
+                raise click.UsageError(f"'{text}' is not FIELD=VALUE, such as water_level=ONE")
+            settings.append(setting_of(spec, field.strip(), value))
+    if not values:
+        tell(card_text(spec), nl=False)
+        return
+    family = next(family for family in families if spec.mnemonic in family.cards)
+    card, problems = card_of(spec, settings, family)
+    tell(card)
+    complain_of(problems)
+    ctx.exit(1 if any(problem.severity == "error" for problem in problems) else 0)
+
+
+def _card_families(formats: Path | None) -> list[Family]:
+    """Return the cards of decks, and those that only compilation decks have."""
+    from musatpy.formats.cards.spec import card_formats_folder, load_family
+    from musatpy.formats.job_tables import card_family
+
+    if formats is not None:
+        return [card_family(formats)]
+    return [card_family(), load_family(card_formats_folder() / "as11")]
+
+
+@click.command(name="tidy", short_help="Put cards typed freely into their columns.")
+@click.argument("deck", type=NamedPath())
+@_deck_to_write
+@formats_option
+@quiet_option
+@click.pass_context
+def tidy_command(ctx: click.Context, deck: Path, out: Path, formats: Path | None, quiet: bool) -> None:
+    """Put the words of cards that were typed with blanks between them into their columns.
+
+    A card of DECK (- is the standard input) that reads well stays as it is, byte by byte. The words of another one
+    go to the fields of its card in their order, from the first on; where they do not fit so, to the only fields
+    that take them in that order. Where there is no such way, or more than one, the card stays as it is and is told.
+
+    Exit status: 0 every card stands in its columns, 1 some do not.
+    """
+    from musatpy.formats.job_tables import card_family
+    from musatpy.keypunch.words import tidied
+
+    result = tidied(data_of(deck), card_family(formats), name_of(deck))
+    write_deck(out, result.data)
+    if not quiet:
+        for line, before, after in result.changed:
+            tell(f"{name_of(deck)}:{line}: {before.strip()}\n    {after}", err=True)
+        tell(f"{name_of(out)}: {count_of(len(result.changed), 'card')} put into their columns", err=True)
+    complain_of(result.problems)
+    ctx.exit(1 if result.problems else 0)
+
+
+@click.command(name="tide", short_help="Tides of a deck from the readings of a gauge.")
+@click.argument("deck", type=NamedPath())
+@click.option(
+    "--series",
+    required=True,
+    type=NamedPath(),
+    metavar="CSV",
+    help="Readings of the gauge: columns time and height (m).",
+)
+@click.option(
+    "--datum",
+    required=True,
+    type=float,
+    metavar="M",
+    help="Height of the zero of the gauge, above what the heights of the deck count from.",
+)
+@click.option("--sigma", type=NOT_NEGATIVE, default=0.0, metavar="M", help="Of a reading; 0 if not given.")
+@click.option(
+    "--times",
+    type=NamedPath(),
+    metavar="CSV",
+    help="Exposures: columns photo and time; if not given those of the deck.",
+)
+@click.option("--zone", default="", metavar="ZONE", help="Of times that state none: UTC, or +hh:mm.")
+@click.option(
+    "--clock",
+    default="0",
+    metavar="TIME",
+    help="When the seconds on the cards of the deck begin, if the series has dates.",
+)
+@_deck_to_write
+@formats_option
+@quiet_option
+def tide_command(
+    deck: Path, series: Path, datum: float, sigma: float, times: Path | None, zone: str, clock: str, out: Path,
+    formats: Path | None, quiet: bool,
+) -> None:  # fmt: skip
+    """Write the height of the water at each exposure of DECK (- is the standard input) on its card of tides.
+
+    Heights are interpolated among the readings by a piecewise cubic, never beyond the first and the last one, nor
+    in a gap of more than 30 minutes. Their sigmas join that of a reading with that of the gap. Times are seconds,
+    or dates as ISO 8601 writes them (2024-05-01T09:30:00+02:00), of readings and exposures alike. All else in the
+    deck stays as it is.
+
+    Exit status: 0, or 1 where a photo has no tide; then nothing is written.
+    """
+    from musatpy.formats.job_tables import card_family
+    from musatpy.keypunch.tides import deck_with_tides, moment, read_exposures, read_series
+
+    readings = read_series(series, zone=zone, datum=datum, sigma=sigma)
+    exposures = None if times is None else read_exposures(times, zone)
+    try:
+        start = moment(clock, zone)
+    except ValueError as error:
+        raise click.UsageError(f"--clock: '{clock}' {error}") from error
+    data, tides = deck_with_tides(data_of(deck), card_family(formats), readings, exposures, clock=start)
+    write_deck(out, data)
+    strangers = [photo for photo in exposures or () if photo not in tides]
+    complain_of_each(times, [f"photo {photo} is not in the deck" for photo in strangers])
+    if not tides:
+        complain(f"{name_of(deck)}: no photos")
+    elif not quiet:
+        heights, sigmas = zip(*tides.values(), strict=True)
+        tell(
+            f"{name_of(out)}: tides of {count_of(len(tides), 'photo')}, {min(heights):.3f} to "
+            f"{max(heights):.3f} m, largest sigma {max(sigmas):.3f} m",
+            err=out == STREAM,
+        )

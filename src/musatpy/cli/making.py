@@ -1,0 +1,215 @@
+"""Commands that make files to begin with: `example`, `simulate`, `waves` and `convert`."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from musatpy.cli.messages import complain_of, name_of, tell
+from musatpy.cli.options import (
+    NamedPath,
+    keys_option,
+    out_option,
+    refuse_overwriting,
+    submerged_option,
+    usage_errors,
+)
+from musatpy.errors import Problem, printable
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+    from musatpy.formats.families import FormatFamily
+
+
+def _examples_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
+    """Return the examples that a shell may complete a text to."""
+    from click.shell_completion import CompletionItem
+
+    from musatpy.examples import examples
+
+    return [CompletionItem(name, help=one.title) for name, one in examples().items() if name.startswith(text)]
+
+
+@click.command(name="example", short_help="Write an example to begin with.")
+@click.argument("name", metavar="[NAME]", required=False, shell_complete=_examples_beginning)
+@click.option(
+    "-o",
+    "--out",
+    "out_dir",
+    metavar="DIR",
+    type=NamedPath(file_okay=False),
+    help="Where the files go; a folder NAME where not given.",
+)
+def example_command(name: str | None, out_dir: Path | None) -> None:
+    """List the examples; with a NAME, write its files and say how to go on.
+
+    Exit status: 0, or 1 where a file cannot be written or another one of its name is there.
+    """
+    from musatpy.examples import example_named, examples, write_example
+
+    if name is None:
+        every = examples()
+        width = max(map(len, every))
+        for example in every.values():
+            tell(f"{example.name:<{width}}  {example.title}")
+        tell("\nmusat example NAME -o DIR writes one")
+        return
+    with usage_errors():
+        chosen = example_named(name)
+    folder = out_dir or Path(name)
+    for path in write_example(chosen, folder):
+        tell(f"wrote {name_of(path)}")
+    tell("\nGo on with")
+    for line in (f"cd {shlex.quote(os.fspath(folder))}", *chosen.commands):
+        tell(f"  {line}")
+
+
+@click.command(name="simulate", short_help="Write a deck with known truth from a spec.")
+@click.argument("spec", type=NamedPath())
+@click.option(
+    "--seed", type=click.IntRange(min=0), help="Seed of the random numbers; the spec's own where not given."
+)
+@keys_option("musatpy.simulation.simulation_spec:SimulationSpec")
+@out_option
+def simulate_command(spec: Path, seed: int | None, out_dir: Path | None) -> None:
+    """Write the deck NAME.crd that SPEC describes, and its truth as NAME.truth.json.
+
+    With a table [compilation] also NAME.compilation.crd, readings in its models, with their truth, and
+    NAME.soundings.csv.
+
+    The same spec and seed always give the same files.
+    """
+    from musatpy.files import write_files
+    from musatpy.formats.compilation_deck import compilation_bytes
+    from musatpy.formats.musat import deck_bytes
+    from musatpy.simulation import simulate, truth_json
+
+    folder = spec.parent if out_dir is None else out_dir
+    deck, truth = folder / f"{spec.stem}.crd", folder / f"{spec.stem}.truth.json"
+    refuse_overwriting([deck, truth], [spec])
+    simulation = simulate(spec, seed)
+    files = {deck: deck_bytes(simulation.block), truth: truth_json(simulation).encode()}
+    tell_of = f"{name_of(deck)}: {len(simulation.block.photos.ids)} photos, truth {name_of(truth)}"
+    if (compiled := simulation.compiled) is not None:
+        readings = folder / f"{spec.stem}.compilation.crd"
+        files |= {
+            readings: compilation_bytes(compiled.deck),
+            readings.with_suffix(".truth.csv"): compiled.truth_csv().encode(),
+            folder / f"{spec.stem}.soundings.csv": compiled.soundings.encode(),
+        }
+        tell_of += f", readings {name_of(readings)}"
+    write_files(files)
+    tell(tell_of)
+
+
+@click.command(name="waves", short_help="What waves do to a map that takes the water for level.")
+@click.argument("spec", type=NamedPath())
+@click.option("--plots", is_flag=True, help="Pictures too (NAME.map.png, ...); needs the extra 'plots'.")
+@keys_option("musatpy.sea.experiment_spec:WaveSpec")
+@out_option
+def waves_command(spec: Path, plots: bool, out_dir: Path | None) -> None:
+    """Run the wave experiment of SPEC: its report goes to NAME.waves.txt, every point to NAME.waves.csv."""
+    from musatpy.files import write_files
+    from musatpy.reports.sea import points_csv, waves_text
+    from musatpy.sea.experiment import study
+    from musatpy.sea.experiment_spec import load_spec
+
+    folder = spec.parent if out_dir is None else out_dir
+    result = study(load_spec(spec), str(spec))
+    text, table = folder / f"{spec.stem}.waves.txt", folder / f"{spec.stem}.waves.csv"
+    files = {text: waves_text(result).encode(), table: points_csv(result).encode()}
+    if plots:
+        from musatpy.sea.pictures import pictures
+
+        files |= {folder / f"{spec.stem}.{name}.png": picture for name, picture in pictures(result).items()}
+    refuse_overwriting(files, [spec])
+    write_files(files)
+    sigma = ", ".join(f"{name} {value:.3f}" for name, value in zip("XYZ", result.spread.sigma, strict=True))
+    says = "kept" if result.spread.kept.all() else "exceeded"
+    tell(f"{name_of(text)}: sigma {sigma} m, accuracy {says}")
+
+
+@click.command(name="convert", short_help="Convert a job between decks and other agencies' files.")
+@click.argument("source", metavar="FROM", type=NamedPath(exists=True))
+@click.argument("target", metavar="TO", type=NamedPath())
+@click.option("--from", "source_name", metavar="FAMILY", help="Family of FROM, where its name does not say it.")
+@click.option("--to", "target_name", metavar="FAMILY", help="Family of TO, where its name does not say it.")
+@click.option(
+    "--deck",
+    type=NamedPath(exists=True, dir_okay=False),
+    help="A deck, which need not be whole, for what FROM does not hold: camera, options, water.",
+)
+@submerged_option
+@click.option(
+    "--formats",
+    metavar="DIR",
+    type=NamedPath(exists=True, file_okay=False),
+    help="A family of your own: a folder of format files (TOML), named as the folder.",
+)
+def convert_command(
+    source: Path,
+    target: Path,
+    source_name: str | None,
+    target_name: str | None,
+    deck: Path | None,
+    submerged: Path | None,
+    formats: Path | None,
+) -> None:
+    """Convert the job FROM to TO, and say what TO cannot hold.
+
+    Families are musat (*.crd), giant, patb, bingo and jfk, or your own. FROM and TO are a file, or a folder of
+    files that belong together; of a set of files any one stands for all.
+
+    Exit status: 0 written, 1 FROM cannot be used or TO cannot hold it at all (nothing is written).
+    """
+    from musatpy.files import write_files
+    from musatpy.formats.families import DeckFamily, families
+    from musatpy.formats.parts import deck_parts
+
+    known = families(formats)
+    from_family = _family(known, source, source_name, "--from", is_target=False)
+    to_family = _family(known, target, target_name, "--to", is_target=True)
+    if deck is not None and isinstance(from_family, DeckFamily):
+        raise click.UsageError("--deck is for files that do not hold everything; FROM is a deck itself")
+    stem = source.resolve().name if source.is_dir() else source.stem
+    written = [path for path in to_family.targets(target, stem).values() if path.exists()]
+    refuse_overwriting(written, [*from_family.targets(source, stem).values(), source])
+    parts, warnings = from_family.read(source, {} if deck is None else deck_parts(deck))
+    complain_of(warnings)
+    if submerged is not None:
+        from musatpy.formats.job_tables import with_flags
+        from musatpy.jobs.point_flags import PointFlags, flags_of_parts
+
+        more = flags_of_parts(parts, PointFlags(submerged=submerged))
+        parts = {role: with_flags(role, table, more.flags) for role, table in parts.items()}
+        tell(more.settings[0])
+        complain_of(Problem(message=note, severity="warning") for note in more.undecided)
+    rendered = to_family.render(parts, target, stem)
+    write_files(rendered.contents)
+    for file in rendered.contents:
+        tell(f"wrote {name_of(file)}")
+    for line in rendered.left_out:
+        tell(line)
+    complain_of(rendered.warnings)
+
+
+def _family(
+    known: Mapping[str, FormatFamily], path: Path, name: str | None, option: str, *, is_target: bool
+) -> FormatFamily:
+    """Return the family of a name, or the first whose files are named like `path`; raises `click.UsageError`."""
+    if name is not None:
+        if name not in known:
+            raise click.UsageError(f"{option}: no family '{printable(name)}'; there are {', '.join(known)}")
+        return known[name]
+    if not (is_target and path.is_dir()):
+        for family in known.values():
+            if family.matches(path):
+                return family
+    patterns = "; ".join(f"{family.name} {' '.join(family.patterns)}" for family in known.values())
+    raise click.UsageError(f"{name_of(path)}: give its family with {option} ({patterns})")

@@ -1,0 +1,319 @@
+"""Commands about what runs left: `plot`, `report`, `explain`, `compare`, `diff` and `audit`."""
+
+from __future__ import annotations
+
+import gc
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from musatpy.cli.messages import complain, complain_of, complain_of_error, name_of, styled, tell, tell_as_is
+from musatpy.cli.options import (
+    POSITIVE,
+    NamedPath,
+    crs_option,
+    listed_option,
+    out_option,
+    quiet_option,
+    refuse_overwriting,
+    usage_errors,
+)
+from musatpy.errors import MusatError, Problem, ProblemsError, printable
+
+if TYPE_CHECKING:
+    from musatpy.listings import Rules
+
+CANNOT_READ = 2  # exit status of `diff` and `audit`, of which 1 is an answer
+
+
+@contextmanager
+def _cycles_left_alone() -> Iterator[None]:
+    """Look for no cycles: none are among the millions of objects, and the search takes a tenth of the time."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()  # nor at the end of the program
+        gc.enable()
+
+
+def _show_pictures(context: click.Context, _: click.Parameter, shown: bool) -> None:
+    """List the pictures of each kind of record."""
+    if not shown:
+        return
+    from musatpy.plots.gallery import KINDS
+
+    for kind in KINDS.values():
+        tell(f"of a {kind.what}:")
+        for picture in kind.pictures:
+            tell(f"  {picture.name:<16}{picture.title}")
+    context.exit()
+
+
+@click.command(name="plot", short_help="Draw the pictures of records.")
+@click.argument("records", metavar="RECORD...", nargs=-1, required=True, type=NamedPath())
+@out_option
+@click.option("--only", "names", metavar="NAME", multiple=True, help="This picture; may be given again.")
+@click.option(
+    "--line", metavar="FILE", type=NamedPath(), help="Where the depth profile runs (CSV, GeoJSON, DXF, ...)."
+)
+@click.option("--soundings", metavar="FILE", type=NamedPath(), help="Soundings in the depth profile (CSV, LAS).")
+@click.option(
+    "--within",
+    metavar="M",
+    type=POSITIVE,
+    help="Points so near the line stand in the profile, m; as near as it must be where not given.",
+)
+@click.option("--datum", metavar="H", type=float, default=0.0, help="Height from which their depths count, m.")
+@crs_option("System of x and y of a file that says none: EPSG:32620.")
+@click.option(
+    "--list", is_flag=True, is_eager=True, expose_value=False, callback=_show_pictures, help="List the pictures."
+)
+@click.option("-q", "--quiet", is_flag=True, help="Do not say what pictures show.")
+@click.pass_context
+def plot_command(
+    ctx: click.Context,
+    records: tuple[Path, ...],
+    out_dir: Path | None,
+    names: tuple[str, ...],
+    line: Path | None,
+    soundings: Path | None,
+    within: float | None,
+    datum: float,
+    crs: str,
+    quiet: bool,
+) -> None:
+    """Draw the pictures of each RECORD, NAME.json of a run or a compilation, as NAME.PICTURE.svg.
+
+    A picture of more than 2,000 marks becomes a .png. RECORD may also be of a comparison with soundings.
+
+    Exit status: 0 done, 1 a record cannot be used, or has nothing to show.
+    """
+    from musatpy.plots.files import check_names, check_stems, drawn, profile_of
+
+    with usage_errors():
+        check_names(names)
+        check_stems(records, out_dir)
+    profile = profile_of(line, soundings, crs, datum, within) if line or soundings or within else None
+    failed = False
+    for record in records:
+        try:
+            done = drawn(record, out_dir, names, profile)
+        except (MusatError, OSError) as error:
+            complain_of_error(error)
+            failed = True
+            continue
+        for name, reason in done.reasons.items():
+            complain(f"{name_of(record)}: no {name}: {reason}")
+        for path, sentence in zip(done.files, done.sentences, strict=True):
+            if not quiet:
+                tell(f"{name_of(path)}: {printable(sentence)}")
+        failed |= not done.files
+    ctx.exit(int(failed))
+
+
+@click.command(name="report", short_help="Make the page of a run: one HTML file to hand over.")
+@click.argument("record", metavar="RUN.json", type=NamedPath())
+@click.option(
+    "-o", "--out", "out", metavar="NAME.html", type=NamedPath(), help="The page; RUN.html where not given."
+)
+@click.option(
+    "--input",
+    "inputs",
+    metavar="FILE",
+    multiple=True,
+    type=NamedPath(),
+    help="A file that the run has read, such as its deck: the page states its SHA-256.",
+)
+@quiet_option
+def report_command(record: Path, out: Path | None, inputs: tuple[Path, ...], quiet: bool) -> None:
+    """Make a page of the record of a run, a compilation (`as11 compile`) or a comparison (`compare-soundings`).
+
+    One HTML file with pictures, without scripts, that needs no network: verdict, data, accuracy, pictures, worst
+    observations, tables. Needs jinja2 and matplotlib.
+    """
+    from musatpy.files import write_file
+    from musatpy.page.composition import page_of_record
+
+    place = record.with_suffix(".html") if out is None else out
+    refuse_overwriting([place], [record, *inputs])
+    with _cycles_left_alone():
+        write_file(place, page_of_record(record, inputs).encode())
+    if not quiet:
+        tell(f"{name_of(record)}: page {name_of(place)}")
+
+
+@click.command(name="explain", short_help="Show all that a run knows of one point or photo.")
+@click.argument("name", metavar="ID")
+@click.argument("record", metavar="RECORD", type=NamedPath())
+def explain_command(name: str, record: Path) -> None:
+    """Show all that a run knows of the point or photo ID, on one screen, from its RECORD NAME.json.
+
+    Images with residuals and tests, redundancy and detectable errors; what would happen without them, as predicted
+    from redundancy and influence, without a new adjustment; control, water and neighbours. RECORD may be a deck,
+    which is then adjusted. Exit status: 0, or 1 where there is neither a point nor a photo of that name.
+    """
+    from musatpy.runs import inquiry_text
+
+    tell(inquiry_text(record, name), nl=False)
+
+
+@click.command(name="compare", short_help="Put two solutions of one deck side by side.")
+@click.argument("first", metavar="A", type=NamedPath())
+@click.argument("second", metavar="B", type=NamedPath())
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, with every station, point and wave.")
+@click.option("--listed", type=click.IntRange(min=1), default=20, show_default=True, help="Rows of each table.")
+@click.option("--limit", type=float, metavar="SIGMAS", help="Exit status 1 where a difference is larger than this.")
+@click.pass_context
+def compare_command(
+    ctx: click.Context, first: Path, second: Path, as_json: bool, listed: int, limit: float | None
+) -> None:
+    """Compare solution B with solution A of the same deck.
+
+    Each is the record NAME.json that a run left, or a deck, which is then adjusted. Differences are B minus A, in
+    metres and in sigmas of B, those that differ most first. Exit status: 0, or 1 where a difference is beyond the
+    limit, or a file cannot be used.
+    """
+    from musatpy.reports.comparison import comparison_record, comparison_text
+    from musatpy.runs import compared
+
+    labels = first.stem, second.stem
+    if labels[0] == labels[1]:
+        labels = name_of(first), name_of(second)
+    comparison = compared(first, second, labels)
+    whole = json.dumps(comparison_record(comparison), indent=1) + "\n" if as_json else ""
+    tell(whole or comparison_text(comparison, listed), nl=False)
+    if limit is not None and comparison.largest > limit:
+        ctx.exit(1)
+
+
+@click.command(name="diff", short_help="Compare two listings or records number by number.")
+@click.argument("first", metavar="A", type=NamedPath())
+@click.argument("second", metavar="B", type=NamedPath())
+@click.option("--rules", metavar="FILE", type=NamedPath(), help="Rules (TOML): what may differ.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
+@click.option("--junit", metavar="FILE", type=NamedPath(), help="Write JUnit XML too, for CI systems.")
+@listed_option
+@click.option(
+    "-q", "--quiet", is_flag=True, help="Print nothing where A and B are the same, else the last line only."
+)
+@click.pass_context
+def diff_command(
+    ctx: click.Context,
+    first: Path,
+    second: Path,
+    rules: Path | None,
+    as_json: bool,
+    junit: Path | None,
+    listed: int,
+    quiet: bool,
+) -> None:
+    """Compare two listings, two JSON files (names end in .json), or a listing with its record.
+
+    A or B may be `-`, a listing that is read from standard input.
+
+    Differences are B minus A. Without rules every number and word must be the same. Exit status: 0 same,
+    1 different, 2 the files cannot be compared or the rules are wrong.
+    """
+    from musatpy.files import write_files
+    from musatpy.listings import compare_bytes
+    from musatpy.listings.output import json_text, junit_of_problems, junit_text, render, verdict
+
+    names = str(first), str(second)
+    try:
+        contents, loaded = _read(first, second, rules)
+        with _cycles_left_alone():
+            comparison = compare_bytes(*contents, loaded, names=names)
+    except ProblemsError as error:
+        complain_of(error.problems)
+        if junit:
+            write_files({junit: junit_of_problems(error.problems, names).encode()})
+        ctx.exit(CANNOT_READ)
+    if junit:
+        write_files({junit: junit_text(comparison).encode()})
+    if as_json:
+        tell_as_is(json_text(comparison))
+    elif not quiet:
+        tell_as_is(render(comparison, listed=listed, style=styled))
+    elif not comparison.same:
+        tell_as_is(f"{verdict(comparison, styled)}\n")
+    ctx.exit(0 if comparison.same else 1)
+
+
+def _read(first: Path, second: Path, rules: Path | None) -> tuple[tuple[bytes, bytes], Rules | None]:
+    """Return what stands in both files, and the rules; raises `ProblemsError` with all that cannot be read."""
+    from musatpy.listings import load_rules
+
+    contents: dict[Path, bytes] = {}
+    loaded: Rules | None = None
+    problems: list[Problem] = []
+    if str(first) == str(second) == "-":
+        problems.append(Problem(file="-", message="can be one of the two only"))
+    for path in dict.fromkeys((first, second)):
+        try:
+            contents[path] = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
+        except OSError as error:
+            problems.append(_problem(error))
+    try:
+        loaded = load_rules(rules) if rules else None
+    except ProblemsError as error:
+        problems += error.problems
+    except OSError as error:
+        problems.append(_problem(error))
+    if problems:
+        raise ProblemsError(problems)
+    return (contents[first], contents[second]), loaded
+
+
+def _problem(error: OSError) -> Problem:
+    return Problem(file=str(error.filename or "system"), message=str(error.strerror or error))
+
+
+@click.command(name="audit", short_help="Find the misprints of a listing.")
+@click.argument("listing", metavar="LISTING", type=NamedPath())
+@click.option(
+    "--against",
+    metavar="NEW",
+    type=NamedPath(),
+    help="Put the statistics beside those of a newer run: its listing, or its record NAME.json.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option(
+    "--listed",
+    type=click.IntRange(min=1),
+    default=30,
+    show_default=True,
+    help="Rows of each report that --against shows.",
+)
+@click.pass_context
+def audit_command(ctx: click.Context, listing: Path, against: Path | None, as_json: bool, listed: int) -> None:
+    """Read the standard reports of a LISTING, legacy or ours, scanned or not, and check that their numbers agree.
+
+    These are the analyses, plate residuals of the frames and bathymetric points. Every repair of scanned text is
+    reported. Exit status: 0 consistent, 1 inconsistent, 2 where a file, or a row of
+    the listing, cannot be read, or the results not be written.
+    """
+    from musatpy.listings.audit.against import side_by_side, side_record, side_text
+    from musatpy.listings.audit.reading import audit, audit_record, audit_text, read_listing
+
+    with _cycles_left_alone():
+        structures = read_listing(listing)
+        beside = None if against is None else side_by_side(structures, against)
+        findings = audit(structures)
+    if as_json:
+        record = audit_record(structures, findings) | ({} if beside is None else side_record(beside))
+        text = json.dumps(record, indent=1) + "\n"
+    else:
+        text = audit_text(structures, findings)
+        if beside is not None:
+            text += "\n" + side_text(beside, listed)
+    tell(text, nl=False)
+    if findings:
+        ctx.exit(1)
+    if structures.unreadable:
+        ctx.exit(CANNOT_READ)
