@@ -382,7 +382,7 @@ def test_what_a_baseline_says_of_a_run_is_no_news(tmp_path):
     assert check(tmp_path / "base").unused_rules == ()  # of records nothing was compared
 
 
-ENTRY: dict[str, Any] = {"deck_sha256": "0", "version": "1", "status": 0}
+ENTRY: dict[str, Any] = {"deck_sha256": "0", "version": "1", "status": 0, "state": "accepted"}
 INDEX_OF_ONE: dict[str, Any] = {
     "schema_version": "1.0", "decks_in": "..", "records": True, "formats": None, "decks": {"a.crd": ENTRY},
 }  # fmt: skip

@@ -216,20 +216,6 @@ def test_results_that_would_go_over_something_are_refused(tmp_path):
     assert ran.exit_code == 2 and "a manifest says itself" in ran.stderr
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [["batch", ""], ["batch", ".", "-o", ""], ["baseline", "save", "base", ""], ["baseline", "save", "", "."],
-     ["baseline", "check", "base", "-o", ""]],
-)  # fmt: skip
-def test_an_empty_name_is_not_the_folder_in_which_we_are(tmp_path, monkeypatch, arguments):
-    """`"$DECKS"` where the variable is not set."""
-    monkeypatch.chdir(tmp_path)
-    decks_in(tmp_path, small=1)
-    ran = commands.musat(*arguments)
-    assert (ran.exit_code, "the name is empty" in ran.stderr) == (2, True)
-    assert os.listdir(tmp_path) == ["small0.crd"]
-
-
 def test_punched_decks_are_no_decks_of_their_folder(tmp_path):
     (deck,) = decks_in(tmp_path, small=1)
     shutil.copy(deck, tmp_path / "small0.edited.crd")

@@ -72,24 +72,6 @@ def test_a_deck_that_cannot_run_yet_is_written_with_warnings(tmp_path):
     assert f"{tmp_path / 'job.crd'}" in result.stderr and "warning" in result.stderr
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["{deck}", "{folder}/job.xyz"], "give its family with --to"),
-        (["{deck}", "{folder}"], "give its family with --to"),
-        (["{deck}", "{folder}/job.im", "--to", "nobody"], "no family 'nobody'; there are musat, bingo, giant"),
-        (["{deck}", "{deck}"], "the result would overwrite"),
-        (["{deck}", "{folder}/job.im", "--deck", "{deck}"], "FROM is a deck itself"),
-        (["{folder}/none.crd", "{folder}/job.im"], "does not exist"),
-    ],
-)
-def test_a_wrong_command_line_ends_with_2(tmp_path, arguments, expected):
-    deck = Path(shutil.copy(DECK, tmp_path / "given.crd"))
-    result = convert(*(text.format(deck=deck, folder=tmp_path) for text in arguments))
-    assert result.exit_code == 2 and expected in result.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["given.crd"]
-
-
 def test_an_own_family_takes_the_place_of_one_of_its_name(tmp_path):
     own = tmp_path / "patb"
     shutil.copytree(ROOT / "card_formats" / "patb", own)
@@ -159,31 +141,19 @@ def test_metres_are_right_in_a_local_job_and_where_the_file_is_rectangular(tmp_p
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    ("unit", "other", "target", "message"),
     [
-        (
-            'unit = "m"\ntarget = "photos.position[2]"',
-            'unit = "deg"\ntarget = "photos.position[2]"',
-            "z: unit: 'deg'",
-        ),
-        (
-            'unit = "m"\ntarget = "photos.position[0]"',
-            'unit = "deg"\ntarget = "photos.position[0]"',
-            "y: unit: 'm', expected `job` or an angle",
-        ),
-        (
-            'unit = "deg"\ntarget = "photos.attitude[1]"',
-            'unit = "m"\ntarget = "photos.attitude[1]"',
-            "phi: unit: 'm'",
-        ),
+        ("m", "deg", "photos.position[2]", "z: unit: 'deg'"),
+        ("m", "deg", "photos.position[0]", "y: unit: 'm', expected `job` or an angle"),
+        ("deg", "m", "photos.attitude[1]", "phi: unit: 'm'"),
     ],
 )
-def test_units_that_no_job_can_have_are_refused_at_loading(tmp_path, old, new, message):
-    own = tmp_path / "own"
-    shutil.copytree(OWN, own)
+def test_units_that_no_job_can_have_are_refused_at_loading(tmp_path, unit, other, target, message):
+    own = Path(shutil.copytree(OWN, tmp_path / "own"))
     text = (own / "eo.toml").read_text()
+    old = f'unit = "{unit}"\ntarget = "{target}"'
     assert text.count(old) == 1
-    (own / "eo.toml").write_text(text.replace(old, new))
+    (own / "eo.toml").write_text(text.replace(old, f'unit = "{other}"\ntarget = "{target}"'))
     result = convert("--formats", own, ROOT / "fixtures" / "trust" / "local_run.crd", tmp_path / "job.eo")
     assert result.exit_code == 1 and "eo.toml: photo" in result.stderr
     assert message in result.stderr and "expected" in result.stderr
