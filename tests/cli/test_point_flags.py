@@ -91,11 +91,16 @@ def test_below_flags_what_stands_below_its_water_and_lists_what_is_undecided(dec
 
 
 @pytest.mark.slow
-def test_below_with_the_tides_the_other_way_flags_nothing(deck):
-    text = re.sub(r"(?m)^(TID.{10}).{9}", r"\1 -99.0000", deck.read_text())
-    deck.write_text(text)
+def test_below_with_the_tides_the_other_way_flags_nothing_and_needs_tides(deck):
+    text = deck.read_text()
+    deck.write_text(re.sub(r"(?m)^(TID.{10}).{9}", r"\1 -99.0000", text))
     result = musat("run", deck, "--submerged", "BELOW")
     assert result.exit_code == 0 and record(deck)["settings"] == ["submerged=BELOW (0 points)"]
+    deck.with_suffix(".lst").unlink()
+    deck.write_text("".join(line for line in text.splitlines(True) if not line.startswith("TID")))
+    result = musat("run", deck, "--submerged", "BELOW")
+    assert result.exit_code == 1 and "BELOW: no tide says how high the water stands" in result.stderr
+    assert not deck.with_suffix(".lst").exists()
 
 
 @pytest.mark.slow
@@ -104,13 +109,6 @@ def test_below_asks_the_first_adjustment_with_known_water(deck):
     settings = ("--set", "OPT.program=IIIA", "--set", "OP2.water_level=ONE")
     assert musat("run", deck, *settings, "--submerged", "BELOW").exit_code == 0
     assert flagged_in(record(deck)["points"]) == BELOW
-
-
-def test_below_needs_tides(deck):
-    deck.write_text("".join(line for line in deck.read_text().splitlines(True) if not line.startswith("TID")))
-    result = musat("run", deck, "--submerged", "BELOW")
-    assert result.exit_code == 1 and "BELOW: no tide says how high the water stands" in result.stderr
-    assert not deck.with_suffix(".lst").exists()
 
 
 @pytest.mark.parametrize("ending", ["csv", pytest.param("geojson", marks=pytest.mark.slow)])
@@ -153,31 +151,30 @@ def test_dry_points_are_in_no_doubt(deck, tmp_path, place):
     assert flagged_in(record(deck)["points"]) == [name for name in BELOW if name != "218"]
 
 
-def test_a_point_is_not_both(deck, tmp_path, place):
+def test_a_point_is_not_both_and_corners_of_latitude_and_longitude_hold_none(deck, tmp_path, place):
     path = polygon(tmp_path / "polder.csv", square(place["218"]))
     message = "point 218 would be flagged as submerged and as dry for certain"
     assert message in musat("run", deck, "--dry", path, "--submerged", path).stderr
     deck.write_bytes(DECK.read_bytes())
-    result = musat("run", deck, "--dry", path)
-    assert result.exit_code == 1 and message in result.stderr
+    turned = polygon(tmp_path / "turned.csv", [corner[::-1] for corner in square(place["218"])])
+    none = "turned.csv: no point of the deck is in the polygon: its corners are longitude and"
+    for corners, reason in ((path, message), (turned, none)):
+        result = musat("run", deck, "--dry", corners)
+        assert result.exit_code == 1 and reason in result.stderr
 
 
-def test_a_polygon_of_latitudes_and_longitudes_holds_no_point(deck, tmp_path, place):
-    path = polygon(tmp_path / "turned.csv", [corner[::-1] for corner in square(place["218"])])
-    result = musat("run", deck, "--dry", path)
-    assert result.exit_code == 1
-    assert "turned.csv: no point of the deck is in the polygon: its corners are longitude and" in result.stderr
-
-
-def test_points_that_there_are_not_are_named(deck, tmp_path):
-    path = tmp_path / "wet.txt"
-    path.write_text("203\n2O6, 999\n")
-    result = musat("run", deck, "--submerged", path)
-    assert result.exit_code == 1
-    assert "no point 2O6 in the deck" in result.stderr and "no point 999 in the deck" in result.stderr
-    path.write_text("# none yet\n")
-    assert "no point is named" in musat("run", deck, "--submerged", path).stderr
-    assert musat("run", deck, "--submerged", tmp_path / "nothing").exit_code == 1
+@pytest.mark.parametrize(
+    ("text", "messages"),
+    [("203\n2O6, 999\n", ["no point 2O6 in the deck", "no point 999 in the deck"]),
+     ("# none yet\n", ["no point is named"]), (None, ["wet.txt: No such file"])],
+)  # fmt: skip
+def test_points_that_there_are_not_are_named(deck, tmp_path, text, messages):
+    if text is not None:
+        (tmp_path / "wet.txt").write_text(text)
+    result = musat("run", deck, "--submerged", tmp_path / "wet.txt")
+    assert result.exit_code == 1 and all(message in result.stderr for message in messages)
+    result = musat("convert", "--submerged", tmp_path / "wet.txt", deck, tmp_path / "again.crd")
+    assert (result.exit_code, (tmp_path / "again.crd").exists()) == (1, False)
 
 
 @pytest.mark.parametrize(
@@ -213,27 +210,15 @@ def test_convert_writes_flags_on_the_plate_cards(deck, tmp_path):
     )
 
 
-def test_convert_writes_nothing_where_points_have_no_flags_to_be(deck, tmp_path):
-    (tmp_path / "wet.txt").write_text("999")
-    target = tmp_path / "again.crd"
-    assert musat("convert", "--submerged", tmp_path / "wet.txt", deck, target).exit_code == 1
-    assert not target.exists()
-
-
 @pytest.mark.slow
 def test_a_manifest_says_them_and_its_jobs_are_run_again_where_files_change(deck, tmp_path):
-    wet = tmp_path / "wet.txt"
-    wet.write_text("203\n")
-    manifest = tmp_path / "jobs.toml"
-    manifest.write_text('[[job]]\ndeck = "job.crd"\nsubmerged = "wet.txt"\n')
-    assert musat("batch", "-q", "-j", 1, manifest).exit_code == 0
-    assert flagged_in(record(deck)["points"]) == ["203"]
-    wet.write_text("203,206\n")
-    assert musat("batch", "-q", "-j", 1, manifest).exit_code == 0
-    assert flagged_in(record(deck)["points"]) == ["203", "206"]
-    manifest.write_text('[[job]]\ndeck = "job.crd"\nsubmerged = "BELOW"\n')
-    assert musat("batch", "-q", "-j", 1, manifest).exit_code == 0
-    assert flagged_in(record(deck)["points"]) == BELOW
+    wet, manifest = tmp_path / "wet.txt", tmp_path / "jobs.toml"
+    for points, source, expected in (("203\n", "wet.txt", ["203"]), ("203,206\n", "wet.txt", ["203", "206"]),
+                                     ("", "BELOW", BELOW)):  # fmt: skip
+        wet.write_text(points)
+        manifest.write_text(f'[[job]]\ndeck = "job.crd"\nsubmerged = "{source}"\n')
+        assert musat("batch", "-q", "-j", 1, manifest).exit_code == 0
+        assert flagged_in(record(deck)["points"]) == expected
     manifest.write_text('[[job]]\ndeck = "job.crd"\ndry = ["x"]\n')
     result = musat("batch", "-q", "-j", 1, manifest)
     assert result.exit_code == 1 and "jobs.toml" in result.stderr and "unexpected" not in result.stderr
