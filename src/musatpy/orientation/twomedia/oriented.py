@@ -227,7 +227,7 @@ class Oriented:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Attempt:
+class _OrientationAttempt:
     """What an orientation is made from, and how."""
 
     sights: Sights
@@ -259,7 +259,7 @@ def orient(
     `OrientationError` where the sights do not suffice, where most of them fit nothing, and where they contradict
     what is given of the water.
     """
-    attempt = _Attempt(sights=sights, method=method, plane=plane, equal=equal)
+    attempt = _OrientationAttempt(sights=sights, method=method, plane=plane, equal=equal)
     _require_enough(attempt)
     if near is not None and (solution := _oriented_near(attempt, near)) is not None:
         return solution
@@ -273,7 +273,7 @@ def orient(
     return oriented
 
 
-def _require_enough(attempt: _Attempt) -> None:
+def _require_enough(attempt: _OrientationAttempt) -> None:
     """Raise `OrientationError` where conditions are fewer than unknowns, or shared points than a start takes.
 
     And for equal weights beside prior sigmas, which the conditions of the paper know nothing of.
@@ -294,7 +294,7 @@ def _require_enough(attempt: _Attempt) -> None:
         raise attempt.fault("; ".join(faults))
 
 
-def _require_agreement(attempt: _Attempt, outliers: int) -> None:
+def _require_agreement(attempt: _OrientationAttempt, outliers: int) -> None:
     """Raise `OrientationError` where the images fit another plane than the given one, and with fewer outliers.
 
     That it is another is tested by the difference of both, in the covariances of both, 0 of what is held.
@@ -329,7 +329,7 @@ def _require_agreement(attempt: _Attempt, outliers: int) -> None:
         raise attempt.fault(f"the images contradict the water that is given: {'; '.join(parts)}")
 
 
-def _oriented_near(attempt: _Attempt, near: Orientation) -> Oriented | None:
+def _oriented_near(attempt: _OrientationAttempt, near: Orientation) -> Oriented | None:
     """Return the orientation from one start (1,), with few outliers; None where it leads nowhere."""
     if (solution := _fitting(attempt, refined(attempt.problem, near))) is not None:
         return solution
@@ -340,7 +340,7 @@ def _oriented_near(attempt: _Attempt, near: Orientation) -> Oriented | None:
     return None
 
 
-def _oriented(attempt: _Attempt, base: float) -> Oriented:
+def _oriented(attempt: _OrientationAttempt, base: float) -> Oriented:
     """Return the orientation by all sights, or by those that are left without outliers."""
     problem, starts = attempt.problem, attempt.method.starts(attempt.sights, attempt.plane, base)
     if not len(starts.level):
@@ -358,7 +358,7 @@ def _oriented(attempt: _Attempt, base: float) -> Oriented:
         return solution
 
 
-def _fitting(attempt: _Attempt, adjusted: Adjusted, *, at_rest: bool = True) -> Oriented | None:
+def _fitting(attempt: _OrientationAttempt, adjusted: Adjusted, *, at_rest: bool = True) -> Oriented | None:
     """Return the solution of least squares that is not to be rejected, None where it does not fit.
 
     If not `at_rest`, the best place that an adjustment has come to and which fits though it does not rest there:
@@ -374,7 +374,7 @@ def _fitting(attempt: _Attempt, adjusted: Adjusted, *, at_rest: bool = True) -> 
     return solution if solution.fits and (at_rest or solution.redundancy) else None
 
 
-def _without_outliers(attempt: _Attempt, tested: tuple[BoolArray, Adjusted] | None) -> Oriented:
+def _without_outliers(attempt: _OrientationAttempt, tested: tuple[BoolArray, Adjusted] | None) -> Oriented:
     """Return the orientation without the points (p,) that do not fit that of the others."""
     if tested is not None:
         outliers, adjusted = tested
@@ -394,7 +394,7 @@ def _without_outliers(attempt: _Attempt, tested: tuple[BoolArray, Adjusted] | No
     raise NotConvergedError(fault)
 
 
-def _in_line(attempt: _Attempt) -> bool:
+def _in_line(attempt: _OrientationAttempt) -> bool:
     """Return whether all points that hold the photos lie on a line: on the ground, or in every photo of a model."""
     sights = attempt.sights
     sets = [sights.image[sights.photo == photo] for photo in range(attempt.method.photos)]
@@ -404,7 +404,7 @@ def _in_line(attempt: _Attempt) -> bool:
     return all(extent[1] <= _LINE * extent[0] for extent in extents)
 
 
-def _described(attempt: _Attempt, adjusted: Adjusted, outliers: BoolArray) -> Oriented:
+def _described(attempt: _OrientationAttempt, adjusted: Adjusted, outliers: BoolArray) -> Oriented:
     """Return a solution with its precision and reliability."""
     return Oriented(
         sights=attempt.sights,
