@@ -18,8 +18,10 @@ from musatpy.compilation.triangulation import AdjustedRun, of_solution
 from musatpy.compilation.verdicts import warnings_of
 from musatpy.errors import CompilationError
 from musatpy.reports.record import dumps, record
+from musatpy.units import DEGREE
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
+UNITS = np.array([DEGREE, DEGREE, 1.0])
 MARKS = np.array([[100.0, -300.0, -12.0], [-500.0, 900.0, -1.0], [0.0, 0.0, 40.0], [300.0, 5.0, -25.0]])
 
 
@@ -118,9 +120,9 @@ def record_file(solution: model.Solution, tmp_path_factory: pytest.TempPathFacto
 
 
 def test_a_path_is_driven_at_its_rate_and_told_where_it_leaves_the_plates(
-    record_file: Path, tmp_path: Path
+    solution: model.Solution, record_file: Path, tmp_path: Path
 ) -> None:
-    """10 m in one second at a scale of 1 to 15,740: .63 mm/s; then 4 km to the east, off the plates."""
+    """10 m in one second at a scale of 1 to 15,740: .63 mm/s, by the job too; then 4 km, off the plates."""
     path = tmp_path / "path.csv"
     path.write_text("t,X,Y,Z\n0,0,0,-5\n1,10,0,-5\n")
     result = musat("as11", "drive", record_file, "21", "22", path)
@@ -129,6 +131,13 @@ def test_a_path_is_driven_at_its_rate_and_told_where_it_leaves_the_plates(
     assert speed == pytest.approx(10.0 * 152.25 / 2400.0, rel=0.05)
     head, *rows = (tmp_path / "path.stages.csv").read_text().splitlines()
     assert head == "t,x1,y1,x2,y2" and len(rows) == 51 and rows[-1].startswith("1.0000,")
+    stereo = set_up(of_solution(solution), "21", "22")
+    level = stereo.run.frame.level(stereo.working(np.array([[0.0, 0.0, -5.0], [10.0, 0.0, -5.0]])))
+    places = (f"{t},{lat!r},{lon!r},{height!r}" for t, (lat, lon, height) in enumerate((level / UNITS).tolist()))
+    path.write_text("\n".join(["t,lat,lon,height", *places, ""]))
+    assert musat("as11", "drive", record_file, "21", "22", path, "--job").exit_code == 0
+    in_job = np.genfromtxt(tmp_path / "path.stages.csv", delimiter=",", skip_header=1)
+    np.testing.assert_allclose(in_job, np.genfromtxt(rows, delimiter=","), rtol=0.0, atol=2e-6)
     path.write_text("t,X,Y,Z\n0,0,0,-5\n10,4000,0,-5\n")
     result = musat("as11", "drive", record_file, "21", "22", path, "--rate", "10")
     cells = np.genfromtxt(tmp_path / "path.stages.csv", delimiter=",", skip_header=1)
