@@ -211,7 +211,8 @@ def test_the_system_of_the_answer_is_that_of_the_points(tmp_path: Path) -> None:
     run = run_on_the_ellipsoid()
     words = {"kind": "PROJ", "definition": "EPSG:32620", "geoid": None, "origin": None, "false_origin": None}
     words |= {"axes": "VERT", "angles": "OPK", "unit": "DMS", "sigmas": "LOCL", "text": ""}
-    run["stated"] = {"answer": words | {"coordinates": ["E", "N", "H"], "coordinate_units": ["m"] * 3}}
+    words |= {"coordinates": ["E", "N", "H"], "coordinate_units": ["m"] * 3}
+    run["stated"] = {"input": None, "answer": words, "stations": [], "points": []}
     result = correct(points_file(tmp_path, "EPSG:32620"), written(tmp_path, run))
     assert result.output.splitlines()[-1] == (
         "points taken as WGS 84 / UTM zone 20N, EPSG:32620, ellipsoidal heights"
