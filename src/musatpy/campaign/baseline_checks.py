@@ -35,7 +35,7 @@ Likeness = Literal["identical", "within the rules", "different", "failed"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeckCheck:
+class DeckComparison:
     """One deck held against its baseline."""
 
     name: str
@@ -57,7 +57,7 @@ class BaselineCheck:
 
     baseline: Baseline
     batch: BatchResult
-    decks: tuple[DeckCheck, ...]
+    decks: tuple[DeckComparison, ...]
     unknown: tuple[str, ...]  # decks beside its own that the baseline does not have
     work: Path | None  # where the new results are; None: taken away, because nothing is to be accepted
 
@@ -116,7 +116,9 @@ def check(
         )
 
 
-def _checked(baseline: Baseline, name: str, outcome: JobOutcome, work: Path, rules: dict[str, Rules]) -> DeckCheck:
+def _checked(
+    baseline: Baseline, name: str, outcome: JobOutcome, work: Path, rules: dict[str, Rules]
+) -> DeckComparison:
     """Return one deck held against its baseline."""
     entry, deck = baseline.entries[name], baseline.deck(name)
     notes: list[str] = []
@@ -125,7 +127,7 @@ def _checked(baseline: Baseline, name: str, outcome: JobOutcome, work: Path, rul
     if not outcome.state.has_results and not (entry.fails and outcome.unusable):
         why = f"{outcome.state}: {outcome.message}" if outcome.message else str(outcome.state)
         why = why if os.path.lexists(deck) else "the deck is gone; musat baseline accept drops it"
-        return DeckCheck(name=name, state="failed", outcome=outcome, notes=(why,))
+        return DeckComparison(name=name, state="failed", outcome=outcome, notes=(why,))
     if not entry.is_of(deck, outcome.deck_sha256):
         notes.append("the deck is not the one that was saved")
     if changed := entry.changed_inputs(outcome.inputs):
@@ -152,7 +154,7 @@ def _checked(baseline: Baseline, name: str, outcome: JobOutcome, work: Path, rul
     state: Likeness = "within the rules" if differences else "identical"
     if notes or not all(difference.same for difference in differences):
         state = "different"
-    return DeckCheck(
+    return DeckComparison(
         name=name,
         state=state,
         outcome=outcome,
@@ -217,7 +219,7 @@ def check_text(check: BaselineCheck, listed: int, style: Style = plain) -> str:
     return "\n".join([*lines, style(verdict, "same" if check.same else "different")]) + "\n"
 
 
-def _rendered(deck: DeckCheck, listed: int, style: Style) -> str:
+def _rendered(deck: DeckComparison, listed: int, style: Style) -> str:
     """Return the differences of the files of a deck."""
     different = (difference for difference in deck.differences if not difference.same)
     return "\n".join(render(difference, listed=listed, style=style) for difference in different)
