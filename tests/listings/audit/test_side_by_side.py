@@ -6,7 +6,8 @@ import pytest
 
 from listings.audit.report_tables import FIXTURES, statistics_of, table
 from musatpy.listings.audit import listing_of, read_listing, side_by_side
-from musatpy.listings.audit.against import side_text
+from musatpy.listings.audit.against import Key, StatisticPair, side_text
+from musatpy.listings.audit.report import PrintedNumber
 from musatpy.model import CoordinateSystem
 from musatpy.reports.listing import listing as listing_text
 from musatpy.reports.record import dumps, record
@@ -53,6 +54,12 @@ def test_what_is_changed_in_the_record_is_a_difference(tmp_path):
         ("plate residuals", frame, "all, y"),
         ("bathymetric points", point, "X, predicted"),
     }
+
+
+def test_a_whole_circle_is_no_difference():
+    key = Key(report="x", refracted=None, item="1", statistic="Heading")
+    old, new = (PrintedNumber(value, 0.0005, "", unit="arcsec") for value in (647999.9999, -648000.0))
+    assert StatisticPair(key=key, old=old, new=new).alike
 
 
 def test_legacy_tables_beside_a_new_run():
