@@ -74,3 +74,42 @@ def test_what_cannot_be_placed_is_told_and_stays(tmp_path: Path, card: str, mess
     result = musat("tidy", tmp_path / "typed.crd", "-o", tmp_path / "tidy.crd")
     assert result.exit_code == 1 and "typed.crd:1: " in result.stderr and message in result.stderr
     assert (tmp_path / "tidy.crd").read_text() == f"{card}\nEND\n"
+
+
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_a_table_makes_a_card_of_each_row(tmp_path: Path, separator: str) -> None:
+    """Numbers with decimal commas where semicolons part them; the cards of words and of names and values."""
+    point = "." if separator == "," else ","
+    rows = ["Photo,point,x,y,bathymetric", "1,101,12.345,-56.789,", "1,102,8.5,4.25,B"]
+    lines = [rows[0].replace(",", separator)]
+    lines += [separator.join(cell.replace(".", point) for cell in row.split(",")) for row in rows[1:]]
+    (tmp_path / "plates.csv").write_text("\n".join(lines))
+    made = musat("card", "PLT", "--csv", tmp_path / "plates.csv").stdout.splitlines()
+    by_names = ["photo=1 point=101 x=12.345 y=-56.789", "photo=1 point=102 x=8.5 y=4.25 bathymetric=B"]
+    assert made == [musat("card", "plt", *names.split()).stdout.rstrip() for names in by_names]
+    (tmp_path / "tilts.csv").write_text("photo,x_tilt,y_tilt,heading\n21,-0 30 45.2,1 20 9.2,0 23 41.9\n")
+    tilts = musat("card", "att", "--csv", tmp_path / "tilts.csv").stdout
+    assert (
+        tilts
+        == musat("card", "ATT", "photo=21", "x_tilt=-0 30 45.2", "y_tilt=1 20 9.2", "heading=0 23 41.9").stdout
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("photo,point,x\n1,101,2.0\n", "table.csv:1: no column y"),
+        ("photo,point,x,y,colour\n1,101,2.0,3.0,red\n", "table.csv:1: unknown column colour"),
+        ("photo,point,x,y\n1,101,2.0,abc\n", "table.csv:2 cols 11-13 y: PLT.y: 'abc' is not a number"),
+        (
+            "photo,point,x,y,bathymetric\n1,101,2,3,Q\n",
+            "table.csv:2 col 11 bathymetric: PLT.bathymetric: 'Q' is not A1",
+        ),
+        ("photo,point,x,y\n", "table.csv: no rows"),
+    ],
+)
+def test_rows_that_make_no_card_are_told_by_line_and_column(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "table.csv").write_text(text)
+    result = musat("card", "PLT", "--csv", tmp_path / "table.csv")
+    assert result.exit_code == 1 and not result.stdout
+    assert message in result.stderr

@@ -45,17 +45,25 @@ def _values_beginning(ctx: click.Context, param: click.Parameter, text: str) -> 
 @click.command(name="card", short_help="Explain cards; make one of names and values.")
 @click.argument("name", metavar="[CARD]", required=False, shell_complete=_cards_beginning)
 @click.argument("values", metavar="[FIELD=VALUE...]", nargs=-1, shell_complete=_values_beginning)
+@click.option(
+    "--csv", "table", type=NamedPath(), metavar="FILE", help="A card for each row, its columns named as the fields."
+)
 @formats_option
 @click.pass_context
-def card_command(ctx: click.Context, name: str | None, values: tuple[str, ...], formats: Path | None) -> None:
+def card_command(
+    ctx: click.Context, name: str | None, values: tuple[str, ...], table: Path | None, formats: Path | None
+) -> None:
     """List the cards, or the fields of a CARD with columns, values and defaults; with values, print that card.
 
-    What is wrong with the values of the card itself stands on stderr. Exit status: 0, or 1 where a value is wrong.
+    With --csv print one for each row of a table, in the units of the card; a field without a column is blank. What
+    is wrong with the values of a card itself stands on stderr. Exit status: 0, or 1 where a value is wrong.
     """
     from musatpy.formats.cards.manual import card_of, card_text, list_of_cards
     from musatpy.formats.cards.settings import SettingError, card_named, setting_of
 
     families = _card_families(formats)
+    if table is not None and (name is None or values):
+        raise click.UsageError("--csv goes with a CARD, and without FIELD=VALUE")
     if name is None:
         tell(list_of_cards(families), nl=False)
         return
@@ -68,10 +76,15 @@ def card_command(ctx: click.Context, name: str | None, values: tuple[str, ...], 
             if not equals:
                 raise click.UsageError(f"'{text}' is not FIELD=VALUE, such as water_level=ONE")
             settings.append(setting_of(spec, field.strip(), value))
+    family = next(family for family in families if spec.mnemonic in family.cards)
+    if table is not None:
+        from musatpy.keypunch.rows import cards_of_table
+
+        tell("\n".join(cards_of_table(table, spec, family)))
+        return
     if not values:
         tell(card_text(spec), nl=False)
         return
-    family = next(family for family in families if spec.mnemonic in family.cards)
     card, problems = card_of(spec, settings, family)
     tell(card)
     complain_of(problems)

@@ -29,6 +29,10 @@ class Finite(click.FloatRange):
             self.fail(f"'{value}' is not a finite number", param, ctx)
         return number
 
+    def _describe_range(self) -> str:
+        """Return what `--help` says of the limits: nothing where there are none, which click tells as None."""
+        return super()._describe_range() if (self.min, self.max) != (None, None) else ""
+
 
 NUMBER, POSITIVE = Finite(), Finite(min=0.0, min_open=True)
 

@@ -105,7 +105,8 @@ def _out_of_memory() -> str:
 def main(debug: bool) -> None:
     """Aerotriangulation of photographs with submerged points, from card decks.
 
-    Exit status: 0 converged, 1 a deck or its data cannot be used, 2 wrong command line, 3 not converged.
+    Exit status: 0 converged, accepted or doubtful; 1 a deck or its data cannot be used; 2 wrong command line; 3 not
+    converged; 4 rejected (with --strict: or doubtful).
     """
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # names of files and bad cards may hold what the terminal cannot show

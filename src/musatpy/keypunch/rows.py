@@ -57,7 +57,10 @@ def _settings(
 ) -> tuple[list[Setting], list[Problem]]:
     """Return what the columns of the card of a row are to be, and the values that cannot stand there."""
     settings, problems = list[Setting](), list[Problem]()
+    texts = {field.name for field in spec.fields if not field.edit.is_number}
     for name, text in values.items():
+        if name not in texts and table.layout.separator != ",":
+            text = text.replace(",", ".")
         if text:
             try:
                 settings.append(setting_of(spec, name, text))
