@@ -59,7 +59,7 @@ PRE = "PRE NS       2122     M  0.000000    0.000000    100.000000  100.000000"
         (CIN, "CIN          5   600.0    20.0", "CIN.interval: neither an interval nor a CIL card"),
         (CIN, f"{CIN} D          BUY", "CIN.grid: there is no GRD card of this grid"),
         (CIN, f"{CIN} H    2.000", "CIN.drying: contours of height have none"),
-        (CIN, f"{CIN}\nCIL      1.000           3.000", "CIL.level_1: levels stand one beside the other"),
+        (CIN, f"{CIN}\nCIL      1.000           3.000 ", "CIL.level_1: levels stand one beside the other"),
         ("END", "PTM 2122     NS          31    1.000    2.000\nEND",
          "reading 32 of profile NS in model 2122, which has 31"),
         ("END", "PTM 2122     NS           1    1.000\nPTM 2122     NS           1    2.000\nEND",

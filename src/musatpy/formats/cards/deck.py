@@ -162,18 +162,22 @@ class _DeckReader:
                         name, why = (given_up, f": {instead}") if first <= column <= last else (name, why)
                     place = {"columns": (column, column + len(found) - 1), "card": spec.mnemonic, "field": name}
                     self._add(line, message=f"'{found}'{why}", found=found, **place)
-        wrong = {problem.line for problem in self.problems if problem.card == spec.mnemonic}
-        at = np.flatnonzero(np.isin(rows + 1, [line for line in wrong if line is not None]))
-        if at.size:
-            self._try_moved(spec, at, columns)
+        self._try_moved(spec, columns)
         return columns
 
-    def _try_moved(self, spec: CardSpec, at: IntArray, columns: Columns) -> None:
+    def _try_moved(self, spec: CardSpec, columns: Columns) -> None:
         """Say of cards that read in other columns how far they are moved, not what is wrong in each of these.
 
-        `at` (k,): rows of the columns; there are the values of the moved cards then, so that no other card misses
-        them.
+        The columns (k,) have the values of the moved cards then, so that no other card misses them. A card with a
+        field that is given up is none of them.
         """
+        of_card = [problem for problem in self.problems if problem.card == spec.mnemonic]
+        fields = {name for name, *_ in spec.given_up}
+        used = {problem.line for problem in of_card if problem.field in fields}
+        wrong = {problem.line for problem in of_card if problem.line is not None} - used
+        at = np.flatnonzero(np.isin(self.rows[spec.mnemonic] + 1, list(wrong)))
+        if not at.size:
+            return
         body, lines, moved_lines = DATA_COLUMNS[0] - 1, self.rows[spec.mnemonic][at] + 1, set[int]()
         for move, end in product(
             _MOVES, (CARD_WIDTH, DATA_COLUMNS[1])
