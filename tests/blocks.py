@@ -2,7 +2,7 @@
 
 `simulation(seed, job={...}, flight={...}, ...)` traces every image exactly, not by the formulas of the adjustment.
 A test whose images must come from still another formulation takes `reference.networks`, `reference.waves` or
-`reference.wave_scenes`; the largest blocks are those of `benchmarks.blocks`.
+`reference.wave_scenes`; the largest blocks are those of `benchmarks.large_blocks`.
 """
 
 from pathlib import Path

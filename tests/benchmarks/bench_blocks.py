@@ -86,7 +86,7 @@ TARGETS: tuple[tuple[str, Callable[[Rows], float], float, tuple[int, ...]], ...]
 
 def run(name: str, photos: int, kind: str) -> dict[str, Any]:
     """Adjust one block in this process, and return the quickest of its runs."""
-    from blocks import make_block
+    from large_blocks import make_block
 
     program, _, rest = name.partition(", ")
     os.environ["MUSAT_KERNELS"] = "numpy" if rest == "numpy" else "numba"
@@ -119,7 +119,7 @@ def _peak() -> float:
 
 
 def _ours(block: Any, name: str) -> dict[str, Any]:
-    from blocks import make_block
+    from large_blocks import make_block
 
     from musatpy.adjustment import adjust, result
     from musatpy.model import Program, Refraction

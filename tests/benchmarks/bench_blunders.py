@@ -30,7 +30,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 
-from blocks import simulated, with_plate_blunders
+from benchmarks.large_blocks import simulated
+from blocks import with_plate_blunders
 from musatpy.blunders.snooping import LIMIT
 from musatpy.model import Block, Editing, ObservationKind, PointStatus, Solution
 from musatpy.pipeline import adjust

@@ -195,7 +195,7 @@ print(time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_m
 
 def test_records_of_1000_photos(tmp_path):
     """Compare two records of a block, beside what `json` alone takes to read both."""
-    from benchmarks.blocks import make_block
+    from benchmarks.large_blocks import make_block
     from musatpy import adjust
     from musatpy.reports.record import texts_of
     from musatpy.statistics import Statistics

@@ -18,7 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from benchmarks.blocks import make_block
+from benchmarks.large_blocks import make_block
 from musatpy.adjustment import ground, kernels
 from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.iteration import State

@@ -40,7 +40,7 @@ def turn(deck: Path, folder: Path) -> tuple[float, float, float]:
 
 def main(sizes: list[int]) -> None:
     """Print a table of the blocks."""
-    from blocks import make_block
+    from large_blocks import make_block
 
     from musatpy.formats.musat import deck_bytes
 

@@ -62,7 +62,7 @@ class Phases:
 
 def measured(deck: Path, alone: bool) -> dict[str, Any]:
     """Run a deck in this process, or only read and adjust it."""
-    from blocks import make_block
+    from large_blocks import make_block
 
     from musatpy import adjust, read_deck
     from musatpy.runs import run_deck
@@ -96,7 +96,7 @@ def best(deck: Path, alone: bool) -> dict[str, Any]:
 
 def row(photos: int, folder: Path) -> str:
     """Return the row of a block in a table of Markdown."""
-    from blocks import make_block
+    from large_blocks import make_block
 
     from musatpy import write_deck
 

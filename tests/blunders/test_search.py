@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from altered import added, altered, put
-from benchmarks.blocks import FOCAL_LENGTH, INDEX, Truth, simulated
+from benchmarks.large_blocks import FOCAL_LENGTH, INDEX, Truth, simulated
 from blocks import with_plate_blunders
 from musatpy.geometry.collinearity import attitude_matrix, image
 from musatpy.model import (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from altered import added, altered, put
-from benchmarks.blocks import simulated
+from benchmarks.large_blocks import simulated
 from musatpy.adjustment import adjust, kernels
 from musatpy.blunders.scene import Effort, StagedBlock, settled, sizes, staged
 from musatpy.blunders.snooping import Judgement, factors_of, judged, snooped, units_of

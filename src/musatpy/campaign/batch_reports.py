@@ -17,7 +17,7 @@ from musatpy.campaign.batch_jobs import BatchJob, JobOutcome, JobState
 from musatpy.runs import ExitStatus
 
 SCHEMA_VERSION = "1.1"
-_HEADINGS = ("Deck", "JobState", "Photos", "Points", "Sigma0", "Iterations", "Seconds")
+_HEADINGS = ("Deck", "State", "Photos", "Points", "Sigma0", "Iterations", "Seconds")
 _NAME_WIDTH = 60
 _LINKS = {".html": "page", ".lst": "listing", ".json": "record"}
 _NEEDS_A_LOOK = (  # first

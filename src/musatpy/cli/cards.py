@@ -101,7 +101,7 @@ def _card_families(formats: Path | None) -> list[Family]:
     return [card_family(), load_family(card_formats_folder() / "as11")]
 
 
-@click.command(name="tidy", short_help="Put cards typed freely into their columns.")
+@click.command(name="tidy", short_help="Put a deck typed freely into its columns.")
 @click.argument("deck", type=NamedPath())
 @_deck_to_write
 @formats_option

@@ -118,7 +118,7 @@ def _images(about: About, axes: tuple[str, ...]) -> Iterator[str]:
         yield from ("", "No images")
         return
     more = len(about.images.point) - len(rows)
-    yield from ("", f"InquiredImages{f', the worst first, and {more} more' if more else ''}", "")
+    yield from ("", f"Images{f', the worst first, and {more} more' if more else ''}", "")
     images = about.images
     of_water = [("Refr.\num", "F6.1", images.refraction), ("Water\nm", "F7.3", images.tide)]
     shown = (1 if about.is_photo else 2) if images.submerged.any() else 0

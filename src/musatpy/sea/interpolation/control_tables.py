@@ -1,8 +1,7 @@
 """Files that are read whole: control points, and mapped points of the record of a run.
 
-ControlErrors points are a table with columns `id`, `sigma` (m) where
-known, and either `dz` or `z_mapped,z_true` with `x,y`, or `z_true` alone, for points that are mapped in another
-file. Errors are mapped minus true.
+Control points are a table with columns `id`, `sigma` (m) where known, and either `dz` or `z_mapped,z_true` with
+`x,y`, or `z_true` alone, for points that are mapped in another file. Errors are mapped minus true.
 """
 
 from __future__ import annotations
