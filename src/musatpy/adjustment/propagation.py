@@ -281,8 +281,8 @@ def covariances_with_depths(
     start = np.flatnonzero(np.append(True, (depends[1:] != depends[:-1]).any(axis=1)))
     for first, last in zip(start.tolist(), [*start[1:].tolist(), len(a)], strict=True):
         shared = cofactors.with_border(piece.photo[first, None], columns[first, None])[0]
-        own = partials[first:last]
-        Q[first:last] = (own.reshape(-1, len(shared)) @ shared).reshape(own.shape) @ np.swapaxes(own, 1, 2)
+        some = partials[first:last]  # one product of matrices for all of their functions
+        Q[first:last] = (some.reshape(-1, len(shared)) @ shared).reshape(some.shape) @ np.swapaxes(some, 1, 2)
     inverse = piece.E.inverse
     depth = Q[:, 3, 3] + np.einsum("ki,kij,kj->k", by_point, inverse, by_point)
     return _turned(piece.axes, inverse + Q[:, :3, :3]), depth
