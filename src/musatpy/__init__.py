@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +24,7 @@ __all__ = [
     "BlockBuilder",
     "Solution",
     "adjust",
+    "extend",
     "listing",
     "read_deck",
     "to_html",
@@ -45,6 +48,19 @@ _MODULES = {
     "verdict": "musatpy.statistics.verdict",
     "write_deck": "musatpy.formats.musat",
 }
+
+
+def extend(*modules: str) -> None:
+    """Add the kinds of observations that modules state, by their names, as MUSATPY_EXTENSIONS does for commands.
+
+    Raises `MusatError` for a module that cannot be imported or states none, and where the model is there already.
+    """
+    from musatpy.errors import MusatError
+
+    if "musatpy.model" in sys.modules:
+        raise MusatError(f"{', '.join(modules)}: call extend before anything else of musatpy is used")
+    os.environ["MUSATPY_EXTENSIONS"] = ",".join([*os.environ.get("MUSATPY_EXTENSIONS", "").split(","), *modules])
+    import_module("musatpy.model")
 
 
 def __getattr__(name: str) -> Any:

@@ -1,5 +1,8 @@
-"""A kind of observation is added to a copy of the program as docs/extending.md says."""
+"""A kind of observation is added from outside as docs/extending.md says."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -18,11 +21,11 @@ from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import job_frame
 from musatpy.model import CauseKind, Editing, ObservationKind, PointStatus, Program, Refraction
 from musatpy.formats import musat
-from musatpy.model.kinds import Ranges
+from harbour_ranges import Ranges
 from musatpy.reports.record import record
 import musatpy
 
-K = ObservationKind.RANGE
+K = ObservationKind["RANGE"]
 block = musatpy.read_deck(Path(sys.argv[1]))
 block = replace(block, options=replace(block.options, program=Program.IIIA, refraction=Refraction.RIGOROUS))
 without = musatpy.adjust(block)
@@ -76,7 +79,7 @@ worst = text[text.index("Worst Observations"):]
 name = f"{block.photos.ids[photo[3]]:<8} {block.points.ids[point[3]]}"
 assert any(line.strip().startswith("range") and name in line for line in worst.splitlines()), worst[:2000]
 edited = musatpy.adjust(replace(wrong, options=replace(block.options, editing=Editing.EDIT)))
-(found,) = [one for one in edited.findings if one.kind is CauseKind.RANGE]
+(found,) = [one for one in edited.findings if one.kind is CauseKind["RANGE"]]
 assert (found.photo, found.point) == (str(block.photos.ids[photo[3]]), str(block.points.ids[point[3]]))
 assert abs(found.size[0] - 20.0) < 3.0 and len(edited.block.ranges.length) == count - 1
 assert any(cause.kind == "range" and cause.cards == ("RNG",) for cause in edited.causes), edited.causes
@@ -87,18 +90,50 @@ assert values["observations"]["kind"].count("range") == count
 """
 
 
-def test_the_recipe_of_the_manual_works(copy, blocks) -> None:
-    table, kind, name, field, source, card = [text for _, text in blocks("A kind of observation")]
-    kinds, block = "model/kinds.py", "model/block.py"
-    copy.put(kinds, "_NOTHING = np.zeros(0, dtype=np.int64)", f"\n\n{table}", indent="")
-    copy.put(kinds, "from __future__ import annotations", "from dataclasses import dataclass", indent="")
-    imports = "from musatpy.arrays import FloatArray, IntArray\nfrom musatpy.model.tables import Table, per_row"
-    copy.put(kinds, "import numpy as np", imports, indent="")
-    wave = '    WAVE = 11, "waves", "wave", "", ("height", "length", "azim.", "crest"), "m,rd"  # AdjustedWaves'
-    copy.put(kinds, wave, kind)
-    copy.put("model/findings.py", '        "read the air base card again: photos and digits")', name)
-    copy.put(block, "from __future__ import annotations", "from musatpy.model.kinds import Ranges", indent="")
-    copy.put(block, "    air_bases: AirBases = field(default_factory=partial(empty, AirBases))", field)
-    (copy.package / "adjustment" / "kinds" / "ranges.py").write_text(source, encoding="utf-8")
-    (copy.package / "card_formats" / "musat" / "rng.toml").write_text(card, encoding="utf-8")
-    copy.tries(TRIES, DECK)
+@pytest.fixture(scope="module")
+def ranges(tmp_path_factory, blocks) -> Path:
+    """Return a folder with the package of the manual, and the name that makes it known."""
+    folder = tmp_path_factory.mktemp("outside")
+    names = ("__init__.py", "adjusted.py", "cards/rng.toml")
+    for name, (_, text) in zip(names, blocks("A kind of observation"), strict=True):
+        (path := folder / "harbour_ranges" / name).parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    return folder
+
+
+def python(folder: Path, *arguments: object, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run Python beside a package."""
+    path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
+    command = [sys.executable, *map(str, arguments)]
+    return subprocess.run(
+        command, cwd=folder, env=os.environ | {"PYTHONPATH": path} | variables, capture_output=True, text=True
+    )
+
+
+def test_the_recipe_of_the_manual_works(ranges: Path) -> None:
+    (ranges / "tries.py").write_text(f"import musatpy\nmusatpy.extend('harbour_ranges')\n{TRIES}", encoding="utf-8")
+    ran = python(ranges, "tries.py", DECK)
+    assert ran.returncode == 0, ran.stderr
+
+
+def test_commands_know_it_by_the_variable(ranges: Path) -> None:
+    card = b"RNG 999      1223        1612.4310   0.0200\n"
+    (deck := ranges / "ranges.crd").write_bytes(DECK.read_bytes().replace(b"END  ", card + b"END  "))
+    known = python(ranges, "-m", "musatpy", "check", deck, MUSATPY_EXTENSIONS="harbour_ranges")
+    assert known.returncode == 1 and "999" in known.stdout, known.stdout
+    unknown = python(ranges, "-m", "musatpy", "check", deck)
+    assert unknown.returncode == 1 and "'RNG'" in unknown.stdout, unknown.stdout
+
+
+@pytest.mark.parametrize(
+    ("module", "expected"),
+    [("harbour_depths", "harbour_depths cannot be imported"), ("json", "json does not state OBSERVATIONS, CAUSES")],
+)
+def test_a_module_that_is_none_ends_in_a_line(ranges: Path, module: str, expected: str) -> None:
+    ran = python(ranges, "-m", "musatpy", "check", DECK, MUSATPY_EXTENSIONS=module)
+    assert ran.returncode == 1 and expected in ran.stderr and "Traceback" not in ran.stderr
+
+
+def test_an_extension_that_comes_too_late_is_refused(ranges: Path) -> None:
+    late = "import musatpy\nmusatpy.read_deck\nmusatpy.extend('harbour_ranges')"
+    assert "before anything else" in python(ranges, "-c", late).stderr

@@ -20,6 +20,7 @@ from musatpy.errors import CardFormatError
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.codec import empty_column
 from musatpy.formats.cards.spec import CardSpec, Family, card_formats_folder, load_family
+from musatpy.model import extensions
 from musatpy.model.tables import Column, columns
 
 Array = NDArray[Any]
@@ -49,7 +50,15 @@ def _roles() -> Iterator[tuple[str, str]]:
 ROLES = dict(_roles())
 
 # What a family need not have cards for.
-OPTIONAL = (*system_rows.TABLES, "water_conditions", "waves", "wave_sigmas", "wave_origin", "orientation")
+OPTIONAL = (
+    *system_rows.TABLES,
+    *extensions.stated("TABLES"),
+    "water_conditions",
+    "waves",
+    "wave_sigmas",
+    "wave_origin",
+    "orientation",
+)
 
 # Of points, on the cards of their images and of control.
 POINT_FLAGS = ("points.bathymetric", "points.dry")
@@ -136,7 +145,9 @@ def card_family(folder: Path | None = None) -> Family:
             raise CardFormatError(
                 f"{folder} has formats of records, not of cards: convert such files to a deck first"
             )
-    family = load_family(folder or card_formats_folder() / "musat")
+        family = load_family(folder)
+    else:
+        family = load_family(card_formats_folder() / "musat", extensions.card_folders())
     mapping.check_targets(family)
     roles_of(family)
     return family

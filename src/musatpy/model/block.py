@@ -13,12 +13,13 @@ from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import lru_cache, partial
 from types import MappingProxyType, UnionType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.model import extensions
 from musatpy.model.options import EllipsoidSpec, Options, OrientationSpec, SystemSpec
 from musatpy.model.reduction import (
     ComparatorSpec,
@@ -31,6 +32,8 @@ from musatpy.model.reduction import (
 )
 from musatpy.model.tables import POSITION_UNIT, Table, columns, empty, per_row, renumbered, taken
 from musatpy.model.water import Water, WaveOrigin, Waves
+
+Kind = TypeVar("Kind")
 
 _TITLE = 80  # characters of a title that are shown
 FOCAL_LENGTHS = (85.0, 88.5, 100.0, 115.0, 152.5, 210.0, 305.0, 610.0)  # mm, of aerial cameras
@@ -244,7 +247,16 @@ class HeightDifferences(Table):
     sigma: FloatArray = per_row(unit="m")  # (d,)
 
 
+def _with_tables_from_outside(kind: type[Kind]) -> type[Kind]:
+    """Return a class with the tables of extensions among its attributes."""
+    for name, table in extensions.stated("TABLES").items():
+        kind.__annotations__[name] = table
+        setattr(kind, name, field(default_factory=partial(empty, table)))
+    return kind
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
+@_with_tables_from_outside
 class Block:
     """One job. Raises `ValueError` where a link points outside its table."""
 

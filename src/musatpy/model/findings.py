@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from musatpy.model import extensions
 from musatpy.model.options import CoordinateSystem
 from musatpy.units import ARC_SECOND, MICROMETRE
 
@@ -37,6 +38,7 @@ class CauseKind(StrEnum):
     size), and the axes of that, if it has several; and what to check.
     """
 
+    _ignore_ = "member statement"
     # fmt: off
     VERTICAL = (
         "height of a control card", "vertical control", Action.NOT_KNOWN, CONTROL_CARD, "height", "m", "",
@@ -110,6 +112,8 @@ class CauseKind(StrEnum):
         "all images of a point", "", Action.NONE, "PLT", "", None, "",
         "read the plate cards of the point again, then measure its images: is it one point on all of them?")
     # fmt: on
+    for member, statement in extensions.stated("CAUSES").items():
+        locals()[member] = statement
 
     listed: str
     action: Action
@@ -126,7 +130,7 @@ class CauseKind(StrEnum):
     ) -> CauseKind:  # fmt: skip
         member = str.__new__(cls, name)
         member._value_ = name
-        member.listed, member.action, member.cards, member.component = listed, action, cards, component
+        member.listed, member.action, member.cards, member.component = listed, Action(action), cards, component
         member.unit, member.sized = unit or "", unit is not None
         member.axes, member.advice = tuple(axes.split()), advice
         return member

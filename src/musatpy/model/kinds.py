@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.arrays import IntArray
+from musatpy.model import extensions
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ class ObservationKind(IntEnum):
     which they are printed; and that unit in m, rad or mm on the plate.
     """
 
+    _ignore_ = "number name statement"
     PLATE = 0, "plate coordinates", "plate", "plates", ("x", "y"), "um", MICROMETRE
     CONTROL = 1, "control", "control", "control", ENU, "m"
     STATION_POSITION = 2, "station positions", "station", "photos", ENU, "m"
@@ -39,6 +41,8 @@ class ObservationKind(IntEnum):
     DISTANCE = 9, "distances", "distance", "distances", ("length",), "m"
     HEIGHT_DIFFERENCE = 10, "height differences", "height", "height_differences", ("diff.",), "m"
     WAVE = 11, "waves", "wave", "", ("height", "length", "azim.", "crest"), "m,rd"  # AdjustedWaves
+    for number, (name, statement) in enumerate(extensions.stated("OBSERVATIONS").items(), 12):
+        locals()[name] = number, *statement
 
     noun: str
     label: str

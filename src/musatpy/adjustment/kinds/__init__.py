@@ -19,13 +19,14 @@ from musatpy.adjustment.network import NOTHING, MeasuredTies, Network
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.model import Block, ObservationKind
+from musatpy.model import Block, ObservationKind, extensions
 
 
 def _all() -> list[Kind]:
-    """Return the kinds of all files of the folder."""
-    names = [path.stem for path in Path(__file__).parent.glob("*.py") if path.stem != "__init__"]
-    kinds = (kind for name in names for kind in getattr(import_module(f"{__name__}.{name}"), "KINDS", ()))
+    """Return the kinds of all files of the folder, and of extensions."""
+    names = [f"{__name__}.{path.stem}" for path in Path(__file__).parent.glob("*.py") if path.stem != "__init__"]
+    names += extensions.kind_modules()
+    kinds = (kind for name in names for kind in getattr(import_module(name), "KINDS", ()))
     return sorted(kinds, key=lambda kind: kind.observed)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -235,8 +235,8 @@ def card_formats_folder() -> Path:
     raise CardFormatError(f"no card_formats folder in {package} nor in {package.parents[1]}")
 
 
-def load_family(folder: Path | str) -> Family:
-    """Return the family of cards that the TOML files of `folder` describe.
+def load_family(folder: Path | str, further: Iterable[Path] = ()) -> Family:
+    """Return the family of cards that the TOML files of `folder` describe, and those of `further` folders.
 
     Raises `CardFormatError`, naming file and key, for whatever is wrong with them: unknown or missing keys, columns
     that overlap, leave 4-72 or do not fit the descriptor, duplicate names and mnemonics, unknown units and targets
@@ -247,10 +247,10 @@ def load_family(folder: Path | str) -> Family:
     if not paths:
         raise CardFormatError(f"{folder}: no card formats (*.toml)")
     specs: dict[str, CardSpec] = {}
-    for path in paths:
+    for path in [*paths, *(path for each in further for path in sorted(each.glob("*.toml")))]:
         spec = _load_card(path)
         if spec.mnemonic in specs:
-            raise CardFormatError(f"{path}: mnemonic: {spec.mnemonic} is already in another file of the folder")
+            raise CardFormatError(f"{path}: mnemonic: {spec.mnemonic} is already in another file of the family")
         specs[spec.mnemonic] = spec
     ordered = sorted(specs.values(), key=lambda spec: (spec.order, spec.mnemonic))
     return Family(name=folder.name, cards=MappingProxyType({spec.mnemonic: spec for spec in ordered}))
