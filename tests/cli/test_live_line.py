@@ -60,7 +60,7 @@ def test_it_waits_until_a_run_is_long_goes_on_with_the_time_and_leaves_nothing(c
         line.read(read_deck(DECK))
         line._clock.now += 4.6
         line(STEP)
-        movement = "largest movement 20.626 arc seconds, 12.5000 m (limits 0.1, 0.001)"
+        movement = "largest movement 20.626 arc seconds (limit 0.1), 12.5000 m (limit 0.001)"
         assert last(capsys) == f"job.crd: pass 1, iteration 3 of 20, {movement}, 0:05"
         line._clock.now += 62.0
         line.draw()

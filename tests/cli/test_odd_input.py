@@ -174,7 +174,8 @@ def test_a_deck_from_stdin_is_run_to_stdout(tmp_path, monkeypatch):
     ran = musat("run", "-", input=DATA)
     assert ran.exit_code == 0
     assert ran.stdout == THOMAS.with_suffix(".lst").read_text()
-    assert ran.stderr == "-: ACCEPTED, sigma0 0.9361, 10 iterations, water passes: 4, listing -\n"
+    depths = "sigma of depths 0.359 m (median), 0.492 m (largest)"
+    assert ran.stderr == f"-: ACCEPTED, sigma0 0.9361, {depths}, 10 iterations, water passes: 4, listing -\n"
     assert not list(tmp_path.iterdir())
 
 

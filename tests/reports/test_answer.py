@@ -98,6 +98,7 @@ def test_pages_that_are_named_show_what_is_meant(grade, brief):
         "RMS of control residuals, East, North, Up": CONTROL,
         "RMS of check points, East, North, Up": CHECKS,
         "Check points, chi-square over components": "Statistics: Check Points Against Their Own Covariance",
+        "Sigma of depths, median and largest": "Depths Of Bathymetric Points",
         "Points weakly checked": "Statistics: Points That Undetected Errors May Move",
     }
     for label, title in shown.items():

@@ -64,13 +64,13 @@ class LiveLine:
         from musatpy.units import ARC_SECOND  # here, because it loads numpy, which `--help` can do without
 
         options = self._options
-        moved = f"{iteration.rotation / ARC_SECOND:.3f} arc seconds, {iteration.translation:.4f} m"
-        if options is None:
-            self._tell(f"pass {iteration.outer_pass}, iteration {iteration.number}, largest movement {moved}")
-            return
-        limits = f"limits {options.rotation_limit / ARC_SECOND:g}, {options.translation_limit:g}"
-        number = f"iteration {iteration.number} of {options.max_iterations}"
-        self._tell(f"pass {iteration.outer_pass}, {number}, largest movement {moved} ({limits})")
+        moved = [f"{iteration.rotation / ARC_SECOND:.3f} arc seconds", f"{iteration.translation:.4f} m"]
+        number = f"iteration {iteration.number}"
+        if options is not None:
+            limits = (options.rotation_limit / ARC_SECOND, options.translation_limit)
+            moved = [f"{text} (limit {limit:g})" for text, limit in zip(moved, limits, strict=True)]
+            number += f" of {options.max_iterations}"
+        self._tell(f"pass {iteration.outer_pass}, {number}, largest movement {', '.join(moved)}")
 
     def phase(self, phase: Phase) -> None:
         """Show a phase that begins."""

@@ -245,7 +245,7 @@ def _tell(result: RunResult, quiet: bool, *, err: bool = False) -> None:
     kernels = "" if solution.kernels == "numpy" else f"{solution.kernels} kernels, "
     decks = f", punched deck{'' if len(result.punched) == 1 else 's'} {', '.join(map(name_of, result.punched))}"
     click.echo(
-        f"{name}: {verdict.grade}, sigma0 {solution.sigma0:.4f}, "
+        f"{name}: {verdict.grade}, sigma0 {solution.sigma0:.4f}, {_depths_text(solution)}"
         f"{count_of(len(solution.iterations), 'iteration')}, "
         f"water passes: {len(solution.passes)}, {kernels}listing {name_of(result.listing)}"
         f"{decks if result.punched else ''}",
@@ -254,6 +254,14 @@ def _tell(result: RunResult, quiet: bool, *, err: bool = False) -> None:
     if solution.edited is not None:
         edited = f", edited deck {name_of(result.edited)}" if result.edited else ""
         click.echo(f"{name}: {count_of(len(solution.findings), 'blunder')} found{edited}", err=err)
+
+
+def _depths_text(solution: Solution) -> str:
+    """Return the sigmas of depths in words, where the run knew of the water."""
+    sigmas = solution.bathymetric.sigmas_of_depths
+    if not sigmas.size or solution.block.options.refraction == "NONE":
+        return ""
+    return f"sigma of depths {sigmas[0]:.3f} m (median), {sigmas[1]:.3f} m (largest), "
 
 
 def _would_gain(solution: Solution) -> bool:

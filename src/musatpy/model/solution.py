@@ -168,6 +168,12 @@ class BathymetricPoints(Table):
         """(s,) m, of the adjusted points."""
         return self.water_level - self.depth
 
+    @property
+    def sigmas_of_depths(self) -> FloatArray:
+        """(0,) or (2,) m, the median and the largest of those that are known."""
+        sigma = self.depth_sigma[np.isfinite(self.depth_sigma)]
+        return np.array([np.median(sigma), sigma.max()] if sigma.size else [])
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AdjustedWater(Table):

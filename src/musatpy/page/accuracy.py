@@ -116,16 +116,8 @@ def orders_table(depths: DepthFigures) -> Iterator[PageTable]:
     )
 
 
-def depth_facts(depths: DepthFigures, where: str, places: Mapping[str, str]) -> Iterator[Fact]:
-    """Yield the sigma of depths `where` they are, and the order of S-44 that nearly all meet; with links."""
-    sigma, depth = depths.sigma[np.isfinite(depths.sigma)], depths.depth[np.isfinite(depths.depth)]
-    if len(sigma) and len(depth):
-        yield Fact(
-            "Sigma of depths, median",
-            f"{np.median(sigma):.3f} m",
-            detail=f"{count_of(len(depth), 'point')}, {depth.min():.2f} to {depth.max():.2f} m {where}",
-            link=place_of(places, "Depths Of Bathymetric Points"),
-        )
+def order_facts(depths: DepthFigures, places: Mapping[str, str]) -> Iterator[Fact]:
+    """Yield the order of S-44 that nearly all depths meet, with a link."""
     count, shares = int(depths.ranked.sum()), depths.shares()
     if count:
         yield Fact(

@@ -8,9 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from musatpy.page.accuracy import DepthFigures, analysis_table, depth_facts, orders_table
+from musatpy.page.accuracy import DepthFigures, analysis_table, order_facts, orders_table
 from musatpy.page.cells import count_of, number_text
-from musatpy.page.page_tables import PageReport, chapters_of, page_of, places_of, tables_of
+from musatpy.page.page_tables import PageReport, chapters_of, page_of, place_of, places_of, tables_of
 from musatpy.page.rendering import Fact, Facts, Page, Part, Sentences, anchor_of
 from musatpy.records.tables import Tables, flags, numbers, part, texts
 from musatpy.reports import (
@@ -88,7 +88,15 @@ def _figures(tables: Tables, depths: DepthFigures, places: Mapping[str, str]) ->
     for row in tables["analysis"]:
         value = f"{number_text(row['rms'], 3)} m"
         yield Fact(f"RMS against the run, {row['component']}", value, link=anchor_of(_AGAINST))
-    yield from depth_facts(depths, "below the datum", places)
+    sigma, depth = depths.sigma[np.isfinite(depths.sigma)], depths.depth[np.isfinite(depths.depth)]
+    if len(sigma) and len(depth):
+        yield Fact(
+            "Sigma of depths, median and largest",
+            f"{np.median(sigma):.3f} and {sigma.max():.3f} m",
+            detail=f"{count_of(len(depth), 'point')}, {depth.min():.2f} to {depth.max():.2f} m below the datum",
+            link=place_of(places, "Depths Of Bathymetric Points"),
+        )
+    yield from order_facts(depths, places)
 
 
 def _data(tables: Tables) -> Iterator[Part]:

@@ -14,8 +14,8 @@ from musatpy.model import Cause, CauseKind, Refraction
 from musatpy.page import flight
 from musatpy.page.accuracy import (
     analysis_table,
-    depth_facts,
     depths_of,
+    order_facts,
     orders_table,
     refraction_sentences,
     sample_table,
@@ -55,6 +55,7 @@ from musatpy.reports.stated import answered
 from musatpy.reports.table import Report
 from musatpy.reports.values import at
 from musatpy.statistics.quality import TEST_LIMIT
+from musatpy.units import ARC_SECOND
 
 _PHOTOS = 250  # rows of tables of photos
 _CONTROL = 500
@@ -192,11 +193,11 @@ def _causes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _figures(tables: Tables, places: Mapping[str, str]) -> Iterator[Fact]:
-    """Yield the figures of page 1 of the listing, and those of the depths."""
+    """Yield the figures of page 1 of the listing, and the order of the depths."""
     for figure in headline(tables, cell_text):
         value, detail = figure.value.replace(" um", " µm"), figure.detail.lstrip(",: ")
         yield Fact(figure.label, value, detail=detail, link=place_of(places, figure.section))
-    yield from depth_facts(depths_of(tables), "deep", places)
+    yield from order_facts(depths_of(tables), places)
 
 
 def _data(tables: Tables) -> Iterator[Part]:
@@ -323,5 +324,7 @@ def _options(values: Mapping[str, Any]) -> PageTable:
 
 
 def _option(value: Any, unit: str) -> str:
+    if unit == "rad":
+        value, unit = value / ARC_SECOND, "arc seconds"
     text = significant(value) if isinstance(value, float) else str(value)
     return f"{text} {unit}".rstrip()

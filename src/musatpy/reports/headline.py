@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.model import Editing, PlateSigma, Program, Solution, Verdict, Weights
+from musatpy.model import Editing, PlateSigma, Program, Refraction, Solution, Verdict, Weights
 from musatpy.model.findings import SEARCH_GIVEN_UP, Reason
 from musatpy.reports import (
     adjusted_water,
     analyses,
+    bathymetric,
     blunders,
     common_errors,
     control,
@@ -74,6 +75,7 @@ _TABLES: tuple[Node[Statistics], ...] = (
     SOLUTION,
     analyses.PLATE_STATISTICS,
     control.CONTROL,
+    bathymetric.BATHYMETRIC,
     adjusted_water.ADJUSTED_WATER,
     statistical_tests.TESTS,
     blunders.FINDINGS,
@@ -125,6 +127,7 @@ def headline(content: Content, edited: Edited = number_text) -> Iterator[Figure]
             section="Statistics: Check Points",
             numbers=numbers,
         )
+    yield from _depths(content, edited)
     hidden = at(content, "tests.hidden_errors")
     if hidden:
         weak = sum(hidden["weak"])
@@ -199,6 +202,25 @@ def _differences(content: Content, what: str, section: str, edited: Edited) -> I
             detail=f" of {', '.join(map(str, sizes))} points",
             section=section,
             numbers=[number for number in numbers if not math.isnan(number)],
+        )
+
+
+def _depths(content: Content, edited: Edited) -> Iterator[Figure]:
+    """Yield the sigmas of depths, where the run knew of the water."""
+    table = at(content, "bathymetric_points")
+    if not table or content["options"]["refraction"] == Refraction.NONE:
+        return
+    depths, sigmas = (array_of("number?", table[name]) for name in ("depth", "depth_sigma"))
+    known = np.isfinite(sigmas)
+    if count := int(known.sum()):
+        numbers = [float(np.median(sigmas[known])), float(sigmas[known].max())]
+        low, high = (edited("F12.2", float(depth)) for depth in (depths[known].min(), depths[known].max()))
+        yield Figure(
+            label="Sigma of depths, median and largest",
+            value=f"{' and '.join(edited('F12.3', number) for number in numbers)} m",
+            detail=f" of {count} point{'s' * (count > 1)}, {low} to {high} m deep",
+            section=bathymetric.DEPTHS.title,
+            numbers=numbers,
         )
 
 
