@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from musatpy import plots
     from musatpy.formats.builder import BlockBuilder
     from musatpy.formats.musat import read_deck, write_deck
     from musatpy.model import Block, Solution
@@ -26,6 +27,7 @@ __all__ = [
     "adjust",
     "extend",
     "listing",
+    "plots",
     "read_deck",
     "to_html",
     "to_pandas",
@@ -64,6 +66,8 @@ def extend(*modules: str) -> None:
 
 
 def __getattr__(name: str) -> Any:
+    if name == "plots":
+        return import_module("musatpy.plots")
     if name not in _MODULES:
         raise AttributeError(f"module 'musatpy' has no attribute '{name}'")
     return getattr(import_module(_MODULES[name]), name)

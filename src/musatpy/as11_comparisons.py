@@ -20,7 +20,7 @@ from musatpy.compilation.rasters import RasterBottom, read_raster_bottom
 from musatpy.compilation.sounded import Matching, Sounded, nowhere, sounded
 from musatpy.compilation.verdicts import far_datum
 from musatpy.errors import CompilationError, Problem, SoundingError
-from musatpy.figures import image_of, lay_out
+from musatpy.figures import FORM, ImageForm, file_of
 from musatpy.files import write_files
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.reports import compilation_comparisons
@@ -59,10 +59,13 @@ def compare_soundings(
     how: Matching,
     *,
     picture: Path | None = None,
+    form: ImageForm = FORM,
     crs: str = "",
     anyway: bool = False,
 ) -> tuple[Sounded, list[str]]:
     """Hold the soundings of a file against the bottom of a deck or of a raster; write listing, record and picture.
+
+    The suffix of `picture` is that of its form.
 
     Returns the comparison and warnings. Raises `ProblemsError` where a file cannot be used and where no sounding
     meets the bottom, and `OSError`; then nothing is written.
@@ -82,8 +85,8 @@ def compare_soundings(
     if picture is not None:
         title = f"{source.name} and the bottom of {bottom.name}"
         figure = difference_figure(compared.differences, compared.xy, title)
-        lay_out(figure)
-        files[picture] = image_of(figure, "png")
+        suffix, image = file_of(figure, form)
+        files[picture.with_suffix(f".{suffix}")] = image
     write_files(files)
     far = far_datum(of.compiled, how.datum) if of.compiled and (how.datum or of.compiled.deck.datum) else ()
     return compared, [*far, *_warnings(compared, read)]

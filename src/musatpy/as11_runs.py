@@ -21,6 +21,7 @@ from musatpy.compilation.stereomodels import faults_of_pair
 from musatpy.compilation.triangulation import AdjustedRun, of_block
 from musatpy.compilation.verdicts import lost, slips, verdict_of, warnings_of
 from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
+from musatpy.figures import FORM, ImageForm
 from musatpy.files import together, write_files
 from musatpy.formats.compilation_checks import READINGS
 from musatpy.formats.compilation_deck import place_of, read_compilation, with_columns
@@ -60,6 +61,7 @@ def compile_deck(
     carriage_control: bool = False,
     csv: bool = False,
     plots: bool = False,
+    form: ImageForm = FORM,
     gis: bool = False,
     las: bool = False,
     crs: str = "",
@@ -69,11 +71,12 @@ def compile_deck(
     """Compile a deck in stereomodels of the record of a run, and write `NAME.lst` and `NAME.json`.
 
     With profiles also `NAME.profiles.csv`, with contours `NAME.contours.csv` and `NAME.heights.csv`, with grids of
-    posts `NAME.GRID.csv`; with `plots` the pictures of the record and of contours, `NAME.contours.png`; with `gis`
-    `NAME.gpkg`, `NAME.dxf` and `NAME.GRID.tif`, with `las` `NAME.las`, all of them in the system `crs` where it is
-    given; with `csv` the tables of the listing, in `NAME_tables`; `anyway` also on a run that has not converged.
-    `strict` makes the status of a doubtful compilation that of a rejected one. Where run or deck cannot be used
-    nothing is written, and every reason is in `problems`. Raises `OSError` where files cannot be read or written.
+    posts `NAME.GRID.csv`; with `plots` the pictures of the record and of contours, `NAME.contours.png`, in `form`;
+    with `gis` `NAME.gpkg`, `NAME.dxf` and `NAME.GRID.tif`, with `las` `NAME.las`, all of them in the system `crs`
+    where it is given; with `csv` the tables of the listing, in `NAME_tables`; `anyway` also on a run that has not
+    converged. `strict` makes the status of a doubtful compilation that of a rejected one. Where run or deck cannot
+    be used nothing is written, and every reason is in `problems`. Raises `OSError` where files cannot be read or
+    written.
     """
     problems: list[Problem] = []
     try:
@@ -94,7 +97,7 @@ def compile_deck(
         files |= csv_files(sections, listing)
     files |= {listing.with_suffix(f".{name}"): data for name, data in _extracts(done)}
     if plots:
-        files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(done, values)}
+        files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(done, values, form)}
     layers: dict[str, Points | Lines] = {}
     if gis or las:
         from musatpy.compilation.gis_layers import layers_of  # few users need these packages
@@ -318,16 +321,16 @@ def _point_cloud(layers: dict[str, Points | Lines], listing: Path) -> Iterator[P
     yield path
 
 
-def _pictures(done: CompilationReport, record: dict[str, Any]) -> Iterator[tuple[str, bytes]]:
+def _pictures(done: CompilationReport, record: dict[str, Any], form: ImageForm) -> Iterator[tuple[str, bytes]]:
     """Yield the names and contents of the pictures of a record, and of the contours as a PNG and a page of PDF."""
     from musatpy.compilation.pictures import contour_pictures  # few users draw
     from musatpy.plots.gallery import COMPILED, rendered
 
     for picture in COMPILED:
-        if found := rendered(picture, record):
+        if found := rendered(picture, record, form=form):
             yield f"{picture.name}.{found[0]}", found[1]
     for bottom in done.bottoms:
-        for kind, data in contour_pictures(done.compiled, bottom).items():
+        for kind, data in contour_pictures(done.compiled, bottom, form).items():
             yield f"{bottom.of.layer}.{kind}", data
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from musatpy.errors import MusatError, Problem, ProblemsError
+from musatpy.figures import FORM, ImageForm
 from musatpy.files import write_files
 from musatpy.formats.cards.spec import Family
 from musatpy.formats.musat import checked_deck, deck_bytes
@@ -40,6 +41,7 @@ def orient_deck(
     csv: bool = False,
     punch: bool = False,
     study: bool = False,
+    form: ImageForm = FORM,
     strict: bool = False,
     date: datetime.date | None = None,
     family: Family | None = None,
@@ -47,9 +49,10 @@ def orient_deck(
     """Orient the photos of a deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir`.
 
     With `punch` also `NAME.pun`, a deck that a run starts from; with `csv` the tables of the listing, in
-    `NAME_tables`; with `study` what starts and depths do to the orientation, as `NAME.study.txt` and pictures (the
-    extra `plots`); `strict` makes the status of a doubtful answer that of a rejected one. A deck that gives no
-    orientation leaves no files, and every reason is in `problems`. Raises `OSError` where files cannot be written.
+    `NAME_tables`; with `study` what starts and depths do to the orientation, as `NAME.study.txt` and pictures in a
+    `form` (the extra `plots`); `strict` makes the status of a doubtful answer that of a rejected one. A deck that
+    gives no orientation leaves no files, and every reason is in `problems`. Raises `OSError` where files cannot be
+    written.
     """
     checked = checked_deck(deck, family, for_run=False)
     if checked.draft is not None and not checked.draft.to_orient:
@@ -79,7 +82,7 @@ def orient_deck(
     if csv:
         files |= csv_files(sections, paths[0])
     if study:
-        files |= _studied(answer, paths[0])
+        files |= _studied(answer, paths[0], form)
     write_files(files)
     return OrientResult(
         deck=deck,
@@ -90,7 +93,7 @@ def orient_deck(
     )
 
 
-def _studied(answer: Answer | StripAnswer, listing: Path) -> dict[Path, bytes]:
+def _studied(answer: Answer | StripAnswer, listing: Path, form: ImageForm) -> dict[Path, bytes]:
     """Return the study of an orientation, as text and pictures beside the listing.
 
     Pictures are of the correlations, the basins, the precision where the water is free. The study of a strip is
@@ -105,17 +108,17 @@ def _studied(answer: Answer | StripAnswer, listing: Path) -> dict[Path, bytes]:
     of = answer.oriented if isinstance(answer, Answer) else answer.strip.triplets[answer.strip.weakest].oriented
     result = study(of)
     drawn = {
-        "correlations": pictures.correlation_picture(of),
-        "basins": pictures.basins_picture(result.basins, title),
+        "correlations": pictures.correlation_picture(of, title, form),
+        "basins": pictures.basins_picture(result.basins, title, form),
     }
     if result.precision is not None:
-        drawn["precision"] = pictures.precision_picture(result.precision, title, limit)
+        drawn["precision"] = pictures.precision_picture(result.precision, title, limit, form)
     if isinstance(answer, StripAnswer) and answer.solution is not None:
         drawn["strip"] = pictures.strip_picture(
-            answer.photos, answer.position_sigma, answer.chain_difference, title
+            answer.photos, answer.position_sigma, answer.chain_difference, title, form
         )
     text = orientation_strip.study_text(result, title, limit)
-    pictured = {listing.with_suffix(f".{name}.png"): picture for name, picture in drawn.items()}
+    pictured = {listing.with_suffix(f".{name}.{suffix}"): image for name, (suffix, image) in drawn.items()}
     return {listing.with_suffix(".study.txt"): text.encode()} | pictured
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from musatpy.errors import numerics
-from musatpy.figures import check_matplotlib
+from musatpy.figures import FORM, ImageForm, check_matplotlib
 from musatpy.files import write_files
 from musatpy.reports.record import held_tables
 from musatpy.reports.values import number
@@ -23,17 +25,19 @@ _SHOWN = "the pictures, the page and the layers of the solution"  # from numbers
 
 @dataclass(frozen=True, kw_only=True)
 class Shown:
-    """Which of these are wanted, and the system of layers: that of the job where it is empty."""
+    """Which of these are wanted, the form of pictures, and the system of layers: the job's where it is empty."""
 
     plots: bool = False
     html: bool = False
     gis: bool = False
     crs: str = ""
+    form: ImageForm = FORM
+    said: Mapping[str, str] = field(default_factory=dict)  # at the top of the page, by label
 
     @property
     def anything(self) -> bool:
         """True where something is wanted."""
-        return self != Shown()
+        return self.plots or self.html or self.gis
 
 
 def check_packages(wanted: Shown) -> None:
@@ -54,7 +58,7 @@ def check_packages(wanted: Shown) -> None:
             crs_of(wanted.crs)
 
 
-def draw_run(result: RunResult) -> Drawn:
+def draw_run(result: RunResult, form: ImageForm = FORM) -> Drawn:
     """Draw the pictures of a run beside its listing. Raises `MusatError` without matplotlib, and `OSError`."""
     from musatpy.plots.files import draw
     from musatpy.plots.gallery import GALLERY, KINDS
@@ -62,11 +66,13 @@ def draw_run(result: RunResult) -> Drawn:
     kind = KINDS[b"schema"]
     stem, tables = _stem(result), _tables(result, {*kind.required, *kind.optional})
     with numerics(_SHOWN):
-        return draw(tables, GALLERY, stem)
+        return draw(tables, GALLERY, stem, form)
 
 
-def write_page(result: RunResult) -> Path:
+def write_page(result: RunResult, said: Mapping[str, str] = MappingProxyType({})) -> Path:
     """Write the page of a run beside its listing, and return where it is: that of its record, with its deck.
+
+    `said` stands at the top, by label.
 
     Raises `MusatError` without jinja2 or matplotlib, and `OSError`.
     """
@@ -78,7 +84,7 @@ def write_page(result: RunResult) -> Path:
     place = stem.with_name(f"{stem.name}.html")
     files = [file for file in (result.record, result.deck) if file is not None and file.is_file()]
     with numerics(_SHOWN):
-        page = page_of_tables(_tables(result, names), files)
+        page = page_of_tables(_tables(result, names), files, said)
     write_files({place: page.encode()})
     return place
 

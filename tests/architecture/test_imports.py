@@ -106,7 +106,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "as11_comparisons": {"as11_runs", "compilation", "geometry", "reports", "soundings"},
     "as11_runs": {"model", "formats", "compilation", "interchange", "plots", "reports", "runs"},
     "orient_runs": {"model", "formats", "orientation", "orienting", "reports", "runs"},
-    "plots": {  # of reports, the schemas of records
+    "plots": {  # of reports, the schemas of records, and the tables of a solution
+        "model",
         "geometry",
         "records",
         "statistics",
@@ -115,7 +116,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "pointfiles",
         "reports",
     },
-    "page": {"model", "records", "statistics", "reports", "listings", "soundings", "plots"},
+    "page": {"model", "geometry", "records", "statistics", "reports", "listings", "soundings", "plots"},
     "gis": {"geometry", "records", "interchange", "plots"},  # of plots, footprints
     "shown_runs": {"runs", "reports", "statistics", "geometry", "interchange", "plots", "gis", "page"},
     "listings": {"records", "reports"},

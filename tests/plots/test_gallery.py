@@ -8,17 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.collections import PathCollection
 from matplotlib.colors import to_rgb
 from matplotlib.quiver import Quiver, QuiverKey
 
 from musatpy.figures import WET
 from musatpy.plots import gallery
+from musatpy.plots.block_plan import block_plan
+from musatpy.plots.depth_profile import ProfileLine, profile
 from musatpy.plots.exposures import observed_stations
 from musatpy.plots.gallery import GALLERY, marks, needs_of, rendered
 from musatpy.plots.picture import Picture
-from musatpy.plots.plan import block_plan
-from musatpy.plots.profile import ProfileLine, profile
-from musatpy.plots.residuals import mean_residuals, plate_residuals
+from musatpy.plots.plate_residuals import mean_residuals, plate_residuals
 from plots.plot_records import gnss_block, st_thomas
 
 LINE = np.array([[3000.0, 7000.0], [7000.0, 7000.0]])
@@ -51,7 +52,8 @@ def laid_out(picture: Picture[Any], tables: dict[str, Any]) -> Any:
 @pytest.mark.parametrize("picture", GALLERY, ids=list(BY_NAME))
 def test_a_picture_has_the_same_bytes_again(picture: Picture[Any], block: dict[str, Any]) -> None:
     first = rendered(picture, block)
-    assert first is not None and first == rendered(picture, block) and first[0] == "svg"
+    assert first is not None and first == rendered(picture, block)
+    assert first[0] == "svg" or picture.name == "mean_residuals"
     text = first[1].decode()
     assert text.startswith("<?xml") and "dc:date" not in text
     assert first[2] == picture.sentence(block) and first[2].endswith(".") and re.search(r"\d", first[2])
@@ -78,11 +80,40 @@ def luminance(colour: Any) -> float:
 @pytest.mark.parametrize("name", BY_NAME)
 def test_every_mark_can_be_seen_on_white(name: str, figures: dict[str, Any]) -> None:
     for axes in figures[name].axes:
-        colours = [line.get_color() for line in axes.lines]
+        colours = [line.get_color() for line in axes.lines] + [text.get_color() for text in axes.texts]
         colours += [patch.get_edgecolor() for patch in axes.patches]
-        colours += [row for one in axes.collections for row in one.get_edgecolor()]
+        for one in axes.collections:
+            edges, faces = one.get_edgecolor(), one.get_facecolor()
+            colours += list(edges if len(edges) else faces)  # an area has an outline, an arrow or a dot need none
+            colours += list(faces) if isinstance(one, Quiver | PathCollection) else []
+        colours = [
+            colour for colour in colours if not np.array_equal(colour, "white")
+        ]  # numbers on dark cells, looked at below
         for colour in colours:
             assert 1.05 / (luminance(colour) + 0.05) >= 3.0, colour
+    shown = [image for axes in figures[name].axes for image in axes.images]
+    assert bool(shown) == any(text.get_color() == "white" for axes in figures[name].axes for text in axes.texts)
+    for image in shown:
+        assert all(1.05 / (luminance(colour) + 0.05) >= 3.0 for colour in image.get_cmap().colors)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BY_NAME)
+def test_nothing_is_cut_off_and_legends_are_inside_axes(name: str, figures: dict[str, Any]) -> None:
+    for figure in (figures[name], drawn_with_long_names(name)):
+        figure.draw_without_rendering()
+        low, high = figure.get_tightbbox().get_points()  # inches
+        assert (low >= 0.0).all() and (high <= figure.get_size_inches()).all()
+        assert not figure.legends
+        for legend, axes in ((axes.get_legend(), axes) for axes in figure.axes if axes.get_legend()):
+            inner, outer = legend.get_window_extent(), axes.get_window_extent()
+            assert (inner.min >= outer.min).all() and (inner.max <= outer.max).all()
+
+
+def drawn_with_long_names(name: str) -> Any:
+    """Return the figure of the block with names of 8 wide letters and a title of 80."""
+    renamed = json.loads(re.sub(r'"(\d+)"', lambda found: f'"W{found[1]:W>7}"', json.dumps(gnss_block())))
+    return laid_out(BY_NAME[name], {**renamed, "titles": ["WATER " * 13]})
 
 
 def test_nine_in_ten_residuals_are_drawn_within_a_fifth_of_the_spacing(
@@ -185,7 +216,7 @@ def test_a_profile_joins_the_points_beside_its_line_and_marks_the_others(block: 
 
 
 def test_water_that_was_not_adjusted_is_given() -> None:
-    (axes,) = laid_out(BY_NAME["tides"], st_thomas()).axes
+    axes, *_ = laid_out(BY_NAME["tides"], st_thomas()).axes
     assert axes.get_legend_handles_labels()[1] == ["given"]
 
 

@@ -6,12 +6,12 @@ import pytest
 from scipy import stats
 
 from musatpy.geometry.collinearity import attitude_matrix, image
+from musatpy.plots.depth_profile import along, half_corridor, strips
 from musatpy.plots.exposures import correlated, joined
 from musatpy.plots.maps import confidence_ellipses, free_sides, largest_of_cells, view_of
 from musatpy.plots.plane import footprints, frames, plane_of, turned
+from musatpy.plots.plate_residuals import CELLS, cell_means
 from musatpy.plots.point_quality import graded, steps
-from musatpy.plots.profile import along, half_corridor, strips
-from musatpy.plots.residuals import CELLS, cell_means
 from musatpy.records.tables import rows_of
 from musatpy.soundings.s44 import orders_met, survey_orders
 

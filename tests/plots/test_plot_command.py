@@ -38,6 +38,22 @@ def test_pictures_go_beside_the_record_and_say_what_they_show(record: Path, tmp_
     assert record.with_name("st_thomas.tides.svg").read_bytes() == (tmp_path / "st_thomas.tides.svg").read_bytes()
 
 
+def test_pictures_have_the_format_and_the_dots_that_are_wanted(record: Path, tmp_path: Path) -> None:
+    heads = {"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}
+    for kind, head in heads.items():
+        assert plot(record, "-o", tmp_path, "--only", "tides", "--format", kind).exit_code == 0
+        assert (tmp_path / f"st_thomas.tides.{kind}").read_bytes().startswith(head)
+    plain = (tmp_path / "st_thomas.tides.png").read_bytes()
+    assert plot(record, "-o", tmp_path, "--only", "tides", "--format", "png", "--dpi", "220").exit_code == 0
+    fine = (tmp_path / "st_thomas.tides.png").read_bytes()
+    width, finer = (int.from_bytes(data[16:20], "big") for data in (plain, fine))  # of the header of a PNG
+    assert abs(finer - 2 * width) <= 2
+    assert plot(record, "--format", "gif").exit_code == 2 and plot(record, "--dpi", "5").exit_code == 2
+    result = musat("run", DECK, "-o", tmp_path / "none", "--format", "pdf")
+    assert result.exit_code == 2 and "--format and --dpi go with --plots" in result.output
+    assert not (tmp_path / "none").exists()
+
+
 def test_what_cannot_be_drawn_has_a_reason(record: Path, tmp_path: Path) -> None:
     result = plot(record, "-o", tmp_path, "--only", "gnss")
     assert result.exit_code == 1 and not list(tmp_path.iterdir())
@@ -164,6 +180,8 @@ def test_a_run_draws_its_pictures(record: Path, tmp_path: Path) -> None:
     assert plot(record, "-q").exit_code == 0
     for file in tmp_path.glob("*.svg"):
         assert file.read_bytes() == record.with_name(file.name).read_bytes()
+    musat("run", DECK, "-o", tmp_path, "--plots", "--format", "pdf", "--record", "none")
+    assert len([*tmp_path.glob("*.pdf")]) == len([*tmp_path.glob("*.svg")]) == 9
 
 
 def test_without_matplotlib_there_is_a_pip_line(

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.figures import image_of, lay_out, new_panels, styled
+from musatpy.figures import file_of, new_panels, styled
 from musatpy.sea.experiment import Histogram
 from musatpy.sea.pictures import bars
 from studies import collocation, stereo
@@ -42,8 +42,7 @@ def unknown_waves(results: Sequence[tuple[Cell, Summary]]) -> bytes:
         panel.set_xlabel("control points in water" if control else _AXES[name])
         panel.set_ylim(bottom=0.0)
     panels[0, 0].set_ylabel("RMS error in height, m")
-    lay_out(figure)
-    return image_of(figure, "png")
+    return file_of(figure)[1]
 
 
 @styled
@@ -67,8 +66,7 @@ def collocation_picture(
         row[2].set_xlabel("noise of control, m")
         row[0].set_ylabel(f"{name}: part of the RMS removed")
     plots[0, 0].set_ylim(-0.1, 1.05)
-    lay_out(figure)
-    return image_of(figure, "png")
+    return file_of(figure)[1]
 
 
 def _removed(plot: Any, at: Sequence[float], outcomes: Sequence[collocation.Outcome]) -> None:
@@ -87,8 +85,7 @@ def stereo_picture(families: Sequence[tuple[str, Sequence[stereo.Outcome]]]) -> 
     for plot, (name, outcomes) in zip(plots, families, strict=True):
         _panel(plot, name, outcomes)
     plots[0].set_ylabel("error in height due to the waves, m RMS")
-    lay_out(figure)
-    return image_of(figure, "png")
+    return file_of(figure)[1]
 
 
 def _panel(plot: Any, name: str, outcomes: Sequence[stereo.Outcome]) -> None:
@@ -110,8 +107,7 @@ def height_histogram(histogram: Histogram, title: str) -> bytes:
     """Return the histogram of the errors in height alone, as Figures 8 and 9 of Okamoto (1982)."""
     figure, ((plot,),) = new_panels([5.2], [3.2], title)
     bars(plot, histogram.edges[2], histogram.count[2], "Z")
-    lay_out(figure)
-    return image_of(figure, "png")
+    return file_of(figure)[1]
 
 
 @styled
@@ -136,5 +132,4 @@ def refraction_picture(crossing: Crossing, title: str) -> bytes:
     plot.set_aspect("equal")
     plot.set_xlabel("along the wave, m")
     plot.set_ylabel("height, m")
-    lay_out(figure)
-    return image_of(figure, "png")
+    return file_of(figure)[1]

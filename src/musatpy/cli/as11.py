@@ -32,6 +32,7 @@ from musatpy.cli.options import (
     date_option,
     options_of,
     out_option,
+    picture_options,
     refuse_overwriting,
     strict_option,
 )
@@ -39,6 +40,7 @@ from musatpy.cli.options import (
 if TYPE_CHECKING:
     from musatpy.as11_runs import CompileResult
     from musatpy.compilation.compiled import Compiled
+    from musatpy.figures import ImageForm
 
 _run = click.argument("run", type=NamedPath())
 _run_and_deck = options_of(_run, click.argument("deck", type=NamedPath()), out_option, anyway_option)
@@ -56,6 +58,7 @@ def command() -> None:
 @carriage_control_option
 @csv_option
 @click.option("--plots", is_flag=True, help="Pictures of depths, sigmas, contours too (NAME.depths.svg).")
+@picture_options("plots")
 @click.option("--gis", is_flag=True, help="Points and contours for GIS and CAD too (NAME.gpkg, NAME.dxf).")
 @click.option("--las", is_flag=True, help="Points with depths and sigmas as a cloud too (NAME.las).")
 @crs_option("System of these files, on the ellipsoid of the job: EPSG:4267; then GeoJSON too.")
@@ -225,6 +228,7 @@ def compare_contours_command(run: Path, bottom: Path, contours: Path, out_dir: P
 @click.option("--not-before", type=click.DateTime(["%Y-%m-%d"]), help="First day (column date).")
 @crs_option("Coordinate system of x and y of a file that says none: EPSG:32620.")
 @click.option("--plots", is_flag=True, help="A picture of the differences too (SOUNDINGS.soundings.png).")
+@picture_options("plots")
 def soundings_command(
     run: Path,
     bottom: Path,
@@ -234,6 +238,7 @@ def soundings_command(
     not_before: datetime.datetime | None,
     crs: str,
     plots: bool,
+    form: ImageForm,
     **matching: float,
 ) -> None:
     """Hold soundings of the CSV, LAS or LAZ file SOUNDINGS against BOTTOM, in the system of RUN.json.
@@ -251,7 +256,7 @@ def soundings_command(
     how = Matching(not_before=None if not_before is None else not_before.date(), **matching)
     drawn = picture if plots else None
     compared, warnings = compare_soundings(
-        run, bottom, soundings, (listing, record), how, picture=drawn, crs=crs, anyway=anyway
+        run, bottom, soundings, (listing, record), how, picture=drawn, form=form, crs=crs, anyway=anyway
     )
     complain_of_each(soundings, warnings)
     sample = samples(compared.differences)[0]

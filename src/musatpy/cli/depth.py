@@ -19,7 +19,7 @@ from musatpy.cli.depth_options import (
     view_options,
 )
 from musatpy.cli.messages import name_of, tell
-from musatpy.cli.options import NamedPath
+from musatpy.cli.options import NamedPath, dpi_option
 
 
 @click.group(name="depth", short_help="Depth factors, and true points of apparent ones.")
@@ -84,11 +84,13 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
 @area_options
 @click.option("--depth", type=NUMBER, default=25.0, show_default=True, help="Apparent depth.")
 @click.option("--step", type=POSITIVE, default=0.01, show_default=True, help="Between contours.")
-def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
+@dpi_option
+def picture(picture: Path, depth: float, step: float, dpi: int, **given: Any) -> None:
     """Draw contours of the depth factor over a model into PICTURE (.png, .svg, .pdf)."""
     import numpy as np
 
     from musatpy.depth.views import contour_picture
+    from musatpy.figures import ImageForm
 
     given["grid"] = tuple(max(61.0, number) for number in given["grid"])  # smooth lines
     view = ModelView(given)
@@ -99,7 +101,7 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
         raise click.UsageError("there is no factor anywhere: " + "; ".join(factors.reasons()))
     check_step(step, factor)
     title = f"Depth factor at an apparent depth of {depth:g}\n{view.heading()}"
-    contour_picture(picture, x, y, factor, view.nadirs(), title=title, step=step)
+    contour_picture(picture, x, y, factor, view.nadirs(), title=title, step=step, form=ImageForm(dpi=dpi))
     tell(f"{name_of(picture)}: F {np.nanmin(factor):.4f} to {np.nanmax(factor):.4f}")
 
 

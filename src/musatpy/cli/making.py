@@ -15,6 +15,7 @@ from musatpy.cli.options import (
     NamedPath,
     keys_option,
     out_option,
+    picture_options,
     refuse_overwriting,
     submerged_option,
     usage_errors,
@@ -24,6 +25,7 @@ from musatpy.errors import Problem, printable
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
+    from musatpy.figures import ImageForm
     from musatpy.formats.families import FormatFamily
 
 
@@ -111,9 +113,10 @@ def simulate_command(spec: Path, seed: int | None, out_dir: Path | None) -> None
 @click.command(name="waves", short_help="What waves do to a map that takes the water for level.")
 @click.argument("spec", type=NamedPath())
 @click.option("--plots", is_flag=True, help="Pictures too (NAME.map.png, ...); needs the extra 'plots'.")
+@picture_options("plots")
 @keys_option("musatpy.sea.experiment_spec:WaveSpec")
 @out_option
-def waves_command(spec: Path, plots: bool, out_dir: Path | None) -> None:
+def waves_command(spec: Path, plots: bool, form: ImageForm, out_dir: Path | None) -> None:
     """Run the wave experiment of SPEC: its report goes to NAME.waves.txt, every point to NAME.waves.csv."""
     from musatpy.files import write_files
     from musatpy.reports.sea import points_csv, waves_text
@@ -127,7 +130,7 @@ def waves_command(spec: Path, plots: bool, out_dir: Path | None) -> None:
     if plots:
         from musatpy.sea.pictures import pictures
 
-        files |= {folder / f"{spec.stem}.{name}.png": picture for name, picture in pictures(result).items()}
+        files |= {folder / f"{spec.stem}.{name}": image for name, image in pictures(result, form).items()}
     refuse_overwriting(files, [spec])
     write_files(files)
     sigma = ", ".join(f"{name} {value:.3f}" for name, value in zip("XYZ", result.spread.sigma, strict=True))

@@ -6,6 +6,7 @@ import datetime
 from collections import UserDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import wraps
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -75,6 +76,53 @@ def options_of(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]], C
         return command
 
     return decorate
+
+
+def picture_options(switch: str = "") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator that gives a command --format and --dpi, of which it gets the `form` of its pictures.
+
+    They go with the option `switch` where only that makes pictures.
+    """
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        @click.option(
+            "--format",
+            "image_kind",
+            type=click.Choice(["svg", "png", "pdf"]),
+            help="Of pictures; where not given, what suits each of them.",
+        )
+        @dpi_option
+        @wraps(command)
+        def with_form(*args: Any, image_kind: str | None, dpi: int, **given: Any) -> Any:
+            from musatpy.figures import FORM, ImageForm
+
+            form = ImageForm(kind=image_kind or "", dpi=dpi)
+            if switch and not given[switch] and form != FORM:
+                raise click.UsageError(f"--format and --dpi go with --{switch}")
+            return command(*args, form=form, **given)
+
+        return with_form
+
+    return decorate
+
+
+def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command --client and --operator, of which it gets what is `said` at the top of its page, by label.
+
+    So is the date, where it has one, and stays a parameter too.
+    """
+
+    @click.option("--client", default="", metavar="NAME", help="For whom: stands at the top of the page.")
+    @click.option("--operator", default="", metavar="NAME", help="By whom: stands at the top of the page.")
+    @wraps(command)
+    def with_lines(*args: Any, client: str, operator: str, **given: Any) -> Any:
+        if (client or operator) and not given.get("html", True):
+            raise click.UsageError("--client and --operator go with --html")
+        date = f"{given['date']:%Y-%m-%d}" if given["date"] else ""
+        said = {"Date": date, "Client": client, "Operator": operator}
+        return command(*args, said={label: text for label, text in said.items() if text}, **given)
+
+    return with_lines
 
 
 def keys_option(spec: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -212,6 +260,13 @@ deck_option = click.option(
     required=True,
     type=NamedPath(),
     help="The deck to be written; - is the standard output.",
+)
+dpi_option = click.option(
+    "--dpi",
+    type=click.IntRange(30, 600),
+    default=110,
+    show_default=True,
+    help="Dots per inch of pictures that are PNG.",
 )
 listed_option = click.option(
     "--listed", type=click.IntRange(min=1), default=20, show_default=True, help="Rows of each section."

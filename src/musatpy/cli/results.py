@@ -17,8 +17,11 @@ from musatpy.cli.options import (
     POSITIVE,
     NamedPath,
     crs_option,
+    date_option,
     listed_option,
     out_option,
+    page_options,
+    picture_options,
     quiet_option,
     refuse_overwriting,
     usage_errors,
@@ -26,6 +29,7 @@ from musatpy.cli.options import (
 from musatpy.errors import MusatError, Problem, ProblemsError, printable
 
 if TYPE_CHECKING:
+    from musatpy.figures import ImageForm
     from musatpy.listings import Rules
 
 CANNOT_READ = 2  # exit status of `diff` and `audit`, of which 1 is an answer
@@ -75,6 +79,7 @@ def _show_pictures(context: click.Context, _: click.Parameter, shown: bool) -> N
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_show_pictures, help="List the pictures."
 )
 @click.option("-q", "--quiet", is_flag=True, help="Do not say what pictures show.")
+@picture_options()
 @click.pass_context
 def plot_command(
     ctx: click.Context,
@@ -87,10 +92,12 @@ def plot_command(
     datum: float,
     crs: str,
     quiet: bool,
+    form: ImageForm,
 ) -> None:
     """Draw the pictures of each RECORD, NAME.json of a run or a compilation, as NAME.PICTURE.svg.
 
-    A picture of more than 2,000 marks becomes a .png. RECORD may also be of a comparison with soundings.
+    A picture of more than 2,000 marks becomes a .png where no --format is given. RECORD may also be of a comparison
+    with soundings.
 
     Exit status: 0 done, 1 a record cannot be used, or has nothing to show.
     """
@@ -103,7 +110,7 @@ def plot_command(
     failed = False
     for record in records:
         try:
-            done = drawn(record, out_dir, names, profile)
+            done = drawn(record, out_dir, names, profile, form)
         except (MusatError, OSError) as error:
             complain_of_error(error)
             failed = True
@@ -130,8 +137,12 @@ def plot_command(
     type=NamedPath(),
     help="A file that the run has read, such as its deck: the page states its SHA-256.",
 )
+@date_option
+@page_options
 @quiet_option
-def report_command(record: Path, out: Path | None, inputs: tuple[Path, ...], quiet: bool) -> None:
+def report_command(
+    record: Path, out: Path | None, inputs: tuple[Path, ...], said: dict[str, str], quiet: bool, **_: object
+) -> None:
     """Make a page of the record of a run, a compilation (`as11 compile`) or a comparison (`compare-soundings`).
 
     One HTML file with pictures, without scripts, that needs no network: verdict, data, accuracy, pictures, worst
@@ -143,7 +154,7 @@ def report_command(record: Path, out: Path | None, inputs: tuple[Path, ...], qui
     place = record.with_suffix(".html") if out is None else out
     refuse_overwriting([place], [record, *inputs])
     with _cycles_left_alone():
-        write_file(place, page_of_record(record, inputs).encode())
+        write_file(place, page_of_record(record, inputs, said).encode())
     if not quiet:
         tell(f"{name_of(record)}: page {name_of(place)}")
 

@@ -38,6 +38,8 @@ from musatpy.cli.options import (
     formats_option,
     options_of,
     out_option,
+    page_options,
+    picture_options,
     quiet_run_option,
     record_option,
     set_option,
@@ -114,6 +116,8 @@ _punch_options = options_of(
 @_shown_options
 @strict_option
 @date_option
+@picture_options("plots")
+@page_options
 @click.option("--punch-edits", is_flag=True, help="Write NAME.edited.crd too: the deck without the blunders found.")
 @_punch_options
 @click.pass_context
@@ -167,7 +171,7 @@ def _shown_of(given: dict[str, Any]) -> Shown:
     """Return what options want, taken from all that is given. Raises `click.UsageError` where it cannot be had."""
     from musatpy.shown_runs import Shown, check_packages
 
-    wanted = Shown(**{name: given.pop(name) for name in ("plots", "html", "gis", "crs")})
+    wanted = Shown(**{name: given.pop(name) for name in ("plots", "html", "gis", "crs", "form", "said")})
     if wanted.crs and not wanted.gis:
         raise click.UsageError("--crs goes with --gis")
     try:
@@ -280,12 +284,12 @@ def _show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
     name, done = name_of(result.deck), True
     try:
         if wanted.plots:
-            drawn = draw_run(result)
+            drawn = draw_run(result, wanted.form)
             complain_of_each(result.deck, (f"no {picture}: {why}" for picture, why in drawn.reasons.items()))
             if drawn.files and not quiet:
                 tell(f"{name}: {count_of(len(drawn.files), 'picture')}, {name_of(drawn.files[0])} the first")
         if wanted.html:
-            page = write_page(result)
+            page = write_page(result, wanted.said)
             if not quiet:
                 tell(f"{name}: page {name_of(page)}")
         if wanted.gis:
@@ -319,6 +323,7 @@ def _show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
     is_flag=True,
     help="Where starts lead, and what depths and dry points do: NAME.study.txt, pictures; needs the extra 'plots'.",
 )
+@picture_options("study")
 @click.pass_context
 def orient_command(
     ctx: click.Context,

@@ -9,10 +9,11 @@ import click
 
 from musatpy.cli.depth_options import POSITIVE, system_options
 from musatpy.cli.messages import count_of, name_of, tell
-from musatpy.cli.options import columns_of, out_option, refuse_overwriting
+from musatpy.cli.options import columns_of, out_option, picture_options, refuse_overwriting
 from musatpy.cli.sea_options import pair_by, precision_by, precision_options
 
 if TYPE_CHECKING:
+    from musatpy.figures import ImageForm
     from musatpy.sea.stereo.estimate import SurfaceFit
     from musatpy.sea.stereo.surface_points import SurfacePoints
 
@@ -29,11 +30,19 @@ _OF = {"fourier": ("shortest", "longest", "most"), "grid": ("spacing", "curvatur
 @click.option("--curvature", type=POSITIVE, metavar="1/M", help="Sigma, of a grid; the likeliest.")
 @click.option("--cameras", "stations", type=click.Path(path_type=Path), help="The pair, with --image-sigma.")
 @click.option("--plots", is_flag=True, help="A picture too (NAME.surface.png); needs the extra 'plots'.")
+@picture_options("plots")
 @system_options
 @out_option
 @precision_options
 def command(
-    points: Path, model: str, stations: Path | None, plots: bool, quiet: bool, out_dir: Path | None, **given: Any
+    points: Path,
+    model: str,
+    stations: Path | None,
+    plots: bool,
+    form: ImageForm,
+    quiet: bool,
+    out_dir: Path | None,
+    **given: Any,
 ) -> None:
     """Estimate the surface of the water from POINTS on it.
 
@@ -67,7 +76,8 @@ def command(
     if plots:
         from musatpy.sea.pictures import surface_picture
 
-        files[folder / f"{points.stem}.surface.png"] = surface_picture(result, title.split("\n")[0])
+        suffix, image = surface_picture(result, title.split("\n")[0], form)
+        files[folder / f"{points.stem}.surface.{suffix}"] = image
     refuse_overwriting(files, [points])
     write_files(files)
     if not quiet:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,22 +10,41 @@ import numpy as np
 from musatpy.compilation.bottom import Bottom
 from musatpy.compilation.compiled import Compiled
 from musatpy.compilation.joined_surfaces import JoinedSurface, Of
-from musatpy.figures import DRY, GREY, INK, RED, add_bar, image_of, lay_out, new_panels, styled, write_beside
+from musatpy.figures import (
+    DRY,
+    FORM,
+    GREY,
+    INK,
+    RED,
+    ImageForm,
+    add_bar,
+    image_of,
+    lay_out,
+    new_panels,
+    styled,
+    write_beside,
+)
 from musatpy.surfaces.contours import Contour
 
 _PANEL = 6.0  # inches, of the width of a surface
+_TALLEST = 1.5  # of the width
 
 
 @styled
-def contour_pictures(compiled: Compiled, bottom: Bottom) -> dict[str, bytes]:
-    """Return the surfaces side by side, north up, as `png` and `pdf`. Raises `MusatError` without matplotlib."""
+def contour_pictures(compiled: Compiled, bottom: Bottom, form: ImageForm = FORM) -> dict[str, bytes]:
+    """Return the surfaces side by side, north up, by suffix: PNG and PDF, or as the form says.
+
+    Raises `MusatError` without matplotlib.
+    """
     shown = [(surface, surface.tin) for surface in bottom.surfaces if surface.tin is not None]
     of_depth = bottom.of is Of.DEPTH
     z = np.concatenate([tin.z for _, tin in shown] or [np.array([0.0, 1.0])])
     style = {"cmap": "Blues" if of_depth else "terrain", "vmin": float(z.min()), "vmax": float(z.max())}
     title = f"depths below {compiled.datum.title}, m" if of_depth else "heights, m"
     title = "\n".join([*compiled.deck.titles[:1], title])
-    figure, (panels,) = new_panels([_PANEL] * max(len(shown), 1), [_PANEL], title)
+    extents = [np.ptp(tin.xy, axis=0) for _, tin in shown]
+    slope = min(max((float(y / x) for x, y in extents), default=1.0), _TALLEST)
+    figure, (panels,) = new_panels([_PANEL] * max(len(shown), 1), [_PANEL * slope], title)
     for axes, (surface, tin) in zip(panels, shown, strict=False):
         axes.set(aspect="equal", xlabel="east, m", ylabel="north, m")
         shade = axes.tripcolor(*tin.xy.T, tin.z, triangles=tin.triangles[tin.kept], shading="gouraud", **style)
@@ -32,11 +52,10 @@ def contour_pictures(compiled: Compiled, bottom: Bottom) -> dict[str, bytes]:
         _draw_lines(axes, _lines_of(bottom, surface))
         _draw_models(axes, compiled, surface)
     if shown:
-        slope = max(float(np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())) for axes in figure.axes)
-        figure.set_figheight(_PANEL * min(slope, 1.5))
         add_bar(axes, shade, f"{bottom.of}, m")
     lay_out(figure)
-    return {kind: image_of(figure, kind) for kind in ("png", "pdf")}
+    kinds = [form.kind] if form.kind else ["png", "pdf"]
+    return dict(image_of(figure, replace(form, kind=kind)) for kind in kinds)
 
 
 def _lines_of(bottom: Bottom, surface: JoinedSurface) -> list[Contour]:

@@ -8,7 +8,7 @@ need matplotlib, the extra `plots`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.depth.cameras import CameraStations
 from musatpy.depth.correction import Correction
 from musatpy.errors import DepthError, Problem
-from musatpy.figures import INK, add_bar, image_of, lay_out, new_panels, styled
+from musatpy.figures import FORM, INK, ImageForm, add_bar, file_of, new_panels, styled
 from musatpy.files import write_files
 from musatpy.geometry.crs import local_map
 from musatpy.geometry.systems import geographic
@@ -220,6 +220,7 @@ def contour_picture(
     title: str,
     step: float,
     unit: str = "",
+    form: ImageForm = FORM,
 ) -> None:
     """Write contours of factors (ny, nx) at x (nx,), y (ny,), and stations (k, 2), as Groeneveld Meijer's Figure 4.
 
@@ -243,5 +244,4 @@ def contour_picture(
         axes.plot(*near.T, "^", color=INK, markersize=7, label="exposure stations")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=f"x{unit}", ylabel=f"y{unit}")
     add_bar(axes, filled, "depth factor F")
-    lay_out(figure)
-    write_files({path: image_of(figure, kind)})
+    write_files({path: file_of(figure, replace(form, kind=kind))[1]})

@@ -5,14 +5,17 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import musatpy
 from musatpy.errors import Problem, RecordError
 from musatpy.page.rendering import Chapter, Fact, Facts, Page, PagePicture, check_packages, html_of
+from musatpy.page.systems import system_facts
+from musatpy.plots.compiled_pictures import SOUNDINGS
 from musatpy.plots.gallery import KINDS, rendered
 from musatpy.plots.picture import Picture
 from musatpy.records.json_files import known_of, read_json_file
@@ -28,33 +31,36 @@ _INDENT = re.compile(r"\s*\n\s*")
 _PROLOG = re.compile(r"^.*?(?=<svg)", re.DOTALL)
 
 
-def page_of_record(path: Path, inputs: Iterable[Path] = ()) -> str:
+def page_of_record(path: Path, inputs: Iterable[Path] = (), said: Mapping[str, str] = MappingProxyType({})) -> str:
     """Return the page of the record of a run, a compilation or a comparison as HTML.
 
-    It states the SHA-256 of the record, and of `inputs`, files that the run has read. Raises `RecordError` for a
-    file that is no such record, `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
+    It states the SHA-256 of the record, and of `inputs`, files that the run has read; `said` is what stands at the
+    top by its label, such as a date or a client. Raises `RecordError` for a file that is no such record,
+    `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
     """
     check_packages()
-    return page_of_tables(_tables_of(path), [path, *inputs])
+    return page_of_tables(_tables_of(path), [path, *inputs], said)
 
 
-def page_of_tables(tables: Tables, files: Iterable[Path]) -> str:
-    """Return the page of tables, in the shape of `read_record`, with the SHA-256 of files.
+def page_of_tables(tables: Tables, files: Sequence[Path], said: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Return the page of tables, in the shape of `read_record`, with the SHA-256 of files and what is `said`.
 
     Raises `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
     """
     page, gallery = _page_of(tables), KINDS[_kind_of(tables).encode()].pictures
+    overview, *others = [*pictures(gallery, tables, files[0].stem if files else "")] or [None]
     chapters: list[Chapter] = []
     for chapter in page.chapters:
         chapters.append(chapter)
-        if chapter.title == _BEFORE_PICTURES and (shown := list(pictures(gallery, tables))):
-            chapters.append(Chapter(title="Pictures", parts=shown))
+        if chapter.title == _BEFORE_PICTURES and others:
+            chapters.append(Chapter(title="Pictures", parts=[picture for picture in others if picture]))
     chapters.append(_provenance(tables, {file.name: _sha256(file) for file in files}))
     closing = (
         f"Made by musatpy {musatpy.__version__} from the record, which has more digits and every row. Blank cells "
         "are numbers that do not exist."
     )
-    return html_of(replace(page, chapters=chapters, closing=closing))
+    job = [*system_facts(tables), *(Fact(label, text) for label, text in said.items() if text)]
+    return html_of(replace(page, job=job, map=overview, chapters=chapters, closing=closing))
 
 
 def _kind_of(record: Any) -> str:
@@ -102,12 +108,18 @@ def _provenance(tables: Tables, files: Mapping[str, str]) -> Chapter:
     return Chapter(title="Files And Program", parts=[Facts([fact for fact in facts if fact.value])])
 
 
-def pictures(gallery: Iterable[Picture[Any]], tables: Tables) -> Iterator[PagePicture]:
-    """Yield the pictures that a record has something to show in."""
+def pictures(gallery: Iterable[Picture[Any]], tables: Tables, job: str) -> Iterator[PagePicture]:
+    """Yield the pictures that a record has something for, the map first; `job` names one without a title."""
     for picture in gallery:
-        if found := rendered(picture, tables):
+        if found := rendered(picture, tables, job):
             suffix, data, sentence = found
-            yield PagePicture(title=picture.title, name=picture.name, sentence=sentence, uri=_uri(suffix, data))
+            yield PagePicture(
+                title=picture.title,
+                name=picture.name,
+                sentence=sentence,
+                is_wide=picture.name == SOUNDINGS.name,
+                uri=_uri(suffix, data),
+            )
 
 
 def _uri(suffix: str, data: bytes) -> str:

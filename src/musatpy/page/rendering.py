@@ -91,6 +91,7 @@ class PagePicture(Titled):
     kind: ClassVar[str] = "picture"
     name: str
     sentence: str
+    is_wide: bool  # of several panels side by side
     uri: str  # without characters that HTML knows: it is not escaped
 
     @property
@@ -115,12 +116,14 @@ class Page:
 
     title: str
     lines: Sequence[str]  # below the title
+    job: Sequence[Fact] = ()  # below them: coordinate system, datum, heights, and what is given for this page
     grade: str
     use: str  # what may be done with the answer
     reasons: Sequence[Fact]  # of the verdict, with the grade that each makes
     causes: Sequence[str] = ()
     notes: Sequence[str] = ()
     figures: Facts  # the numbers that count most
+    map: PagePicture | None = None  # beside them
     chapters: Sequence[Chapter]
     closing: str = ""
 

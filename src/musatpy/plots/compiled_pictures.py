@@ -9,10 +9,10 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.figures import GREY, add_bar, shades
-from musatpy.plots import corrections, point_quality, profile, residuals
+from musatpy.plots import depth_profile, point_quality, submerged_points
 from musatpy.plots.maps import PointMap, dot_size, name_places, new_maps, point_map
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
-from musatpy.plots.residuals import Residuals
+from musatpy.plots.plate_residuals import LEAST_RESIDUALS, Residuals, normalised_figure, normalised_sentence
 from musatpy.records.tables import Tables, numbers, part, texts
 from musatpy.soundings.differences import DepthDifferences, median_and_spread, order_shares
 from musatpy.soundings.pictures import difference_figure
@@ -82,7 +82,7 @@ def _depth_figure(data: CompiledDepths) -> Any:
 def _parallaxes(tables: Tables) -> list[Residuals]:
     test = numbers(part(tables, "points"), "y_parallax_test")
     test = np.sort(test[np.isfinite(test)])
-    if len(test) < residuals.LEAST_RESIDUALS:
+    if len(test) < LEAST_RESIDUALS:
         raise NothingToShowError("fewer than three y-parallaxes are tested")
     return [Residuals(kind="y-parallax", values=test)]
 
@@ -96,8 +96,8 @@ DEPTHS = Picture(
     words=_depth_sentence,
 )
 SIGMAS = replace(point_quality.SIGMAS, needs=_POINTS_NEED)
-PROFILE = replace(profile.PROFILE, needs=_POINTS_NEED)
-CORRECTIONS = replace(corrections.CORRECTIONS, needs=_POINTS_NEED)
+PROFILE = replace(depth_profile.PROFILE, needs=_POINTS_NEED)
+CORRECTIONS = replace(submerged_points.CORRECTIONS, needs=_POINTS_NEED)
 
 
 PARALLAXES = Picture(
@@ -105,8 +105,8 @@ PARALLAXES = Picture(
     title="Y-parallaxes",
     needs=("points",),
     numbers=_parallaxes,
-    figure=residuals.normalised_figure,
-    words=residuals.normalised_sentence,
+    figure=normalised_figure,
+    words=normalised_sentence,
 )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.figures import BAND, GREY, INK, LETTER, WET, add_bar, name_ticks, new_panels, shades
+from musatpy.figures import BAND, GREY, INK, LETTER, WET, add_bar, name_rows, name_ticks, new_panels, shades
 from musatpy.plots.maps import NORMAL, add_arrows, dress, name_places, view_of
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure, rms
 from musatpy.plots.plane import MapPlane, plane_of, turned
@@ -196,7 +196,7 @@ def _station_figure(data: ObservedStations) -> Any:
     bounds, _ = view_of(data.places, data.places, keys=True)
     width, height = (bounds[1] - bounds[0]).tolist()
     tall = _WIDE * height / max(width, height)
-    figure, panels = new_panels([_WIDE], [tall, _LOW, _LOW, _LOW], "Stations, adjusted minus observed")
+    figure, panels = new_panels([_WIDE], [tall, _LOW, _LOW, _LOW], "Stations, adjusted minus observed", below=0.45)
     axes, *components = panels[:, 0]
     dress(axes, bounds, data.plane)
     axes.plot(*data.places.T, "o", color=INK, markerfacecolor="white", label="stations")
@@ -228,7 +228,7 @@ GNSS = Picture(
 # --- correlations ---
 
 
-_ELEMENTS = ("east", "north", "up", "X-tilt", "Y-tilt", "heading")
+_TILTS = ("X-tilt", "Y-tilt", "heading")
 _MOST = 16  # unknowns of all photos that are drawn
 _HIGH = 0.95  # from which two unknowns can hardly be told apart
 _CELL, _LEAST = 0.5, 3.2  # inches, of a correlation and of all
@@ -286,7 +286,7 @@ def correlations(tables: Tables) -> Correlations:
     photo = int(size.argmax())
     unknowns = part(tables, "dependence.globals")
     return Correlations(
-        names=(*_ELEMENTS, *names.tolist()),
+        names=(*(_LOCAL if tables["options"]["system"] == "LOCL" else _AXES), *_TILTS, *names.tolist()),
         value=value[photo],
         photo=str(texts(stations, "photo")[photo]),
         inflated=texts(unknowns, "unknown")[:_MOST],
@@ -321,7 +321,7 @@ def _correlation_figure(data: Correlations) -> Any:
         if np.isfinite(value) and row > column:
             axes.text(column, row, f"{value:+z.2f}", ha="center", va="center", fontsize=7, color="white")
     name_ticks(axes, np.arange(number), data.names)
-    axes.set_yticks(range(number), data.names)
+    name_rows(axes, data.names)
     axes.set_title(f"unknowns of photo {data.photo}")
     add_bar(axes, drawn, "size of the correlation")
     for panel in beside:
@@ -339,7 +339,7 @@ def _correlation_figure(data: Correlations) -> Any:
 CORRELATIONS = Picture(
     name="correlations",
     title="Correlations",
-    needs=("stations", "water_precision"),
+    needs=("options", "stations", "water_precision"),
     numbers=correlations,
     figure=_correlation_figure,
     words=_correlation_sentence,

@@ -13,14 +13,15 @@ import pyproj
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import MusatError, Problem, ProblemsError, SoundingError
+from musatpy.figures import FORM, ImageForm
 from musatpy.files import real_path, write_files
 from musatpy.geometry.projected import crs_of
 from musatpy.interchange.any_file import TEXTS, read_layers
 from musatpy.interchange.layers import Lines, Points
+from musatpy.plots.depth_profile import DepthProfile, ProfileLine, SoundedPlaces, profile_picture
 from musatpy.plots.gallery import KINDS, read_tables, rendered
 from musatpy.plots.picture import Picture
 from musatpy.plots.plane import MapPlane
-from musatpy.plots.profile import DepthProfile, ProfileLine, SoundedPlaces, profile_picture
 from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, Wanted
 from musatpy.pointfiles.point_tables import read_table
 from musatpy.records.tables import Tables
@@ -76,14 +77,14 @@ def profile_of(
     )
 
 
-def draw(tables: Tables, pictures: Sequence[Picture[Any]], stem: Path) -> Drawn:
-    """Write the files of pictures, named after `stem`.
+def draw(tables: Tables, pictures: Sequence[Picture[Any]], stem: Path, form: ImageForm = FORM) -> Drawn:
+    """Write the files of pictures in a form, named after `stem`.
 
     Raises `OSError`, and `MusatError` without matplotlib or where what is given for a profile is not on its plane.
     """
     files, sentences, reasons = {}, [], {}
     for picture in pictures:
-        found = rendered(picture, tables, stem.name)
+        found = rendered(picture, tables, stem.name, form)
         if found is None:
             reasons[picture.name] = picture.sentence(tables)
             continue
@@ -100,6 +101,7 @@ def drawn(
     out_dir: Path | None = None,
     names: Sequence[str] = (),
     profile: Picture[DepthProfile] | None = None,
+    form: ImageForm = FORM,
 ) -> Drawn:
     """Draw the pictures of a record, or those that are named, beside it or in a folder.
 
@@ -111,7 +113,7 @@ def drawn(
     if profile is not None:
         own = profile.numbers
         wanted = [replace(one, numbers=own) if one.name == profile.name else one for one in wanted]
-    pictures = draw(tables, wanted, stem_of(record, out_dir))
+    pictures = draw(tables, wanted, stem_of(record, out_dir), form)
     lacking = {name: f"is no picture of a {kind.what}" for name in names if name not in {p.name for p in wanted}}
     return replace(pictures, reasons={**pictures.reasons, **lacking})
 

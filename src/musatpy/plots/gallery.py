@@ -8,18 +8,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from musatpy.errors import Problem, RecordError
-from musatpy.figures import image_of
+from musatpy.errors import MusatError, Problem, RecordError, numerics
+from musatpy.figures import FORM, ImageForm, image_of
+from musatpy.model import Solution
 from musatpy.plots import compiled_pictures
-from musatpy.plots.corrections import CORRECTIONS
+from musatpy.plots.block_plan import PLAN
+from musatpy.plots.depth_profile import PROFILE
 from musatpy.plots.exposures import CORRELATIONS, GNSS, TIDES
 from musatpy.plots.picture import Picture
-from musatpy.plots.plan import PLAN
+from musatpy.plots.plate_residuals import MEANS, NORMALISED, PHOTOS
 from musatpy.plots.point_quality import REDUNDANCY, SIGMAS
-from musatpy.plots.profile import PROFILE
-from musatpy.plots.residuals import MEANS, NORMALISED, PHOTOS
+from musatpy.plots.submerged_points import CORRECTIONS
 from musatpy.records.json_files import Schema, read_record
 from musatpy.records.tables import Tables
+from musatpy.reports.record import held_tables
+from musatpy.statistics import Statistics
 
 # Of a run, of a compilation, and of a comparison with soundings.
 GALLERY: tuple[Picture[Any], ...] = (
@@ -106,18 +109,42 @@ def read_tables(path: Path) -> tuple[RecordKind, Tables]:
     return kind, read_record(path, kind.required, kind.optional, schema=kind.schema(), what=kind.what)
 
 
-def rendered(picture: Picture[Any], tables: Tables, job: str = "") -> tuple[str, bytes, str] | None:
+def rendered(
+    picture: Picture[Any], tables: Tables, job: str = "", form: ImageForm = FORM
+) -> tuple[str, bytes, str] | None:
     """Return suffix and bytes of a picture of a record, and its sentence; None where it has nothing to show.
 
-    SVG up to `MOST_MARKS` marks, PNG above; the same record gives the same bytes. `job` names one whose record has
-    no title. Raises `MusatError` where matplotlib is missing.
+    Where the form says no kind, SVG up to `MOST_MARKS` marks, PNG above; the same record gives the same bytes.
+    `job` names one whose record has no title. Raises `MusatError` where matplotlib is missing.
     """
     drawn = picture.drawn(tables, job)
     if drawn is None:
         return None
     figure, sentence = drawn
-    suffix = "svg" if marks(figure) <= MOST_MARKS else "png"
-    return suffix, image_of(figure, suffix), sentence
+    return *image_of(figure, form, "svg" if marks(figure) <= MOST_MARKS else "png"), sentence
+
+
+def drawing_of(name: str) -> Callable[[Solution], Any]:
+    """Return the function that draws a picture of the gallery of a solution."""
+    picture = next(picture for picture in GALLERY if picture.name == name)
+    kind = KINDS[b"schema"]
+
+    def draw(solution: Solution) -> Any:
+        with numerics(f"the picture {name}"):
+            tables = held_tables(Statistics(solution), {*kind.required, *kind.optional})
+            drawn = picture.drawn(tables)
+        if drawn is None:
+            raise MusatError(f"no {name}: {picture.sentence(tables)}")
+        figure, _ = drawn
+        figure._repr_png_ = lambda: image_of(figure)[1]  # what a notebook shows, with pyplot or without
+        return figure
+
+    draw.__name__ = draw.__qualname__ = name
+    draw.__doc__ = (
+        f"Return a figure of matplotlib: {picture.title.lower()} of a solution.\n\n"
+        "Raises `MusatError` without matplotlib, and where the solution has nothing of what is shown."
+    )
+    return draw
 
 
 def marks(figure: Any) -> int:

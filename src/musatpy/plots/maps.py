@@ -32,6 +32,7 @@ _DOTS = (2.0, 6.0)  # points, of the smallest and largest marker
 _STEPS = (1.0, 2.0, 5.0, 10.0)
 _MARKERS = "osD^vPX"  # of classes
 _NOWHERE = np.empty((0, 2))
+_NORTH = np.array([0.97, 0.92])  # of axes, where the arrow stands
 _SIDES = np.array([[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 
 
@@ -218,6 +219,7 @@ def name_places(
     rows = known[:: -(-len(known) // most) or 1]
     letters = max((len(name) for name in names[rows].tolist()), default=0)
     room = np.array([letters + 1, 2]) * LETTER * (high - low) / size_of(axes)
+    taken = np.append(taken, [low + _NORTH * (high - low)], axis=0)
     sides = free_sides(xy[rows], room, taken)
     for side in _SIDES:
         on = rows[(sides == side).all(axis=1)]

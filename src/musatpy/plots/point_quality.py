@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.plots.corrections import bottom_points
 from musatpy.plots.maps import CONFIDENCE, ELLIPSE, MAPS_NEED, NORMAL, PointMap, class_maps, point_map
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
+from musatpy.plots.submerged_points import bottom_points
 from musatpy.records.tables import Tables, flags, numbers, part, texts
 from musatpy.soundings.s44 import survey_orders
 from musatpy.statistics.analyses import ellipses

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.figures import BLUE, GREY, INK, RED, add_bar, image_of, lay_out, new_panels, styled
+from musatpy.figures import BLUE, FORM, GREY, INK, RED, ImageForm, add_bar, file_of, new_panels, styled
 
 if TYPE_CHECKING:
     from musatpy.sea.experiment import Histogram, Trials, WaveStudy
@@ -29,16 +29,17 @@ def _sides(places: FloatArray) -> FloatArray:
 # --- wave experiments ---
 
 
-def pictures(study: WaveStudy) -> dict[str, bytes]:
-    """Return the pictures of a study as PNG files, by name."""
-    files = {"map": error_maps(study), "histogram": histograms(study.histogram, study.spec.title)}
+def pictures(study: WaveStudy, form: ImageForm = FORM) -> dict[str, bytes]:
+    """Return the pictures of a study, by name and suffix."""
+    title = study.spec.title
+    files = {"map": error_maps(study, form), "histogram": histograms(study.histogram, title, form)}
     if study.studies:
-        files["dependence"] = dependence(study.studies, study.spec.title)
-    return files
+        files["dependence"] = dependence(study.studies, title, form)
+    return {f"{name}.{suffix}": image for name, (suffix, image) in files.items()}
 
 
 @styled
-def error_maps(study: WaveStudy) -> bytes:
+def error_maps(study: WaveStudy, form: ImageForm) -> tuple[str, bytes]:
     """Return maps of the errors over the model, one per coordinate, contoured; cameras as triangles."""
     shape = study.spec.area.numbers
     points, error = study.errors.points.reshape(*shape, 3), study.errors.error.reshape(*shape, 3)
@@ -56,18 +57,16 @@ def error_maps(study: WaveStudy) -> bytes:
         plot.set_aspect("equal")
         add_bar(plot, filled, "m", format="{x:z.2g}", ticks=levels[::4])
     plots[0].set_ylabel("y, m")
-    lay_out(figure)
-    return image_of(figure, "png")
+    return file_of(figure, form)
 
 
 @styled
-def histograms(histogram: Histogram, title: str) -> bytes:
+def histograms(histogram: Histogram, title: str, form: ImageForm) -> tuple[str, bytes]:
     """Return the histograms of the three coordinates side by side."""
     figure, (plots,) = new_panels([3.0] * 3, [2.5], title)
     for axis, plot in enumerate(plots):
         bars(plot, histogram.edges[axis], histogram.count[axis], _COORDINATES[axis])
-    lay_out(figure)
-    return image_of(figure, "png")
+    return file_of(figure, form)
 
 
 def bars(plot: Any, edges: FloatArray, count: IntArray, name: str) -> None:
@@ -79,7 +78,7 @@ def bars(plot: Any, edges: FloatArray, count: IntArray, name: str) -> None:
 
 
 @styled
-def dependence(studies: Sequence[Trials], title: str) -> bytes:
+def dependence(studies: Sequence[Trials], title: str, form: ImageForm) -> tuple[str, bytes]:
     """Return how standard error and maximum depend on what was varied, one panel each."""
     figure, (plots,) = new_panels([3.2] * len(studies), [3.0], title)
     signs = (("s", BLUE), ("v", BLUE), ("o", RED))
@@ -93,19 +92,18 @@ def dependence(studies: Sequence[Trials], title: str) -> bytes:
             plot.plot(value, largest, ":", marker=marker, color=color, label=f"maximum {name}")
         plot.set(xlabel=f"{trials.name.lower()}, {trials.unit}", ylabel="error, m")
         plot.set_ylim(bottom=0.0)
-    lay_out(figure)
-    return image_of(figure, "png")
+    return file_of(figure, form)
 
 
 # --- interpolation ---
 
 
 @styled
-def interpolation_picture(interpolation: Interpolation) -> bytes:
+def interpolation_picture(interpolation: Interpolation, title: str, form: ImageForm) -> tuple[str, bytes]:
     """Return a map of the predicted errors with the control points, one of their sigmas, and the covariances."""
     place, used = interpolation.observed.place, interpolation.used
-    title = "Errors of heights, interpolated between control points"
     wide, tall = _sides(place)
+    title = f"Errors of heights, interpolated between control points\n{title}"
     figure, ((left, middle, right),) = new_panels([wide] * 3, [tall], title)
     low, high = place.min(axis=0), place.max(axis=0)
     step = max(float((high - low).max()), 1e-9) / (_GRID - 1)
@@ -125,8 +123,7 @@ def interpolation_picture(interpolation: Interpolation) -> bytes:
         if not used.all():
             plot.plot(*place[~used].T, "x", color=RED, markersize=7, label="outlier")
     _draw_covariances(right, interpolation)
-    lay_out(figure)
-    return image_of(figure, "png")
+    return file_of(figure, form)
 
 
 def _draw_map(plot: Any, grid: tuple[FloatArray, ...], title: str, **scale: Any) -> None:
@@ -152,7 +149,7 @@ def _draw_covariances(plot: Any, interpolation: Interpolation) -> None:
 
 
 @styled
-def surface_picture(fit: SurfaceFit, title: str) -> bytes:
+def surface_picture(fit: SurfaceFit, title: str, form: ImageForm) -> tuple[str, bytes]:
     """Return maps of the height and of its sigma where the surface is known; rejected points as crosses."""
     from musatpy.sea.stereo.surface_points import height_sigma
 
@@ -174,5 +171,4 @@ def surface_picture(fit: SurfaceFit, title: str) -> bytes:
         plot.plot(*points[fit.kept, :2].T, ".", color=GREY, markersize=1.5, label="points")
         if not fit.kept.all():
             plot.plot(*points[~fit.kept, :2].T, "x", color=RED, markersize=6, label="rejected")
-    lay_out(figure)
-    return image_of(figure, "png")
+    return file_of(figure, form)

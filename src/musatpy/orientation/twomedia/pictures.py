@@ -8,7 +8,21 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.figures import BAND, BLUE, GREY, INK, RED, add_bar, image_of, lay_out, name_ticks, new_panels, styled
+from musatpy.figures import (
+    BAND,
+    BLUE,
+    FORM,
+    GREY,
+    INK,
+    RED,
+    ImageForm,
+    add_bar,
+    file_of,
+    name_rows,
+    name_ticks,
+    new_panels,
+    styled,
+)
 from musatpy.orientation.twomedia.oriented import LIMIT, Oriented
 from musatpy.orientation.twomedia.rays import PLANE_SYMBOLS, SYMBOLS, WATER, paper_partials
 from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, Basins, LevelPrecision
@@ -18,7 +32,7 @@ _STRONG = 0.95  # correlation from which its number is printed
 
 
 @styled
-def correlation_picture(oriented: Oriented) -> bytes:
+def correlation_picture(oriented: Oriented, title: str = "", form: ImageForm = FORM) -> tuple[str, bytes]:
     """Return the matrix of the correlations of all unknowns, under the symbols of Okamoto and Mori."""
     J = paper_partials(oriented.at)
     covariance = J @ oriented.covariance @ J.T
@@ -28,21 +42,20 @@ def correlation_picture(oriented: Oriented) -> bytes:
     unknown = np.diagonal(covariance) > 0.0
     sigma = np.sqrt(np.diagonal(covariance)[unknown])
     matrix = covariance[np.ix_(unknown, unknown)] / np.outer(sigma, sigma)
-    size, title = 0.5 + 0.42 * len(matrix), f"{oriented.method.name}: correlations (numbers from {_STRONG:g})"
-    figure, ((plot,),) = new_panels([size], [size], title)
+    size, what = 0.5 + 0.42 * len(matrix), f"{oriented.method.name}: correlations (numbers from {_STRONG:g})"
+    figure, ((plot,),) = new_panels([size], [size], f"{what}\n{title}")
     drawn = plot.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
     for row, column in np.argwhere((np.abs(matrix) >= _STRONG) & ~np.eye(len(matrix), dtype=bool)):
         label = f"{matrix[row, column]:.3f}".replace("0.", ".")
         plot.text(column, row, label, ha="center", va="center", color="white", fontsize=7)
     name_ticks(plot, np.arange(len(matrix)), symbols[unknown])
-    plot.set_yticks(range(len(matrix)), symbols[unknown])
+    name_rows(plot, symbols[unknown])
     add_bar(plot, drawn, "")
-    lay_out(figure)
-    return image_of(figure, "png")
+    return file_of(figure, form)
 
 
 @styled
-def basins_picture(basins: Basins, title: str = "") -> bytes:
+def basins_picture(basins: Basins, title: str = "", form: ImageForm = FORM) -> tuple[str, bytes]:
     """Return the shares of the starts that lead to the solution, elsewhere and nowhere, and where they lie."""
     figure, ((left, right),) = new_panels([4.2] * 2, [2.8], title)
     places, shares = np.arange(len(basins.levels)), 100.0 * basins.shares
@@ -56,8 +69,7 @@ def basins_picture(basins: Basins, title: str = "") -> bytes:
     )
     left.set_ylabel("starts, %")
     _starts(right, basins)
-    lay_out(figure)
-    return image_of(figure, "png")
+    return file_of(figure, form)
 
 
 def _starts(plot: Any, basins: Basins) -> None:
@@ -77,7 +89,9 @@ def _starts(plot: Any, basins: Basins) -> None:
 
 
 @styled
-def precision_picture(precision: LevelPrecision, title: str = "", limit: float = LIMIT) -> bytes:
+def precision_picture(
+    precision: LevelPrecision, title: str = "", limit: float = LIMIT, form: ImageForm = FORM
+) -> tuple[str, bytes]:
     """Return the sigma of the level over the depth, a line for each share of dry points.
 
     Under the dashed line it is less than `limit` of the mean depth: there the water is determined.
@@ -91,12 +105,13 @@ def precision_picture(precision: LevelPrecision, title: str = "", limit: float =
     plot.set_xlabel("mean depth / height of the cameras over the water")
     plot.set_ylabel("sigma of the level / height of the cameras over the water")
     plot.grid(which="both")
-    lay_out(figure)
-    return image_of(figure, "png")
+    return file_of(figure, form)
 
 
 @styled
-def strip_picture(photos: TextArray, sigma: FloatArray, differences: FloatArray, title: str = "") -> bytes:
+def strip_picture(
+    photos: TextArray, sigma: FloatArray, differences: FloatArray, title: str = "", form: ImageForm = FORM
+) -> tuple[str, bytes]:
     """Return the sigmas (m, 3) of stations along a strip, with what its first values differ (m, 3) from these."""
     figure, panels = new_panels([9.0], [1.2] * 3, title, sharex=True)
     place = np.arange(len(photos))
@@ -107,5 +122,4 @@ def strip_picture(photos: TextArray, sigma: FloatArray, differences: FloatArray,
         plot.set_ylabel(f"{name}, m")
     name_ticks(plot, place, photos)
     plot.set_xlabel("photo")
-    lay_out(figure)
-    return image_of(figure, "png")
+    return file_of(figure, form)

@@ -13,10 +13,10 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.figures import BAND, DRY, GREY, INK, WATER, WET, new_panels, write_beside
 from musatpy.geometry.collinearity import wrapped
-from musatpy.plots.corrections import CORRECTIONS, PlottedPoints, submerged_points
 from musatpy.plots.maps import NORMAL
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
 from musatpy.plots.plane import MapPlane
+from musatpy.plots.submerged_points import CORRECTIONS, PlottedPoints, submerged_points
 from musatpy.records.tables import Tables, numbers, part, texts
 
 _WANTED = 12  # submerged points of a profile, where there are as many

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.figures import DRY, GREY, INK, WET, add_bar, new_panels
+from musatpy.figures import DRY, GREY, INK, LIGHT, WET, new_panels
 from musatpy.plots.maps import NORMAL, add_key, draw_rings, magnification, quiver, spacing
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure, rms
 from musatpy.plots.plane import frames
@@ -20,6 +20,7 @@ from musatpy.units import MICROMETRE
 CELLS = (24, 16)  # of a photo, along x and y
 _LIMIT = 2.448  # sigmas of 95 % in two dimensions
 _MEDIAN = 0.6745  # of the magnitude of a standard normal variable
+_CIRCLE = 140.0  # points squared, of the cell with most images
 _LEAST = 3  # images of a cell whose mean is drawn
 _MEAN_SHARE = 0.6  # of the distance of cells, which are neighbours in rows: what nine in ten means are drawn as
 _PHOTOS, _COLUMNS = 20, 4  # photos at most, and how many of them side by side
@@ -111,7 +112,7 @@ def _draw_photos(plates: ImageResiduals) -> Any:
     factor = magnification(length, spacing(extent, len(length) // len(shown))) or 1.0
     width = min(_PANEL, _WIDE / columns)
     size = [width] * columns, [width * _slope(extent)] * rows
-    figure, panels = new_panels(*size, "Plate residuals, adjusted minus measured")
+    figure, panels = new_panels(*size, "Plate residuals, adjusted minus measured", beside=0.3, below=0.45)
     for axes, photo in zip(panels.ravel(), shown.tolist(), strict=False):
         _set_format(axes, corners)
         draw_rings(axes, plates.corners[photo][None])
@@ -263,22 +264,20 @@ def _draw_means(means: list[CellMeans]) -> Any:
     figure, panels = new_panels(*size, "Mean residuals, adjusted minus measured")
     most = max(int(cells.count.max()) for cells in means)
     for axes, cells in zip(panels.ravel(), means, strict=False):
-        shade = _draw_cells(axes, cells, factor, most)
+        _draw_cells(axes, cells, factor, most)
     for axes in panels.ravel()[len(means) :]:
         axes.remove()
-    add_bar(panels[0, -1], shade, "images in a cell")
     return figure
 
 
-def _draw_cells(axes: Any, cells: CellMeans, factor: float, most: int) -> Any:
-    """Draw the means of one panel, and return what its shades mean."""
-    (west, south), (east, north) = cells.corners
+def _draw_cells(axes: Any, cells: CellMeans, factor: float, most: int) -> None:
+    """Draw the means of one panel, over circles as large as the numbers of their images."""
     _set_format(axes, cells.corners[None])
     axes.set_title(f"{counted(int(cells.count.sum()), 'image')} of {cells.what}")
-    shade = axes.imshow(
-        np.ma.masked_equal(cells.count, 0), origin="lower", extent=(west, east, south, north), cmap="Greys",
-        alpha=0.4, vmin=0, vmax=most,
-    )  # fmt: skip
+    known = cells.count > 0
+    style = {"facecolors": "none", "edgecolors": LIGHT, "linewidths": 0.5}
+    label = f"images of a cell, by area: {most:,} at most"
+    axes.scatter(*cells.places[known].T, s=_CIRCLE * cells.count[known] / most, label=label, **style)
     for rows, color, width, label in (
         (cells.drawn & ~cells.beyond, GREY, 0.003, "mean within its 95 % limit"),
         (cells.beyond, INK, 0.006, "mean beyond its 95 % limit"),
@@ -287,7 +286,6 @@ def _draw_cells(axes: Any, cells: CellMeans, factor: float, most: int) -> Any:
             drawn = quiver(axes, cells.places[rows], cells.mean[rows], factor, color=color, width=width)
             axes.plot([], [], "->", color=color, linewidth=300.0 * width, label=label)
     add_key(axes, drawn, factor, "um")
-    return shade
 
 
 PHOTOS = Picture(
