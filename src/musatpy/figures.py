@@ -160,7 +160,7 @@ def lay_out(figure: Any) -> None:
     columns = int(np.clip(wide / (_KEY + LETTER * max(map(len, named), default=0)), 1, _COLUMNS))
     strip = _LINE * (0.5 - len(named) // -columns) if named else 0.0
     below = height + 0.5 * _LINE + _HEADING * any(axes.get_title() for axes in figure.axes)
-    bar = _BAR * any(axes.child_axes and axes.get_position().x1 > 0.999 * at.right for axes in figure.axes)
+    bar = _BAR * any(axes.child_axes and axes.get_position(True).x1 > 0.999 * at.right for axes in figure.axes)
     lines = [textwrap.fill(line, int((width + bar) / _CAPITAL)) for line in figure.get_suptitle().splitlines()]
     title = "\n".join(lines)
     whole = below + strip + _LINE + _TITLE * len(title.splitlines())

@@ -15,11 +15,14 @@ import musatpy
 from altered import altered
 from musatpy import adjust, read_deck, to_html, to_pandas, to_xarray
 from musatpy.errors import MusatError
+from musatpy.model import CoordinateSystem
 from musatpy.model.tables import Table, empty, stacked
+from musatpy.notebook.frames import FIRST
 from musatpy.reports.record import record, record_of
 from musatpy.statistics import Statistics
 from page.pages import Reader
 from record_rows import with_rows
+from sample_solutions import sample_solution
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 DECKS = ["st_thomas/st_thomas.crd", "st_thomas_raw/st_thomas_raw.crd"]
@@ -106,6 +109,42 @@ def test_frames_have_types_and_units():
     assert frames["points"]["rays"].dtype == np.int64
     assert len(frames["lenses"]) == 0 and "k0" in frames["lenses"]
     assert frames["equal_elevations"]["points"].iloc[0] == ["202", "205", "208"]
+
+
+def test_a_frame_of_one_table_has_plain_names():
+    solution = solution_of(DECKS[0])
+    frames = to_pandas(solution)
+    for name in FIRST:
+        plain = solution.to_pandas(name)
+        assert len(plain) == len(frames[name]) and plain.shape == frames[name].shape
+        assert not [column for column in plain if "[" in column]
+        assert set(plain.attrs["meanings"]) == set(plain)
+    points, stations = solution.to_pandas("points"), solution.to_pandas("stations")
+    assert points.columns[6:12].tolist() == ["x", "y", "z", "sigma_x", "sigma_y", "sigma_z"]
+    assert points["x"].between(-65.0, -64.8).all() and points["y"].between(18.2, 18.4).all()  # St. Thomas
+    assert points["sigma_y"].equals(frames["points"]["sigma[1]"].rename("sigma_y"))
+    assert points["covariance_x_z"].equals(frames["points"]["covariance[0][2]"].rename("covariance_x_z"))
+    assert np.allclose(np.radians(stations["heading"]), frames["stations"]["attitude[2]"], rtol=1e-14)
+    assert {"given_x", "sigma_x_tilt", "given_sigma_heading", "covariance_z_x_tilt"} <= set(stations)
+    assert stations.attrs["units"]["heading"] == "deg" and points.attrs["units"]["sigma_x"] == "m"
+    assert [points.attrs["units"][name] for name in "xyz"] == ["deg", "deg", "m"]
+    assert {"difference_x", "used_z"} <= set(solution.to_pandas("control"))
+    assert {"x", "y", "residual_x"} <= set(solution.to_pandas("plates"))
+    assert solution.to_pandas("tests.check_points").columns[0] == "point"
+
+
+def test_axes_of_plain_names_are_those_of_the_job():
+    local = adjust(read_deck(FIXTURES / "verdict/iiia_false_minimum.crd"))
+    points, frame = local.to_pandas("points"), to_pandas(local)["points"]
+    assert points["x"].equals(frame["position[0]"].rename("x")) and points.attrs["units"]["x"] == "m"
+    geocentric = sample_solution(CoordinateSystem.GEOCENTRIC).to_pandas("points")
+    assert {"x", "y", "z", "sigma_east", "sigma_north", "sigma_up"} <= set(geocentric)
+    assert "sigma_x" not in geocentric
+
+
+def test_a_table_that_is_not_there_is_said_with_those_that_are():
+    with pytest.raises(MusatError, match=r"no table 'point'; there are points, stations, .*of the record"):
+        solution_of(DECKS[0]).to_pandas("point")
 
 
 def test_all_that_the_record_states_is_a_column():

@@ -3,13 +3,19 @@
 They need Chromium, and axe-core by the variable AXE_CORE, a path of axe.min.js; .ci/run sees to both.
 """
 
+import base64
+import contextlib
 import json
 import os
+import re
 import subprocess
 import sys
+import zlib
+from io import BytesIO
 from pathlib import Path
 
 import pytest
+from matplotlib.image import imread
 
 from musatpy.campaign.batch_jobs import BatchJob, JobOutcome, JobState
 from musatpy.campaign.batch_reports import index_page
@@ -29,6 +35,9 @@ _RUN = (
 )
 _EVERYTHING, _CONTRAST = "{}", "{runOnly: ['color-contrast']}"
 _OPEN_ALL = "document.querySelectorAll('details').forEach(one => one.open = true)"
+_NO_SHADES = (  # on which axe could not tell the contrast of tables
+    "document.head.insertAdjacentHTML('beforeend', '<style>.scroll { background-image: none !important }</style>')"
+)
 _WIDTH = "document.documentElement.scrollWidth"
 _FOCUSED = (
     "(() => { const one = document.activeElement, box = one.closest('.scroll');"
@@ -91,6 +100,7 @@ def test_axe_finds_nothing(tab, places, name, width, dark):
     tab.dark(dark)
     tab.open(places[name].as_uri(), width)
     tab.evaluate(f"{Path(AXE).read_text()}; 0")
+    tab.evaluate(_NO_SHADES)
     if not dark:
         assert json.loads(tab.evaluate(_RUN % _EVERYTHING)) == []
     tab.evaluate(_OPEN_ALL)
@@ -132,6 +142,59 @@ def test_nothing_is_wider_than_a_small_screen(tab, places, name):
     tab.open(places[name].as_uri(), 320)
     tab.evaluate(_OPEN_ALL)
     assert tab.evaluate(_WIDTH) == 320
+
+
+@pytest.mark.parametrize("name", NAMES[:-1])
+def test_a_map_is_in_view_when_a_page_opens(tab, places, name):
+    tab.open(places[name].as_uri())
+    top, bottom = tab.evaluate(
+        "(box => [box.top, box.bottom])(document.querySelector('.top figure img').getBoundingClientRect())"
+    )
+    assert 0.0 < top and bottom <= 900.0
+
+
+def test_a_shade_says_that_a_table_runs_on_until_its_end_is_in_view(tab, places):
+    tab.open(places["job"].as_uri(), 320)
+    box = "const box = [...document.querySelectorAll('.scroll')].find(b => b.scrollWidth > b.clientWidth + 20); "
+    tab.evaluate(f"{{ {box} box.scrollIntoView() }}")
+    darkest = []
+    for end in ("0", "1e6"):
+        place = "const at = box.getBoundingClientRect(); [at.right, at.top + scrollY]"
+        x, y = tab.evaluate(f"{{ {box} box.scrollLeft = {end}; {place} }}")
+        clip = {"x": x - 2.0, "y": y + 4.0, "width": 2.0, "height": 8.0, "scale": 1.0}
+        image = base64.b64decode(tab.send("Page.captureScreenshot", format="png", clip=clip)["data"])
+        darkest.append(imread(BytesIO(image))[..., :3].min())
+    assert darkest[0] < 0.7 < 0.95 < darkest[1]
+
+
+def test_pictures_are_on_white_in_the_dark(tab, places):
+    tab.dark()
+    tab.open(places["job"].as_uri())
+    colours = tab.evaluate(
+        "[...document.querySelectorAll('figure img')].map(one => getComputedStyle(one).backgroundColor)"
+    )
+    assert len(colours) > 8 and set(colours) == {"rgb(255, 255, 255)"}
+    tab.dark(False)
+
+
+def test_pages_of_paper_are_numbered(tab, places):
+    tab.open(places["job"].as_uri())
+    numbered = tab.pdf()
+    tab.evaluate(
+        "document.querySelector('style').append('@media print { @page { @bottom-right { content: none } } }')"
+    )
+    pages = len(re.findall(rb"/Type /Page\b", numbered))
+    assert pages > 5 and _words_of(numbered) - _words_of(tab.pdf()) >= pages
+
+
+def _words_of(pdf):
+    """Return how many pieces of text the pages of a PDF show."""
+    streams = re.findall(rb"stream\r?\n(.*?)endstream", pdf, re.DOTALL)
+    count = 0
+    for stream in streams:
+        with contextlib.suppress(zlib.error):
+            count += len(re.findall(rb"\bT[jJ]\b", zlib.decompress(stream)))
+    return count
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,5 +1,6 @@
 """What stands on the page of a run, against the record and against numbers found another way."""
 
+import datetime
 import json
 import re
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from cli.commands import musat
 from musatpy.errors import MusatError, RecordError
 from musatpy.page import rendering
 from musatpy.page.composition import page_of_record
@@ -34,6 +36,22 @@ def numbers(rows, head):
 def test_the_verdict_stands_first(page):
     before, _, after = page.text.partition("ACCEPTED")
     assert "Accuracy" not in before and "no test speaks against it" in after[:60]
+
+
+def test_the_head_says_the_system_of_the_job_and_what_is_given_for_the_page(tmp_path):
+    (tmp_path / "utm").mkdir()
+    run = written(tmp_path)
+    assert musat("report", run, "-o", tmp_path / "a.html", "--date", "--client", "A & <B>").exit_code == 0
+    head = Reader((tmp_path / "a.html").read_text()).text.partition("ACCEPTED")[0]
+    for said in ("Datumnot named; ellipsoid Clarke 1866", "Heightsabove the ellipsoid", "ClientA & <B>"):
+        assert said in head
+    assert f"Date{datetime.date.today():%Y-%m-%d}" in head and "Operator" not in head
+    utm = written(tmp_path / "utm", record_text(ROOT / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd"))
+    assert "DatumPuerto Rico" in read(utm).text.partition("ACCEPTED")[0]
+    local = written(tmp_path, record_text(ROOT / "fixtures" / "verdict" / "iiia_false_minimum.crd"))
+    assert "Datumnone: a local system" in read(local).text and "HeightsZ of the job" in read(local).text
+    result = musat("run", ST_THOMAS, "-o", tmp_path / "none", "--client", "A")
+    assert result.exit_code == 2 and "--client and --operator go with --html" in result.output
 
 
 def test_the_figures_are_those_of_page_1(page):

@@ -13,7 +13,6 @@ import json
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +33,7 @@ from musatpy.interchange.layers import (
     Points,
     Polygons,
     continuous,
+    cut_at_180,
     fault,
     refuse,
     require_content,
@@ -149,11 +149,16 @@ def _to_wgs84(path: Path, layer: Points | Lines, xyz: FloatArray) -> tuple[Float
             positions = _transformed(way, xyz if in_space else xyz[:, :2])
         except ProjError as error:
             raise refuse(path, "", f"{crs.name} does not reach the coordinates ({error})", wanted) from error
-    rounded = [np.round(axis, decimals) + 0.0 for axis, decimals in zip(positions.T, _DECIMALS, strict=False)]
-    positions = np.column_stack(rounded)  # + 0.0: no zero has a sign
+    positions = _rounded(positions)
     accuracy = f"{way.accuracy:g} m" if way.accuracy >= 0.0 else "unknown"
     members = {"transformation": f"{way.description}; accuracy {accuracy}"}
     return positions, members | ({} if in_space or not layer.heights else {"heights": layer.heights})
+
+
+def _rounded(positions: FloatArray) -> FloatArray:
+    """Return positions (n, 2 or 3) to a tenth of a millimetre; no zero has a sign."""
+    axes = zip(positions.T, _DECIMALS, strict=False)
+    return np.column_stack([np.round(axis, decimals) + 0.0 for axis, decimals in axes])
 
 
 def _area(crs: pyproj.CRS, xyz: FloatArray) -> AreaOfInterest:
@@ -187,7 +192,7 @@ def _line_height(path: Path, position: int, heights: FloatArray) -> float:
 def _geometry(vertices: FloatArray, layer: Points | Lines) -> dict[str, Any]:
     """Return vertices (k, 2 or 3) as a geometry, of several parts where the antimeridian cuts it."""
     is_area = isinstance(layer, Polygons)
-    parts = [part.tolist() for part in _parts(vertices, is_area)]
+    parts = [_rounded(part).tolist() for part in cut_at_180(vertices, is_area)]
     if isinstance(layer, Points):
         return {"type": _POINT, "coordinates": parts[0][0]}
     coordinates = [[part] for part in parts] if is_area else parts
@@ -195,32 +200,6 @@ def _geometry(vertices: FloatArray, layer: Points | Lines) -> dict[str, Any]:
     if len(parts) > 1:
         return {"type": f"Multi{kind}", "coordinates": coordinates}
     return {"type": kind, "coordinates": coordinates[0]}
-
-
-def _parts(path: FloatArray, is_area: bool) -> list[FloatArray]:
-    """Return a line, a ring or a point (k, 2 or 3) cut at 180 degrees, longitudes within them (RFC 7946, 3.1.9).
-
-    A ring that crosses the meridian again and again keeps one part on each side of it.
-    """
-    turn = 360.0 * np.eye(1, path.shape[1])
-    path = continuous(path)
-    path = path + turn * (path[:, 0].min() < -180.0)
-    beyond = path[:, 0] > 180.0
-    at = np.flatnonzero(beyond[1:] != beyond[:-1])
-    if not len(at):
-        return [path - turn * beyond[0]]
-    step = path[at + 1] - path[at]
-    cuts = path[at] + (180.0 - path[at, :1]) / step[:, :1] * step
-    cuts = np.column_stack([np.full(len(at), 180.0), *map(np.round, cuts.T[1:], _DECIMALS[1:])])
-    whole = np.insert(path, at + 1, cuts, axis=0)
-    if is_area:
-        sides = [whole[whole[:, 0] <= 180.0], whole[whole[:, 0] >= 180.0]]
-        parts = [side if (side[0] == side[-1]).all() else np.concatenate([side, side[:1]]) for side in sides]
-    else:
-        ends = [0, *(at + 1 + np.arange(len(at))).tolist(), len(whole) - 1]
-        parts = [whole[first : last + 1] for first, last in pairwise(ends)]
-    extended = [part for part in parts if np.ptp(part[:, : 1 if is_area else 2], axis=0).any()]
-    return [part - turn * (part[:, 0].max() > 180.0) for part in extended]
 
 
 def _values(column: LayerColumn) -> list[Any]:

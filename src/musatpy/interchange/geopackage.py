@@ -23,6 +23,7 @@ from musatpy.interchange.layers import (
     Lines,
     Points,
     Polygons,
+    cut_at_180,
     fault,
     gdal_options,
     package,
@@ -119,19 +120,31 @@ def read(path: Path, layer: str = "", crs: pyproj.CRS | None = None, heights: st
 def _geometry_type(layer: Points | Lines) -> str:
     if isinstance(layer, Points):
         return "Point Z"
-    return "Polygon Z" if isinstance(layer, Polygons) else "LineString Z"
+    if not isinstance(layer, Polygons):
+        return "LineString Z"
+    return "Polygon Z" if len(_areas(layer)) == len(layer.vertices) else "MultiPolygon Z"
+
+
+def _areas(layer: Polygons) -> list[tuple[int, FloatArray]]:
+    """Return the rings of areas with their rows; those of degrees are cut at 180 (RFC 7946)."""
+    is_angular = layer.crs is not None and layer.crs.is_geographic
+    rings = [cut_at_180(path, is_area=True) if is_angular else [path] for path in layer.paths()]
+    return [(row, ring) for row, parts in enumerate(rings) for ring in parts]
 
 
 def _encoded(shapely: Any, layer: Points | Lines) -> Any:
     """Return the geometries as WKB."""
     if isinstance(layer, Points):
         geometries = shapely.points(layer.xyz)
+    elif isinstance(layer, Polygons):
+        rows, rings = zip(*_areas(layer), strict=True) if layer.vertices else ((), ())
+        geometries = shapely.polygons([shapely.linearrings(ring) for ring in rings])
+        if len(rings) > len(layer.vertices):
+            geometries = shapely.multipolygons(geometries, indices=rows)
     else:
         paths = layer.paths()
         index = np.repeat(np.arange(len(paths)), [len(path) for path in paths])
-        make = shapely.linearrings if isinstance(layer, Polygons) else shapely.linestrings
-        geometries = make(np.concatenate([np.empty((0, 3)), *paths]), indices=index)
-        geometries = shapely.polygons(geometries) if isinstance(layer, Polygons) else geometries
+        geometries = shapely.linestrings(np.concatenate([np.empty((0, 3)), *paths]), indices=index)
     return shapely.to_wkb(geometries, output_dimension=3, flavor="iso")
 
 

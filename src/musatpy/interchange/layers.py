@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -121,7 +122,8 @@ def _as_numbers(column: LayerColumn) -> LayerColumn:
 class Lines(Layer):
     """n lines; one that is closed does not repeat its first vertex.
 
-    Longitudes of a line across the meridian of 180 degrees go on beyond it: it stays as short as it is.
+    Longitudes of a line across the meridian of 180 degrees go on beyond it: it stays as short as it is. In GeoJSON
+    it is cut there, areas in GeoPackages too.
     """
 
     vertices: Sequence[FloatArray]  # n of (k, 3)
@@ -172,6 +174,32 @@ def continuous(line: FloatArray) -> FloatArray:
         return line
     turns = np.rint((line[:, 0] - line[0, 0]) / 360.0)
     return line - 360.0 * turns[:, None] * np.eye(1, line.shape[1])
+
+
+def cut_at_180(path: FloatArray, is_area: bool) -> list[FloatArray]:
+    """Return a line, a ring or a point (k, 2 or 3) cut at 180 degrees, longitudes within them (RFC 7946, 3.1.9).
+
+    A ring that crosses the meridian again and again keeps one part on each side of it.
+    """
+    turn = 360.0 * np.eye(1, path.shape[1])
+    path = continuous(path)
+    path = path + turn * (path[:, 0].min() < -180.0)
+    beyond = path[:, 0] > 180.0
+    at = np.flatnonzero(beyond[1:] != beyond[:-1])
+    if not len(at):
+        return [path - turn * beyond[0]]
+    step = path[at + 1] - path[at]
+    cuts = path[at] + (180.0 - path[at, :1]) / step[:, :1] * step
+    cuts[:, 0] = 180.0
+    whole = np.insert(path, at + 1, cuts, axis=0)
+    if is_area:
+        sides = [whole[whole[:, 0] <= 180.0], whole[whole[:, 0] >= 180.0]]
+        parts = [side if (side[0] == side[-1]).all() else np.concatenate([side, side[:1]]) for side in sides]
+    else:
+        ends = [0, *(at + 1 + np.arange(len(at))).tolist(), len(whole) - 1]
+        parts = [whole[first : last + 1] for first, last in pairwise(ends)]
+    extended = [part for part in parts if np.ptp(part[:, : 1 if is_area else 2], axis=0).any()]
+    return [part - turn * (part[:, 0].max() > 180.0) for part in extended]
 
 
 def _signed_area(outline: FloatArray) -> float:

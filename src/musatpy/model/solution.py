@@ -433,9 +433,9 @@ class Solution:
         """Return what a notebook shows of it."""
         return musatpy.to_html(self)
 
-    def to_pandas(self) -> dict[str, Any]:
-        """Return the tables of its record: see `musatpy.to_pandas`."""
-        return musatpy.to_pandas(self)
+    def to_pandas(self, table: str = "") -> Any:
+        """Return the tables of its record, or one with plain names, as `points`: see `musatpy.to_pandas`."""
+        return musatpy.to_pandas(self, table)
 
     def to_xarray(self) -> Any:
         """Return its record as one dataset: see `musatpy.to_xarray`."""

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.errors import MusatError
-from musatpy.model import Solution
+from musatpy.model import CoordinateSystem, Solution
 from musatpy.reports import record
 from musatpy.reports.fields import Each, Field, FieldGroup, Node, Rows
 from musatpy.reports.values import array_of
 from musatpy.statistics import Statistics
+from musatpy.units import DEGREE
 
 _JOB = "record"  # of what stands in no table
 _AXES = ("row", "component")  # of a field of several components, the last of them first
@@ -97,19 +98,27 @@ def _columns(field: Field[Any], values: Any) -> Iterator[Column]:
         yield field.name, field, array_of(field.kind, values)
 
 
-def to_pandas(solution: Solution) -> dict[str, Any]:
+def to_pandas(solution: Solution, table: str = "") -> Any:
     """Return the tables of the record of a solution as frames, by their names: `stations`, `tests.check_points`.
 
     Fields of several components have as many columns, called as in the manual of the record: `position[2]`, and
     objects (`options`, `solution`) one row. Missing numbers are NaN. `attrs["units"]` of a frame has the units of
-    its columns. Raises `MusatError` where pandas is not installed.
+    its columns.
+
+    Of one `table`, its frame alone, with plain names: `x`, `y`, `z`, `sigma_x`, `given_x`, `x_tilt`. Angles are
+    degrees; places of a geographic job are longitude, latitude, height. Sigmas and differences are along east,
+    north, up, and called so in a geocentric job. `attrs["meanings"]` says what columns are.
+
+    Raises `MusatError` where pandas is not installed, and for a table that the record does not have.
     """
     pandas = _package("pandas")
+    if table:
+        return _plain_frame(pandas, solution, table)
     frames = {}
-    for table in tables_of(Statistics(solution)):
-        parts = [(field.unit, _components(name, values)) for name, field, values in table.columns]
-        frames[table.name] = pandas.DataFrame({name: part for _, named in parts for name, part in named.items()})
-        frames[table.name].attrs["units"] = {name: unit for unit, named in parts if unit for name in named}
+    for each in tables_of(Statistics(solution)):
+        parts = [(field.unit, _components(name, values)) for name, field, values in each.columns]
+        frames[each.name] = pandas.DataFrame({name: part for _, named in parts for name, part in named.items()})
+        frames[each.name].attrs["units"] = {name: unit for unit, named in parts if unit for name in named}
     return frames
 
 
@@ -120,6 +129,69 @@ def _components(name: str, values: Any) -> dict[str, Any]:
     flat = values.reshape(len(values), math.prod(values.shape[1:])).T
     places = product(*map(range, values.shape[1:]))
     return {f"{name}{''.join(f'[{n}]' for n in place)}": part for place, part in zip(places, flat, strict=True)}
+
+
+# --- one table, with plain names ---
+
+
+FIRST = (  # that people use first
+    "points", "stations", "control", "bathymetric_points", "plates", "observations", "findings", "cameras",
+    "tests.check_points", "iterations",
+)  # fmt: skip
+_XYZ, _LEVEL, _TILTS = ("x", "y", "z"), ("east", "north", "up"), ("x_tilt", "y_tilt", "heading")
+_MIXED = "deg, deg, m"  # unit of places of a globe
+_UNSAID = ("position", "xy", "attitude")  # words of names that those of components say
+_GEOCENTRIC = ("no_refraction", "predicted", "refraction")  # vectors of any job
+
+
+def _plain_frame(pandas: Any, solution: Solution, name: str) -> Any:
+    """Return the frame of a table with plain names. Raises `MusatError` where there is none."""
+    nodes = [n for n in record.document(as_read=True).whole if n.name == name.partition(".")[0]]
+    tables = {table.name: table for table in _tables(nodes, "", [Statistics(solution)], None)}
+    if name not in tables:
+        raise MusatError(f"no table '{name}'; there are {', '.join(FIRST)}, and the others of the record")
+    system = "" if name.startswith("stated.") else str(solution.block.options.system)
+    columns: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    meanings: dict[str, str] = {}
+    for field_name, field, values in tables[name].columns:
+        unit, values = _in_degrees(field_name, field.unit, values, system)
+        named = _plain_components(field_name, values, system)
+        columns |= named
+        units |= dict(zip(named, unit.split(", ") if unit == _MIXED else [unit] * len(named), strict=True))
+        meanings |= dict.fromkeys(named, field.text)
+    frame = pandas.DataFrame(columns)
+    frame.attrs |= {"units": {name: unit for name, unit in units.items() if unit}, "meanings": meanings}
+    return frame
+
+
+def _in_degrees(name: str, unit: str, values: Any, system: str) -> tuple[str, Any]:
+    """Return the unit and the values of a column, angles as degrees, places of a globe as x, y, z."""
+    if unit == "rad" and not isinstance(values, list):
+        return "deg", values / DEGREE
+    if not system or not name.endswith("position"):
+        return unit, values
+    if system == CoordinateSystem.GEOGRAPHIC:
+        return _MIXED, values[:, [1, 0, 2]] / [DEGREE, DEGREE, 1.0]
+    return "m", values
+
+
+def _plain_components(name: str, values: Any, system: str) -> dict[str, Any]:
+    """Return a column by its name, or its components by those of their axes: `x`, `sigma_x`, `covariance_x_y`."""
+    if isinstance(values, list) or values.ndim == 1:
+        return {name: values}
+    is_place = values.shape[1] == 2 or name.endswith("position") or name in _GEOCENTRIC
+    axes = _XYZ if is_place or system != CoordinateSystem.GEOCENTRIC else _LEVEL
+    if "attitude" in name:
+        axes = _TILTS
+    elif values.shape[1] > len(axes):
+        axes = (*axes, *_TILTS)
+    if values.dtype.kind in "UO" or values.shape[1] > len(axes):
+        axes = tuple(str(number + 1) for number in range(values.shape[1]))
+    words = [word for word in name.split("_") if word not in _UNSAID]
+    places = product(*(axes[:size] for size in values.shape[1:]))
+    flat = values.reshape(len(values), -1).T
+    return {"_".join([*words, *place]): part for place, part in zip(places, flat, strict=True)}
 
 
 def to_xarray(solution: Solution) -> Any:

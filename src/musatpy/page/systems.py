@@ -36,6 +36,5 @@ def system_facts(tables: Tables) -> Iterator[Fact]:
 def _ellipsoid(tables: Tables) -> str:
     """Return the name of the ellipsoid of a job in full, or its axis and flattening."""
     stated = part(tables, "ellipsoid") or part(tables, "job").get("ellipsoid") or {}
-    known = pyproj.get_ellps_map().get(stated.get("name") or "", {}).get("description")
-    axis, flattening = stated.get("semi_major_axis"), stated.get("inverse_flattening")
-    return known or stated.get("name") or f"of {axis} m, 1 : {flattening}"
+    name = stated.get("name") or f"{stated.get('semi_major_axis')} m, 1 : {stated.get('inverse_flattening')}"
+    return str(pyproj.get_ellps_map().get(name, {}).get("description", name))
