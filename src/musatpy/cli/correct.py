@@ -111,7 +111,6 @@ def command(
             raise click.UsageError("--by-control goes without stations and their options")
         correct_by_control(ctx, points, by_control, given)
         return
-    given.pop("form")
     if wrong := [name for name in _CONTROL if given.pop(name) not in (None, False, (), "constant")]:
         raise click.UsageError(
             f"--{wrong[0].replace('_', '-').replace('families', 'function')} goes with --by-control"

@@ -14,7 +14,6 @@ from musatpy.cli.options import (
     NamedPath,
     columns_option,
     options_of,
-    picture_options,
     quiet_option,
     refuse_overwriting,
 )
@@ -44,7 +43,6 @@ control_options = options_of(
         help="Correct what lies so near to a control point; that of the covariance where not given.",
     ),
     click.option("--plots", is_flag=True, help="A picture too (NAME.png); needs the extra 'plots'."),
-    picture_options("plots"),
 )
 CONTROL_SIGMA: Any = {
     "type": Finite(0.0),
@@ -84,7 +82,7 @@ def correct_by_control(
     from musatpy.sea.interpolation.prediction import Trend
 
     out = given["out"]
-    report, picture = out.with_suffix(".txt"), out.with_suffix(f".{given['form'].kind or 'png'}")
+    report, picture = out.with_suffix(".txt"), out.with_suffix(".png")
     _check_outputs([out, report, *([picture] if given["plots"] else [])], [points, control])
     table, system = _control_table(points, control, given)
     mapped = _mapped(points, table, given["columns"], system) if table.needs_mapped else {}
@@ -101,7 +99,7 @@ def correct_by_control(
     if given["plots"]:
         from musatpy.sea.pictures import interpolation_picture
 
-        _, files[picture] = interpolation_picture(result, points.name, given["form"])
+        _, files[picture] = interpolation_picture(result, points.name)
     correction = ByControl(system=system, interpolation=result, plan=plan)
     write_corrected(points, correction, given)
     write_files(files)

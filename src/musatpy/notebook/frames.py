@@ -181,7 +181,7 @@ def _plain_components(name: str, values: Any, system: str) -> dict[str, Any]:
     if isinstance(values, list) or values.ndim == 1:
         return {name: values}
     is_place = values.shape[1] == 2 or name.endswith("position") or name in _GEOCENTRIC
-    axes = _XYZ if is_place or system != CoordinateSystem.GEOCENTRIC else _LEVEL
+    axes: tuple[str, ...] = _XYZ if is_place or system != CoordinateSystem.GEOCENTRIC else _LEVEL
     if "attitude" in name:
         axes = _TILTS
     elif values.shape[1] > len(axes):

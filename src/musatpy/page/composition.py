@@ -48,19 +48,19 @@ def page_of_tables(tables: Tables, files: Sequence[Path], said: Mapping[str, str
     Raises `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
     """
     page, gallery = _page_of(tables), KINDS[_kind_of(tables).encode()].pictures
-    overview, *others = [*pictures(gallery, tables, files[0].stem if files else "")] or [None]
+    shown = list(pictures(gallery, tables, files[0].stem if files else ""))
     chapters: list[Chapter] = []
     for chapter in page.chapters:
         chapters.append(chapter)
-        if chapter.title == _BEFORE_PICTURES and others:
-            chapters.append(Chapter(title="Pictures", parts=[picture for picture in others if picture]))
+        if chapter.title == _BEFORE_PICTURES and shown[1:]:
+            chapters.append(Chapter(title="Pictures", parts=shown[1:]))
     chapters.append(_provenance(tables, {file.name: _sha256(file) for file in files}))
     closing = (
         f"Made by musatpy {musatpy.__version__} from the record, which has more digits and every row. Blank cells "
         "are numbers that do not exist."
     )
     job = [*system_facts(tables), *(Fact(label, text) for label, text in said.items() if text)]
-    return html_of(replace(page, job=job, map=overview, chapters=chapters, closing=closing))
+    return html_of(replace(page, job=job, map=shown[0] if shown else None, chapters=chapters, closing=closing))
 
 
 def _kind_of(record: Any) -> str:

@@ -99,7 +99,7 @@ def dependence(studies: Sequence[Trials], title: str, form: ImageForm) -> tuple[
 
 
 @styled
-def interpolation_picture(interpolation: Interpolation, title: str, form: ImageForm) -> tuple[str, bytes]:
+def interpolation_picture(interpolation: Interpolation, title: str) -> tuple[str, bytes]:
     """Return a map of the predicted errors with the control points, one of their sigmas, and the covariances."""
     place, used = interpolation.observed.place, interpolation.used
     wide, tall = _sides(place)
@@ -123,7 +123,7 @@ def interpolation_picture(interpolation: Interpolation, title: str, form: ImageF
         if not used.all():
             plot.plot(*place[~used].T, "x", color=RED, markersize=7, label="outlier")
     _draw_covariances(right, interpolation)
-    return file_of(figure, form)
+    return file_of(figure)
 
 
 def _draw_map(plot: Any, grid: tuple[FloatArray, ...], title: str, **scale: Any) -> None:
