@@ -14,10 +14,9 @@ import numpy as np
 from musatpy.as11_runs import compiled_deck, run_of
 from musatpy.compilation.bottom import bottom_of
 from musatpy.compilation.compiled import Compiled
-from musatpy.compilation.contoured import Contoured, contoured
 from musatpy.compilation.joined_surfaces import JoinedSurface, surfaces_of
+from musatpy.compilation.other_bottoms import Contoured, Matching, Sounded, contoured, nowhere, sounded
 from musatpy.compilation.rasters import RasterBottom, read_raster_bottom
-from musatpy.compilation.sounded import Matching, Sounded, nowhere, sounded
 from musatpy.compilation.verdicts import far_datum
 from musatpy.errors import CompilationError, Problem, SoundingError
 from musatpy.figures import FORM, ImageForm, file_of

@@ -10,15 +10,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from musatpy.compilation.against_run import against_run
+from musatpy.compilation.against_run import against_run, model_set_up
 from musatpy.compilation.answers import places_of
 from musatpy.compilation.bottom import Bottom, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.profiles import oddities, profiles_of, scans_of
-from musatpy.compilation.run_records import of_record, unadjusted
-from musatpy.compilation.setups import model_set_up
-from musatpy.compilation.stereomodels import faults_of_pair
-from musatpy.compilation.triangulation import AdjustedRun, of_block
+from musatpy.compilation.stereomodels import faults_of_pair, unadjusted
+from musatpy.compilation.triangulation import AdjustedRun, of_block, of_record
 from musatpy.compilation.verdicts import lost, slips, verdict_of, warnings_of
 from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
 from musatpy.figures import FORM, ImageForm

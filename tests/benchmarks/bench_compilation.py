@@ -23,8 +23,8 @@ import pyproj
 from musatpy.arrays import FloatArray
 from musatpy.compilation.loop import Loop
 from musatpy.compilation.rasters import RasterBottom
-from musatpy.compilation.run_records import of_record
 from musatpy.compilation.stereomodels import Stereomodel, set_up
+from musatpy.compilation.triangulation import of_record
 from musatpy.compilation.true_points import Readings, true_points
 from musatpy.geometry.crs import system_of
 from musatpy.interchange import geotiff
@@ -103,7 +103,6 @@ def batches(stereo: Stereomodel) -> None:
 
     for name, work in (
         ("mark to stages, with partials", lambda: loop.stages(marks)),
-        ("stages to mark", lambda: loop.mark(xy)),
         ("stages to points with sigmas", lambda: true_points(stereo.run, stereo.photos, readings)),
     ):
         turns = [(seconds(bare, 1), seconds(work, 1)) for _ in range(TURNS)]
@@ -124,7 +123,6 @@ def through_waves(folder: Path) -> None:
     )
     for name, work in (
         ("mark to stages", lambda: loop.stages(marks)),
-        ("stages to mark", lambda: loop.mark(xy)),
         ("stages to points with sigmas", lambda: true_points(stereo.run, stereo.photos, readings)),
     ):
         print(f"{name} through waves: {FEW / seconds(work):,.0f} points/s")

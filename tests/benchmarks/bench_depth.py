@@ -20,8 +20,8 @@ from scipy.optimize import least_squares
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from musatpy.depth.cameras import CameraStations, read_cameras
+from musatpy.depth.corrected_files import correct_csv
 from musatpy.depth.correction import Correction
-from musatpy.depth.csv_points import correct_csv
 from reference.rays import incidence_distance
 
 INDEX = 1.34

@@ -114,13 +114,7 @@ def curved_images(stereo: Stereomodel, places: FloatArray, depth: float) -> tupl
 
 def readings_at(xy: FloatArray, submerged: bool = True, sigma: float = 0.005) -> Readings:
     """Return the readings of points (k, 2, 2), all of one kind."""
-    number = len(xy)
-    return Readings(
-        ids=np.arange(number).astype(np.str_),
-        submerged=np.full(number, submerged),
-        xy=xy,
-        sigma=np.full(xy.shape, sigma),
-    )
+    return Readings.of(xy, np.full(len(xy), submerged), sigma)
 
 
 def compiled_again(

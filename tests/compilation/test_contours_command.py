@@ -17,7 +17,7 @@ import stage_readings
 from cli.commands import musat
 from compilation.scenes import surface_of
 from musatpy.arrays import FloatArray
-from musatpy.compilation.contoured import NO_BOTTOM, NOT_IN_OTHER, NOT_ON_IT, PAST_ENDS, contoured
+from musatpy.compilation.other_bottoms import NO_BOTTOM, NOT_IN_OTHER, NOT_ON_IT, PAST_ENDS, contoured
 from musatpy.errors import SoundingError
 from musatpy.interchange.any_file import write_layers
 from musatpy.interchange.layers import Grid

@@ -58,12 +58,6 @@ def test_tilted_water_rises_to_the_east() -> None:
 
 
 @pytest.mark.parametrize("drive", Drive)
-def test_stages_and_marks_are_inverse(st_thomas: Stereomodel, drive: Drive) -> None:
-    loop = Loop(stereo=st_thomas, drive=drive)
-    np.testing.assert_allclose(loop.mark(loop.stages(MARKS).xy), MARKS, rtol=0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize("drive", Drive)
 def test_partials_of_the_stages(st_thomas: Stereomodel, drive: Drive) -> None:
     """Central differences over 1 m; the vertical is held, and what its turn adds is up to 1.5e-6 of them."""
     loop, h = Loop(stereo=st_thomas, drive=drive), 0.5
@@ -84,24 +78,6 @@ def test_the_mark_goes_through_the_water_line_without_a_jump(st_thomas: Stereomo
     places = (frame.from_level(level + np.array([0.0, 0.0, rise])) for rise in (-1e-12, 1e-12))
     below, above = (loop.stages(st_thomas.model(place)).xy for place in places)
     assert np.abs(below - above)[:, 0].max() < 1e-9
-
-
-def test_a_mark_between_both_sides_of_the_water_rests_on_its_line(st_thomas: Stereomodel) -> None:
-    """Stages a millimetre apart at the line of one photo: a mark without an optimum comes to rest at its water."""
-    loop, place = Loop(stereo=st_thomas), st_thomas.working(np.zeros((4000, 3)))
-    level = st_thomas.run.frame.level(place)
-    level[:, 2] = np.linspace(st_thomas.tides.min() - 0.05, st_thomas.tides.max() + 0.05, 4000)
-    xy = loop.stages(st_thomas.model(st_thomas.run.frame.from_level(level))).xy
-    xy = (xy + np.random.default_rng(2).normal(size=xy.shape))[1200:1400]
-    mark = loop.mark(xy)
-    B = loop.stages(mark).by_mark.reshape(-1, 4, 3)
-    Bt, v = np.swapaxes(B, 1, 2), (xy - loop.stages(mark).xy).reshape(-1, 4, 1)
-    restless = np.abs(np.linalg.solve(Bt @ B, Bt @ v)).max(axis=(1, 2)) > 1e-6
-    assert restless.sum() == 1
-    base, depth = mark[restless], np.array([[0.0, 0.0, 1e-5]])  # to either side of the line rays bend or do not
-    wet, dry = (Loop(stereo=st_thomas, drive=drive) for drive in (Drive.TRUE, Drive.AIR))
-    bent = [wet.stages(base + step).xy - dry.stages(base + step).xy for step in (-depth, depth)]
-    assert (np.abs(bent[0]).max(axis=2) > 1e-9).sum() > (np.abs(bent[1]).max(axis=2) > 1e-9).sum()
 
 
 def test_true_marks_need_water(solution: model.Solution) -> None:

@@ -12,9 +12,8 @@ import pytest
 from cli.commands import musat
 from compilation.scenes import soundings_at
 from musatpy.arrays import FloatArray
-from musatpy.compilation.contoured import NOT_IN_OTHER, contoured
+from musatpy.compilation.other_bottoms import NOT_IN_OTHER, Matching, contoured, sounded
 from musatpy.compilation.rasters import read_raster_bottom
-from musatpy.compilation.sounded import Matching, sounded
 from musatpy.errors import CompilationError, SoundingError
 from musatpy.geometry.crs import system_of
 from musatpy.geometry.geodesy import Ellipsoid

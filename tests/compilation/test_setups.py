@@ -11,8 +11,8 @@ from cli.commands import musat
 from compilation.scenes import MODEL, at_depth, deck_of_cards, flat_images, grid, pair, stage_card
 from musatpy import model
 from musatpy.arrays import FloatArray
+from musatpy.compilation.against_run import ModelSetUp, model_set_up
 from musatpy.compilation.compiled import compiled
-from musatpy.compilation.setups import ModelSetUp, model_set_up
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import AdjustedRun
 from musatpy.reports.compilation import SET_UP

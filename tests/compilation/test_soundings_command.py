@@ -15,8 +15,8 @@ from cli.commands import musat
 from compilation.scenes import soundings_at, surface_of
 from musatpy.compilation.compiled import compiled
 from musatpy.compilation.joined_surfaces import JoinedSurface, surfaces_of
-from musatpy.compilation.run_records import of_record
-from musatpy.compilation.sounded import DRY, STEEP, UNDATED, Matching, sounded
+from musatpy.compilation.other_bottoms import DRY, STEEP, UNDATED, Matching, sounded
+from musatpy.compilation.triangulation import of_record
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.interchange import las
 from musatpy.interchange.layers import Points

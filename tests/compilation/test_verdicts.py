@@ -12,7 +12,7 @@ from click.testing import Result
 
 import stage_readings
 from cli.commands import musat
-from musatpy.compilation.run_records import of_record
+from musatpy.compilation.triangulation import of_record
 from musatpy.errors import DeckError
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.interchange.xyz import read as read_points

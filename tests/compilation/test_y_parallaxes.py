@@ -7,18 +7,17 @@ from typing import cast
 
 import numpy as np
 import pytest
-import scipy.stats
 
 from altered import altered, with_options
 from compilation.scenes import INDEX, at_depth, compiled_again, flat_images, grid, pair, readings_at
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import FloatArray
-from musatpy.compilation.compiled import Compiled, CompiledModel, parallax_tests
-from musatpy.compilation.loop import Drive, Loop
+from musatpy.compilation.compiled import Compiled, parallax_tests
+from musatpy.compilation.loop import Loop
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import AdjustedRun, of_solution
-from musatpy.compilation.true_points import true_points
+from musatpy.compilation.true_points import CompiledPoints, true_points
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.probability import student_as_normal
 from musatpy.refraction.flat import air_tangent
@@ -67,21 +66,6 @@ def test_points_are_the_same_whatever_the_chunk(monkeypatch: pytest.MonkeyPatch)
     np.testing.assert_allclose(parts.position, whole.position, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(whole.position, places, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(parts.covariance, whole.covariance, rtol=1e-12)
-
-
-@pytest.mark.parametrize("drive", Drive)
-def test_marks_of_stages_with_a_y_parallax_are_least_squares(drive: Drive) -> None:
-    """The partials of the four coordinates have nothing in common with what is left of them."""
-    run = pair(3000.0, 1810.0, (0.4, -0.3))
-    loop = Loop(stereo=set_up(run, "1", "2"), drive=drive)
-    xy = loop.stages(at_depth(grid((-700.0, 700.0), 1700.0, 9), 12.0)).xy
-    xy += 0.01 * np.random.default_rng(2).normal(size=xy.shape)
-    mark = loop.mark(xy)
-    now = loop.stages(mark)
-    B, v = now.by_mark.reshape(-1, 4, 3), (xy - now.xy).reshape(-1, 4)
-    Bt = np.swapaxes(B, 1, 2)
-    pull = np.linalg.solve(Bt @ B, (Bt @ v[..., None]))[..., 0]
-    assert np.abs(pull).max() < 1e-7 and np.abs(v).max() > 0.005
 
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
@@ -139,14 +123,9 @@ def test_the_test_value_has_the_variance_one(submerged: bool) -> None:
 
 def of_share(run_share: float, freedom: float, off: FloatArray, sigma: FloatArray, own: bool) -> FloatArray:
     """Return the tests of y-parallaxes `off` with told sigmas, in which stations have a share."""
-    points = SimpleNamespace(
-        y_parallax=off, y_parallax_sigma=sigma, pointing_share=1.0 - run_share * np.ones(len(off))
-    )
-    block = SimpleNamespace(points=SimpleNamespace(ids=np.array([], dtype=np.str_)))
-    stereo = SimpleNamespace(run=SimpleNamespace(freedom=freedom, block=block))
-    readings = SimpleNamespace(ids=np.arange(len(off)).astype(np.str_))
-    model = SimpleNamespace(points=points, stereo=stereo, readings=readings)
-    return parallax_tests(cast(CompiledModel, model), own)
+    share = 1.0 - run_share * np.ones(len(off))
+    points = SimpleNamespace(y_parallax=off, y_parallax_sigma=sigma, pointing_share=share)
+    return parallax_tests(cast(CompiledPoints, points), np.full(len(off), np.nan), freedom, sigma_of_run=own)
 
 
 @pytest.mark.parametrize("freedom", [6, 12])
@@ -168,12 +147,6 @@ def test_few_degrees_of_freedom_flag_no_more_than_many(freedom: int, own: bool) 
     plain = np.mean(np.abs(off) > 3.29 * np.sqrt(told))
     assert 0.0004 < np.mean(np.abs(points) > 3.29) < 0.0016 < plain  # .001 is meant
     assert np.mean(np.abs(points) > 1.96) == pytest.approx(0.05, abs=0.007)
-
-
-def test_student_as_normal() -> None:
-    t, freedom = np.array([-4.0, 0.0, 1.5, 3.0, 3.0]), np.array([8.0, 3.0, 5.0, 4.0, np.inf])
-    exact = scipy.stats.norm.ppf(scipy.stats.t.cdf(t, np.minimum(freedom, 1e9)))
-    np.testing.assert_allclose(student_as_normal(t, freedom), exact, atol=0.02)
 
 
 def again(solution: model.Solution, pointing: float, shift: float = 0.0) -> tuple[Compiled, np.ndarray]:

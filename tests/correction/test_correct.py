@@ -15,11 +15,10 @@ from compilation.scenes import readings_at
 from musatpy import model
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.compilation.loop import Drive, Loop
-from musatpy.compilation.point_errors import PointSigmas
-from musatpy.compilation.run_records import of_record
+from musatpy.compilation.loop import Loop
 from musatpy.compilation.stereomodels import set_up
-from musatpy.compilation.triangulation import of_solution
+from musatpy.compilation.triangulation import of_record, of_solution
+from musatpy.compilation.true_points import PointSigmas
 from musatpy.compilation.true_points import true_points as points_of_readings
 from musatpy.correction.photographs import of_table
 from musatpy.depth.cameras import read_cameras
@@ -321,13 +320,11 @@ def test_points_below_waves_are_those_of_their_model(tmp_path: Path) -> None:
     system, stereo = LongitudeLatitude(triangulation.ellipsoid), set_up(triangulation, "837", "838")
     true = np.array([[float(row[f"true_{axis}"]) for axis in "xyz"] for row in rows])
     xy = Loop(stereo=stereo).stages(stereo.model(triangulation.frame.from_level(system.level(true)))).xy
-    back = system.coordinates(
-        triangulation.frame.level(stereo.working(Loop(stereo=stereo, drive=Drive.AIR).mark(xy)))
-    )
+    points = points_of_readings(triangulation, stereo.photos, readings_at(xy, sigma=pointing))
+    back = system.coordinates(triangulation.frame.level(triangulation.frame.working(points.apparent)))
     given_places = np.array([[float(row[axis]) for axis in "xyz"] for row in rows])
     np.testing.assert_allclose(back[:, :2], given_places[:, :2], rtol=0.0, atol=2e-9)  # a degree is 111 km
     np.testing.assert_allclose(back[:, 2], given_places[:, 2], rtol=0.0, atol=1e-4)
-    points = points_of_readings(triangulation, stereo.photos, readings_at(xy, sigma=pointing))
     depth_sigma = [float(row["sigma_depth"]) for row in rows]
     np.testing.assert_allclose(depth_sigma, points.depth_sigma, rtol=0.0, atol=6e-5)
     assert musat(*given).exit_code == 0

@@ -19,11 +19,10 @@ from scipy.interpolate import LinearNDInterpolator
 from cli.commands import musat
 from compilation.scenes import at_depth, flat_images, grid, pair, readings_at
 from musatpy.arrays import FloatArray
-from musatpy.compilation.loop import Drive, Loop
-from musatpy.compilation.point_errors import PointSigmas
-from musatpy.compilation.run_records import of_record
+from musatpy.compilation.loop import Loop
 from musatpy.compilation.stereomodels import set_up
-from musatpy.compilation.true_points import true_points
+from musatpy.compilation.triangulation import of_record
+from musatpy.compilation.true_points import PointSigmas, true_points
 from musatpy.correction import surfaces
 from musatpy.geometry.crs import LongitudeLatitude, system_of
 from musatpy.geometry.projected import crs_of
@@ -84,8 +83,9 @@ def bottom_of(record: Path, system: System | None = None) -> tuple[FloatArray, F
     assert run.ellipsoid is not None
     stereo, system = set_up(run, "21", "22"), system or LongitudeLatitude(run.ellipsoid)
     true = np.column_stack([grid((-600.0, 600.0), 1200.0, 7), np.linspace(-20.0, -2.0, 49)])
-    apparent = Loop(stereo=stereo, drive=Drive.AIR).mark(Loop(stereo=stereo).stages(true).xy)
-    first, second = (system.coordinates(run.frame.level(stereo.working(points))) for points in (true, apparent))
+    readings = readings_at(Loop(stereo=stereo).stages(true).xy)
+    apparent = run.frame.working(true_points(run, stereo.photos, readings).apparent)
+    first, second = (system.coordinates(run.frame.level(points)) for points in (stereo.working(true), apparent))
     return first, second
 
 

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,8 @@ from depth import restated
 from depth.lagoon import FOLDER as LAGOON
 from depth.lagoon import rows
 from json_schema import load_schema
+from musatpy.depth.cameras import Tilt, read_run
 from musatpy.depth.correction import Correction
-from musatpy.depth.point_positions import PointSystem, Tilt
-from musatpy.depth.run_cameras import read_run
-from musatpy.errors import DepthError, RecordError
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid, GeocentricFrame, surface
 from musatpy.geometry.projected import Projected
@@ -80,21 +79,21 @@ def test_a_run_corrects_as_the_file_of_its_stations(tmp_path: Path) -> None:
 def test_a_camera_without_format_gets_that_of_the_options(tmp_path: Path) -> None:
     run = lagoon_run()
     run["cameras"][0]["format_size"] = [None, None]
-    assert read_run(written(tmp_path, run)).camera is None
-    found = read_run(written(tmp_path, run), camera=(150.0, 230.0, 230.0)).camera
-    assert found is not None
-    np.testing.assert_array_equal(found, np.tile([152.4, 230.0, 230.0], (8, 1)))
+    path = written(tmp_path, run)
+    words = ("depth", "correct", LAGOON / "points.csv", "-o", tmp_path / "true.csv", "--cameras", path, "--jobs", 1)
+    assert "what a camera sees is not known" in musat(*words).output
+    assert "63 corrected" in musat(*words, "--focal", 150, "--format", "228.6,228.6").output  # focal: of the run
 
 
 @pytest.mark.parametrize(
     ("table", "changes", "message"),
     [
-        ("program", {"name": "other"}, r'program.name: expected "musatpy", found "other"'),
+        ("program", {"name": "other"}, 'program.name: expected "musatpy", found "other"'),
         ("solution", {"converged": False}, "the run has not converged"),
         ("options", {"system": "GEOG"}, "a GEOG job needs an ellipsoid"),
         ("options", {"initial": "COMPUTE"}, "the water of the run is tilted, about a place that is known where"),
         ("adjusted_water", {"index": 1.45}, "1.45 is not within 1.3 to 1.4, as that of water is"),
-        ("adjusted_water", {"tide": [None, 0.3, None, *[0.2] * 5]}, "no tide of photo 101, 103$"),
+        ("adjusted_water", {"tide": [None, 0.3, None, *[0.2] * 5]}, "no tide of photo 101, 103\n"),
         ("adjusted_water", {"tide": [2000.0] * 8}, "station 1 is not above the water"),
         ("adjusted_water", None, "the run knows no water"),
         ("waves", [WAVE], "the water of the run has waves, here it is still"),
@@ -104,8 +103,8 @@ def test_a_run_that_cannot_be_used_says_why(tmp_path: Path, table: str, changes:
     run = lagoon_run()
     run["adjusted_water"]["tilt"] = [1e-4, 0.0]
     run[table] = {**run[table], **changes} if isinstance(changes, dict) else changes
-    with pytest.raises((DepthError, RecordError), match=message):
-        read_run(written(tmp_path, run))
+    result = correct(LAGOON / "points.csv", written(tmp_path, run), target=tmp_path / "true.csv")
+    assert result.exit_code == 1 and message in result.output, result.output
 
 
 def test_tilted_water_is_level_water_turned(tmp_path: Path) -> None:
@@ -177,8 +176,8 @@ def points_file(tmp_path: Path, system: str) -> Path:
     return path
 
 
-def correct(points: Path, run: Path, *options: str) -> Result:
-    out = points.with_stem("true")
+def correct(points: Path, run: Path, *options: str, target: Path | None = None) -> Result:
+    out = target or points.with_stem("true")
     return musat("depth", "correct", points, "-o", out, "--cameras", run, "--jobs", 1, *options)
 
 
@@ -315,16 +314,16 @@ def test_processes_make_the_same_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_water_over_a_point_is_that_of_the_adjustment() -> None:
+def test_the_water_over_a_point_is_that_of_the_adjustment(tmp_path: Path) -> None:
     """Plane and depth over points of a geographic job with tilted water, by both."""
     ellipsoid = Ellipsoid("WGS84")
     level = np.array([restated.geographic(place) for place in truth()])
-    pivot = np.rint(ellipsoid.geocentric(level).mean(axis=0))
+    pivot, tide = np.rint(ellipsoid.geocentric(level).mean(axis=0)), 0.4
     frame = GeocentricFrame(pivot, ellipsoid)
     slope = np.array([2e-4, -3e-4]) @ frame.axes(np.zeros(3))[:2]
-    tide = 0.4
     over = surface(frame, slope, np.full(len(level), tide), frame.from_level(level))
-    ground = PointSystem(system=Geocentric(ellipsoid), tilt=Tilt(slope=slope, pivot=pivot))
+    cameras = replace(read_run(written(tmp_path, run_on_the_ellipsoid())), tilt=Tilt(slope=slope, pivot=pivot))
+    ground = Correction(cameras=cameras, index=INDEX, system=Geocentric(ellipsoid))
     placed = ground.placed(ellipsoid.geocentric(level))
     assert placed.verticals is not None
     np.testing.assert_allclose(placed.verticals.axes[:, 2], over.normal, atol=1e-12)

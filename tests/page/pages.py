@@ -9,7 +9,7 @@ from typing import Any
 
 from musatpy.as11_comparisons import compare_soundings
 from musatpy.as11_runs import compile_deck
-from musatpy.compilation.sounded import Matching
+from musatpy.compilation.other_bottoms import Matching
 from musatpy.page.composition import page_of_record
 from musatpy.records.json_files import with_images
 from musatpy.runs import run_deck

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from musatpy.depth.cameras import read_cameras
+from musatpy.depth.corrected_files import ADDED, correct_csv
 from musatpy.depth.correction import Correction
-from musatpy.depth.csv_points import ADDED, correct_csv
 from musatpy.errors import DepthError
 from musatpy.pointfiles import point_tables
 from musatpy.pointfiles.columns import AXES, MAP_PLACES, PLAN, FileColumn, Wanted, place_columns

@@ -249,7 +249,7 @@ def soundings_command(
     SOUNDINGS.soundings.lst, the record to SOUNDINGS.soundings.json.
     """
     from musatpy.as11_comparisons import compare_soundings
-    from musatpy.compilation.sounded import Matching
+    from musatpy.compilation.other_bottoms import Matching
     from musatpy.soundings.differences import samples
 
     listing, record, picture = _results(soundings, out_dir, "soundings", run, bottom)

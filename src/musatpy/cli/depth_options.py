@@ -167,11 +167,10 @@ def limit_and_camera(given: dict[str, Any]) -> tuple[float | None, tuple[float, 
 
 def cameras_by(path: Path, given: dict[str, Any]) -> CameraStations:
     """Return the cameras of a file, or of the record of a run, completed by options."""
-    from musatpy.depth.cameras import read_cameras
-    from musatpy.depth.run_cameras import SUFFIX, read_run
+    from musatpy.depth.cameras import RECORD, read_cameras, read_run
 
     limit, camera = limit_and_camera(given)
-    if path.suffix.lower() == SUFFIX:
+    if path.suffix.lower() == RECORD:
         if given["level"] is not None:
             raise click.UsageError("--level: the run has the tides of its photos")
         return read_run(path, camera=camera, limit=limit)
@@ -217,7 +216,7 @@ class ModelView:
         """Return what the factors are of."""
         if self.pair is None:
             assert self.model is not None
-            system = self.model.ground.system
+            system = self.model.points_in
             where = f"\nx, y: {system.text}" if system.ellipsoid else ""
             return f"{len(self.model.cameras.names)} stations, n = {self.index:.5f}, by rays{where}"
         how = "by rays" if self.given["exact"] else "by formula"

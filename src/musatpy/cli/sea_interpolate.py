@@ -126,8 +126,7 @@ def _check_outputs(results: Sequence[Path], inputs: Sequence[Path]) -> None:
 
 def _control_table(points: Path, control: Path, given: dict[str, Any]) -> tuple[ControlTable, Any]:
     """Return the control points of a table, record or deck, and the system of points: as said, else of the job."""
-    from musatpy.depth.cameras import system_alone
-    from musatpy.depth.point_positions import LOCAL
+    from musatpy.depth.cameras import LOCAL, system_alone
     from musatpy.formats.musat import read_deck
     from musatpy.sea.interpolation import control_tables
 

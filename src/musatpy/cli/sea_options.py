@@ -49,10 +49,9 @@ precision_options = options_of(
 
 def pair_by(path: Path, chosen: str | None) -> CameraStations:
     """Return the cameras of the two stations of a pair. Raises `DepthError`, `OSError`."""
-    from musatpy.depth.cameras import read_cameras
-    from musatpy.depth.run_cameras import SUFFIX, read_run
+    from musatpy.depth.cameras import RECORD, read_cameras, read_run
 
-    cameras = read_run(path, water=False) if path.suffix.lower() == SUFFIX else read_cameras(path, water=False)
+    cameras = read_run(path, water=False) if path.suffix.lower() == RECORD else read_cameras(path, water=False)
     if not chosen:
         if len(cameras.names) != 2:
             raise click.UsageError(

@@ -1,27 +1,37 @@
-"""Compiled points against those of the run by the same names: where they lie, and what the stages should read."""
+"""A model beside its run: compiled points against those by the same names, and what the model says before any.
+
+What the stages should read of points of the run, and the precision to expect of points at places of the model.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.network import Network, group_points
-from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.propagation import pieces
 from musatpy.adjustment.sightings import image_coordinates
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.waterline import water_line
-from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.compilation.compiled import CompiledModel, are_of_run, on_both_photos, points_of_run
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.compilation.compiled import CompiledModel, plates_of_run, points_of_run, same_readings
+from musatpy.compilation.loop import Drive, Loop
+from musatpy.compilation.stereomodels import off_plate
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in
-from musatpy.compilation.true_points import Readings, network_of, network_of_plates
+from musatpy.compilation.true_points import CompiledPoints, Readings, network_of, network_of_plates, true_points
+from musatpy.geometry.collinearity import in_front
+from musatpy.model.compilation import AGAIN
 from musatpy.model.tables import taken
 
 _NONE = 1e-9  # of the largest variance, up to which a direction has none
 _EXACT = 1e-6  # m: sigmas of differences of points that are the same
+DEPTHS = (0.0, 5.0, 15.0, 30.0)  # m below the water, where errors are expected; 0: on land at its height
+_ALONG = (0.0, 0.5, 1.0)  # of the base, from the left station
+_ACROSS = (-0.8, 0.0, 0.8)  # of half the format
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,7 +111,8 @@ def against_run(model: CompiledModel, again: BoolArray) -> AgainstRun:
     known = (point >= 0) & np.isfinite(model.points.position).all(axis=1)
     rows = np.flatnonzero(known & np.isfinite(run.position[point]).all(axis=1))
     points, frame = point[rows], run.frame
-    at, shared = frame.working(run.position[points]), are_of_run(model, rows, points)
+    at, plates = frame.working(run.position[points]), plates_of_run(model, points)
+    shared = same_readings(model, rows, plates)
     gap = frame.working(model.points.position[rows]) - at
     return AgainstRun(
         model=model,
@@ -109,7 +120,7 @@ def against_run(model: CompiledModel, again: BoolArray) -> AgainstRun:
         rows=rows,
         points=points,
         difference=np.einsum("kij,kj->ki", frame.axes(at), gap),
-        covariance=difference_covariances(model, rows, points, shared),
+        covariance=difference_covariances(model, rows, points, plates, shared),
         shared=shared,
         stages=model.readings.xy[rows] - predicted(model, points),
     )
@@ -118,13 +129,7 @@ def against_run(model: CompiledModel, again: BoolArray) -> AgainstRun:
 def predicted(model: CompiledModel, points: IntArray) -> FloatArray:
     """Return what the stages (r, 2, 2) mm should read of points (r,) of the run."""
     run = model.stereo.run
-    shape = (len(points), 2, 2)
-    readings = Readings(
-        ids=run.block.points.ids[points],
-        submerged=run.block.points.bathymetric[points],
-        xy=np.zeros(shape),
-        sigma=np.full(shape, model.pointing),
-    )
+    readings = Readings.of(np.zeros((len(points), 2, 2)), run.block.points.bathymetric[points], model.pointing)
     _, network, state = network_of(run, model.stereo.photos, readings)
     state = replace(state, ground=run.frame.working(run.position[points]))
     line = water_line(network, state, readings.submerged)
@@ -145,45 +150,42 @@ class _Influence:
     alone: FloatArray
 
 
-def difference_covariances(model: CompiledModel, rows: IntArray, points: IntArray, shared: BoolArray) -> FloatArray:
+def difference_covariances(
+    model: CompiledModel, rows: IntArray, points: IntArray, plates: IntArray, shared: BoolArray
+) -> FloatArray:
     """Return the covariances (r, 3, 3) of compiled points `rows` less `points` of the run, along east, north, up.
 
-    `shared` (r,) are those whose readings are those of the run. With C = F_c Q F_t' by all that both hang on,
-    S_c + S_t - C - C' where readings are new. Of readings of the run a point that took part is the best estimate
-    of all data, S_c - S_t; of one that was kept out the pointing of the run is common too. NaN for control points,
-    where the run has a point not on both photos, and where it has kept out one of the readings of a point.
+    `shared` (r,) are those whose readings are the measurements `plates` (r, 2) of the run. With C = F_c Q F_t' by
+    all that both hang on, S_c + S_t - C - C' where readings are new. Of readings of the run a point that took part
+    is the best estimate of all data, S_c - S_t; of one that was kept out the pointing of the run is common too. NaN
+    for control points, where the run has a point not on both photos, and where it has kept out one of the readings
+    of a point.
     """
     run = model.stereo.run
-    network, state = _compiled_network(model, rows)
-    compiled = _influences(run, network, state, np.arange(len(rows)))
-    of_run = _influences(run, *_run_network(run, points), np.arange(len(points)))
+    _, network, state = network_of(run, model.stereo.photos, model.readings.part(rows))
+    state = replace(state, ground=run.frame.working(model.points.position[rows]))
+    network = network.with_plates(network.xy, model.points.wet[rows].T.reshape(-1))
+    compiled, of_run = _influences(run, network, state), _influences(run, *_run_network(run, points))
     pattern = Pattern.of(len(run.block.photos.ids), network.pattern.size, [run.pairs.photo])
-    border = run.water.covariance.shape[0] if run.water else 0
-    Q = covariances_in(run, pattern, border)
-    took_part = np.isin(points, run.block.plates.point[run.triangulated])
-    frame, out = run.frame, np.full((len(rows), 3, 3), np.nan)
-    axes = frame.axes(frame.working(run.position[points]))
-    for row in range(len(rows)):
+    Q = covariances_in(run, pattern, run.water.covariance.shape[0] if run.water else 0)
+    took_part = shared & np.isin(points, run.block.plates.point[run.triangulated])
+    tested = ~run.control[points]
+    tested[took_part] &= run.triangulated[plates[took_part]].all(axis=1)
+    out = np.full((len(rows), 3, 3), np.nan)
+    axes = run.frame.axes(run.frame.working(run.position[points]))
+    for row in np.flatnonzero(tested).tolist():
         c, t = compiled.get(row), of_run.get(row)
-        if c is None or t is None or run.control[points[row]] or not _meet(pattern, c.unknowns, t.unknowns):
+        if c is None or t is None or not _meet(pattern, c.unknowns, t.unknowns):
             continue
-        if shared[row] and took_part[row] and not on_both_photos(model, int(points[row])):
-            continue
-        if shared[row] and took_part[row]:
+        if took_part[row]:
             S = model.points.covariance[rows[row]] - run.point_covariance[points[row]]
             out[row] = 0.5 * (S + S.T)
             continue
-        parts = (
-            (c, c, 1.0), (t, t, 1.0), (c, t, -1.0), (t, c, -1.0)
-        )  # fmt: skip
-        total = sum(sign * _product(Q, a, b) for a, b, sign in parts)
-        total = total + c.alone + t.alone - (2.0 * t.alone if shared[row] else 0.0)
+        total = c.alone + (-t.alone if shared[row] else t.alone)
+        for a, b, sign in ((c, c, 1.0), (t, t, 1.0), (c, t, -1.0), (t, c, -1.0)):
+            total = total + sign * a.by_unknown @ Q.between(a.unknowns[None], b.unknowns[None])[0] @ b.by_unknown.T
         out[row] = axes[row] @ total @ axes[row].T
     return out
-
-
-def _product(Q: Cofactors, a: _Influence, b: _Influence) -> FloatArray:
-    return np.asarray(a.by_unknown @ Q.between(a.unknowns[None], b.unknowns[None])[0] @ b.by_unknown.T)
 
 
 def _meet(pattern: Pattern, a: IntArray, b: IntArray) -> bool:
@@ -191,13 +193,6 @@ def _meet(pattern: Pattern, a: IntArray, b: IntArray) -> bool:
     i, j = (np.unique(part[part < pattern.order] // pattern.size) for part in (a, b))
     low, high = np.minimum(i[:, None], j), np.maximum(i[:, None], j)
     return bool(np.isin(low * pattern.count + high, pattern.keys).all())
-
-
-def _compiled_network(model: CompiledModel, rows: IntArray) -> tuple[Network, State]:
-    _, network, state = network_of(model.stereo.run, model.stereo.photos, model.readings.part(rows))
-    state = replace(state, ground=model.stereo.run.frame.working(model.points.position[rows]))
-    wet = model.points.wet[rows].T.reshape(-1)
-    return network.with_plates(network.xy, wet), state
 
 
 def _run_network(run: AdjustedRun, points: IntArray) -> tuple[Network, State]:
@@ -216,12 +211,12 @@ def _run_network(run: AdjustedRun, points: IntArray) -> tuple[Network, State]:
     return network.with_plates(network.xy, line.wet), state
 
 
-def _influences(run: AdjustedRun, network: Network, state: State, points: IntArray) -> dict[int, _Influence]:
+def _influences(run: AdjustedRun, network: Network, state: State) -> dict[int, _Influence]:
     """Return the influences of the points of a network."""
     out: dict[int, _Influence] = {}
     Q = covariances_in(run, network.pattern, network.border.size)
-    every = np.ones(len(network.photo), dtype=bool)
-    for group in group_points(network.photo, network.point, every, np.isin(np.arange(network.points), points)):
+    rays, points = np.ones(len(network.photo), dtype=bool), np.ones(network.points, dtype=bool)
+    for group in group_points(network.photo, network.point, rays, points):
         if group.rays.shape[1] < 2:
             continue
         for _, piece in pieces(network, state, group, Q):
@@ -231,3 +226,112 @@ def _influences(run: AdjustedRun, network: Network, state: State, points: IntArr
                     by_unknown=piece.F[place], unknowns=unknowns[place], alone=piece.E.inverse[place]
                 )
     return out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunPoints:
+    """r points of the run, `points` its rows, that both photos show.
+
+    predicted and read (r, 2, 2) mm, what the stages should read and what they do, NaN where they were not read.
+    y-parallaxes (r,) mm, of what was read, else predicted: of refracted rays, and of straight ones.
+    """
+
+    points: IntArray
+    predicted: FloatArray
+    read: FloatArray
+    parallax: FloatArray
+    straight: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Expected:
+    """What g points at places of a model, place (g, 3) m in it, will have: depth (g,) m, and their errors.
+
+    pointing (g,) m: what the height would have with stations and water without error.
+    """
+
+    place: FloatArray
+    depth: FloatArray
+    points: CompiledPoints
+    pointing: FloatArray
+
+    @property
+    def sigma(self) -> FloatArray:
+        """(g, 3) m, east, north, up."""
+        return np.sqrt(np.diagonal(self.points.covariance, axis1=1, axis2=2))
+
+    @property
+    def of_run(self) -> FloatArray:
+        """(g,) m, what stations and water of the run add to the height."""
+        return np.sqrt(np.maximum(np.square(self.sigma[:, 2]) - np.square(self.pointing), 0.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelSetUp:
+    """A model with the points of the run in it, and what to expect of it."""
+
+    model: CompiledModel
+    again: RunPoints
+    expected: Expected
+
+
+def model_set_up(model: CompiledModel, kind: TextArray) -> ModelSetUp:
+    """Return the set-up of a model whose readings have the classes `kind` (k,)."""
+    return ModelSetUp(model=model, again=_run_points(model, kind), expected=_expected(model))
+
+
+def _run_points(model: CompiledModel, kind: TextArray) -> RunPoints:
+    stereo, run = model.stereo, model.stereo.run
+    points = np.flatnonzero(np.isfinite(run.position).all(axis=1))
+    gap = stereo.model(run.frame.working(run.position[points]))[:, None] - stereo.stations
+    points = points[in_front(gap, stereo.rotation).all(axis=1)]
+    images = predicted(model, points)
+    shown = ~off_plate(stereo, images).any(axis=1)
+    points, images = points[shown], images[shown]
+    again = np.flatnonzero(kind == AGAIN)
+    _, place, row = np.intersect1d(run.block.points.ids[points], model.readings.ids[again], return_indices=True)
+    read = np.full_like(images, np.nan)
+    read[place] = model.readings.xy[again[row]]
+    given = np.where(np.isnan(read), images, read)
+    submerged = run.block.points.bathymetric[points]
+    return RunPoints(
+        points=points,
+        predicted=images,
+        read=read,
+        parallax=_compiled(model, given, submerged).y_parallax,
+        straight=_compiled(model, given, np.zeros_like(submerged)).y_parallax,
+    )
+
+
+def _expected(model: CompiledModel) -> Expected:
+    """Return what points will have along the base and across it, at some depths, where both photos show them."""
+    stereo = model.stereo
+    with_water = stereo.run.block.water is not None and bool(np.isfinite(stereo.tides).all())
+    half = 0.5 * float(stereo.camera("format_size")[:, 1].min()) / float(stereo.camera("focal_length").mean())
+    places = [
+        (x * stereo.stations[1, 0] + (1.0 - x) * stereo.stations[0, 0], y * half * stereo.height)
+        for x, y in product(_ALONG, _ACROSS)
+    ]
+    depth = np.repeat(DEPTHS if with_water else DEPTHS[:1], len(places))
+    xy = np.tile(places, (len(depth) // len(places), 1))
+    place = _below_water(model, xy, depth)
+    images = Loop(stereo=stereo, drive=Drive.TRUE if with_water else Drive.AIR).stages(place).xy
+    shown = ~off_plate(stereo, images).any(axis=1)
+    points = _compiled(model, images[shown], depth[shown] > 0.0)
+    exact = replace(model, stereo=replace(stereo, run=stereo.run.without_errors))
+    pointing = np.sqrt(_compiled(exact, images[shown], depth[shown] > 0.0).covariance[:, 2, 2])
+    return Expected(place=place[shown], depth=depth[shown], points=points, pointing=pointing)
+
+
+def _below_water(model: CompiledModel, xy: FloatArray, depth: FloatArray) -> FloatArray:
+    """Return places (g, 3) of the model at X, Y (g, 2) and depths (g,) below its water, or its mean ground."""
+    stereo, frame = model.stereo, model.stereo.run.frame
+    level = float(frame.height(stereo.origin[None])[0])
+    place = np.column_stack([xy, np.zeros(len(xy))])
+    for _ in range(2):  # the water bends away from the model by metres, and its vertical by milliradians
+        place[:, 2] += level - depth - frame.height(stereo.working(place))
+    return place
+
+
+def _compiled(model: CompiledModel, xy: FloatArray, submerged: BoolArray) -> CompiledPoints:
+    return true_points(model.stereo.run, model.stereo.photos, Readings.of(xy, submerged, model.pointing))

@@ -165,8 +165,12 @@ def _table(run: AdjustedRun, deck: Compilation, datum: DepthDatum, models: Seque
     depth, tide = datum.over(position) - height, np.repeat([m.stereo.tides.mean() for m in models], numbers)
     over_water = height - tide
     on_shore = (kind == SHORE) & np.isfinite(over_water)
-    of_run = np.isnan(deck.models.pointing)
-    test = np.concatenate([parallax_tests(model, bool(of_run[row])) for row, model in enumerate(models)])
+    test = np.concatenate(
+        [
+            parallax_tests(model.points, _pointing_of_run(model), run.freedom, sigma_of_run=bool(np.isnan(given)))
+            for model, given in zip(models, deck.models.pointing, strict=True)
+        ]
+    )
     return Compiled(
         deck=deck,
         run=run,
@@ -206,12 +210,7 @@ def _compiled_model(run: AdjustedRun, deck: Compilation, row: int, stereo: Stere
     xy, marks = stages.xy[rows], np.flatnonzero(stages.as_points[rows])
     drive = Drive.TRUE if models.true_marks[row] and len(marks) else Drive.AIR
     xy[marks] = stages_of(Loop(stereo=stereo, drive=drive), stages.place[rows[marks]], stages.parallax[rows[marks]])
-    readings = Readings(
-        ids=stages.ids[rows],
-        submerged=stages.submerged[rows],
-        xy=xy,
-        sigma=np.broadcast_to(sigma[:, None, None], (len(rows), 2, 2)),
-    )
+    readings = Readings.of(xy, stages.submerged[rows], sigma[:, None, None], stages.ids[rows])
     printed = Shortcuts(
         shared_point=models.rays[row] == "SHARED",
         model_vertical=models.vertical[row] == "MODEL",
@@ -312,47 +311,43 @@ def _orders(depth: FloatArray, covariance: FloatArray, datum: DepthDatum) -> Tex
     return orders
 
 
-def parallax_tests(model: CompiledModel, sigma_of_run: bool) -> FloatArray:
+def parallax_tests(
+    points: CompiledPoints, of_run: FloatArray, freedom_of_run: float, *, sigma_of_run: bool
+) -> FloatArray:
     """Return y-parallaxes (k,) over their sigmas, as normal variables; NaN where nothing checks them.
 
     The share of the stations is known as well as the sigma0 of the run that scales it: with few degrees of freedom
     f that may be much too small, and all points of a model with it. By Welch (1947) and Satterthwaite (1946) the
     test value is Student's t of f / s^2 degrees, s the share in the variance, and of f where the sigma of pointing
     comes from the run too (`sigma_of_run`). The y-parallaxes of readings that made the stations are residuals of
-    the adjustment: of the variance of pointing less the share of the stations.
+    the adjustment: of the variance of pointing less the share of the stations; `of_run` (k,) is the variance of
+    their pointing in the run over that of the model, NaN of all others.
     """
-    points, share = model.points, 1.0 - model.points.pointing_share
-    variance = np.square(points.y_parallax_sigma)
-    freedom = np.full(len(variance), model.stereo.run.freedom)
+    share, pointing = 1.0 - points.pointing_share, of_run * points.pointing_share
+    variance, made = np.square(points.y_parallax_sigma), np.isfinite(of_run)
+    freedom = np.full(len(variance), freedom_of_run)
     if not sigma_of_run:
         with np.errstate(divide="ignore"):
             freedom = freedom / np.square(np.maximum(share, 0.0))
-    for row, scale in _made_the_stations(model).items():
-        pointing = scale * points.pointing_share[row]
-        left = pointing - share[row]
-        variance[row] *= left if left > _CHECKED * pointing else np.nan
-        freedom[row] = model.stereo.run.freedom
+    left = pointing - share
+    variance *= np.where(made, np.where(left > _CHECKED * pointing, left, np.nan), 1.0)
+    freedom = np.where(made, freedom_of_run, freedom)
     return student_as_normal(points.y_parallax / np.sqrt(variance), freedom)
 
 
-def _made_the_stations(model: CompiledModel) -> dict[int, float]:
-    """Return the readings (rows) that the run has used, with its variance of their pointing over that of the model.
+def _pointing_of_run(model: CompiledModel) -> FloatArray:
+    """Return (k,) the variance of pointing of readings that made the stations, in the run over that of the model.
 
-    None where errors of known water are allowed for: these did not make the stations.
+    NaN for others, and for all where errors of known water are allowed for.
     """
     run, readings = model.stereo.run, model.readings
-    point = points_of_run(model)
-    rows = np.flatnonzero(point >= 0)
-    if not len(rows) or run.considered:
-        return {}
-    same = rows[are_of_run(model, rows, point[rows])]
-    plates, out = run.block.plates, dict[int, float]()
-    for row in same.tolist():
-        if not on_both_photos(model, int(point[row])):
-            continue
-        of_run = (plates.point == point[row]) & np.isin(plates.photo, model.stereo.photos)
-        squares = np.square(plates.sigma[of_run] * run.unit_sigma)
-        out[row] = float(squares.mean() / np.square(readings.sigma[row]).mean())
+    at, rows = plates_of_run(model, points_of_run(model)), np.arange(len(readings.ids))
+    out = np.full(len(at), np.nan)
+    if not run.considered:
+        made = rows[same_readings(model, rows, at)]
+        made = made[run.triangulated[at[made]].all(axis=1)]
+        of_run = np.square(run.block.plates.sigma[at[made]] * run.unit_sigma).mean(axis=(1, 2))
+        out[made] = of_run / np.square(readings.sigma[made]).mean(axis=(1, 2))
     return out
 
 
@@ -362,22 +357,19 @@ def points_of_run(model: CompiledModel) -> IntArray:
     return np.array([number.get(name, -1) for name in model.readings.ids.tolist()], dtype=np.int64)
 
 
-def are_of_run(model: CompiledModel, rows: IntArray, points: IntArray) -> BoolArray:
-    """Return which readings `rows` (r,) are the plate measurements of `points` (r,) of the run on both photos."""
-    plates = model.stereo.run.block.plates
-    measured = dict(zip(zip(plates.photo.tolist(), plates.point.tolist(), strict=True), plates.xy, strict=True))
-    same = np.zeros(len(rows), dtype=bool)
-    for place, (row, point) in enumerate(zip(rows.tolist(), points.tolist(), strict=True)):
-        xy = [measured.get((photo, point)) for photo in model.stereo.photos]
-        same[place] = all(
-            given is not None and np.abs(model.readings.xy[row, side] - given).max() <= _SAME
-            for side, given in enumerate(xy)
-        )
-    return same
-
-
-def on_both_photos(model: CompiledModel, point: int) -> bool:
-    """Return whether the run has used a point on both photos of a model."""
+def plates_of_run(model: CompiledModel, points: IntArray) -> IntArray:
+    """Return the measurements (r, 2) of points (r,) of the run on both photos, rows of its plates, -1 for none."""
     run = model.stereo.run
-    photos = run.block.plates.photo[run.triangulated & (run.block.plates.point == point)]
-    return set(model.stereo.photos) <= set(photos.tolist())
+    rows = np.full((len(run.block.points.ids) + 1, 2), -1)  # the last of no point
+    for side, photo in enumerate(model.stereo.photos):
+        here = np.flatnonzero(run.block.plates.photo == photo)
+        rows[run.block.plates.point[here], side] = here
+    return rows[points]
+
+
+def same_readings(model: CompiledModel, rows: IntArray, plates: IntArray) -> BoolArray:
+    """Return which readings `rows` (r,) are the measurements `plates` (r, 2) of the run."""
+    same = (plates >= 0).all(axis=1)
+    gap = model.readings.xy[rows[same]] - model.stereo.run.block.plates.xy[plates[same]]
+    same[same] = np.abs(gap).max(axis=(1, 2)) <= _SAME
+    return np.asarray(same)

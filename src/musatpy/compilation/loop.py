@@ -1,4 +1,4 @@
-"""The plotter's real-time loop: the mark in the model -> both stages, and back, through the water; driven paths.
+"""The plotter's real-time loop: from the mark in the model to both stages, through the water; driven paths.
 
 `TRUE`: the mark is the true point, the stages stand at its refracted images, no y-parallax is left. `AIR`: the mark
 is where straight rays meet, as on the AS-11AM of 1983. Stages are refined plate coordinates. Waves of the run stand
@@ -33,8 +33,6 @@ from musatpy.pointfiles.point_tables import read_table
 from musatpy.refraction import flat
 from musatpy.units import DEGREE
 
-_STEPS = 60
-_STILL = 1e-7  # m; what is left after a step of this size is rounding
 _MOST_CYCLES = 1e7  # two days at 50 Hz: more is another unit of time
 
 
@@ -85,27 +83,6 @@ class Loop:
         with np.errstate(divide="ignore", invalid="ignore"):  # as high as a camera: infinite
             xy, by_v = collinearity.image_by_vector(v, stereo.rotation, focal_length, principal_point)
             return Stages(xy=xy, by_mark=by_v @ by_mark)
-
-    def mark(self, xy: FloatArray) -> FloatArray:
-        """Return the marks (k, 3) in the model of stages (k, 2, 2) mm: the least squares of their coordinates.
-
-        One on the water line, from whose either side the other is nearer, is approached by ever shorter steps.
-        """
-        mark, active = self.stereo.half_way(xy), np.arange(len(xy))
-        factor, last = np.ones(len(xy)), np.full(len(xy), np.inf)
-        for _ in range(_STEPS):
-            if not len(active):
-                break
-            now = self.stages(mark[active])
-            B, v = now.by_mark.reshape(-1, 4, 3), (xy[active] - now.xy).reshape(-1, 4, 1)
-            Bt = np.swapaxes(B, 1, 2)
-            move = np.linalg.solve(Bt @ B, Bt @ v)[..., 0] * factor[active, None]
-            mark[active] += move
-            length = np.abs(move).max(axis=1)
-            factor[active] *= np.where(length > 0.5 * last[active], 0.5, 1.0)
-            last[active] = length
-            active = active[length > _STILL]
-        return mark
 
     def _incidence(self, mark: FloatArray) -> flat.Incidence:
         """Return the rays (2 k,) from both stations to marks through the water, in working axes."""

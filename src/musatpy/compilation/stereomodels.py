@@ -8,11 +8,16 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.compilation.triangulation import AdjustedRun
+from musatpy.compilation.triangulation import AdjustedRun, of_block
+from musatpy.compilation.true_points import Readings, true_points
 from musatpy.errors import CompilationError, Problem
 from musatpy.geometry import collinearity
 from musatpy.geometry.collinearity import attitude_matrix, in_front
+from musatpy.model.compilation import RECOVERABLE
+from musatpy.reduction.readings_job import reduce
 
+_PAIRS = 10  # of photos that are looked at, whether they are adjusted
+_MISFIT = 6.0  # plate sigmas that half the y-parallaxes of adjusted photos are well below
 _LEAST_BASE = 0.01  # of the flying height, across the vertical
 _OFF = 0.2  # mm, by which an image may lie off the straight rays of its point: y-parallax of refraction is less
 _HIGH = 0.5  # of the flying height, above and below the origin
@@ -107,10 +112,7 @@ class Stereomodel:
         return collinearity.image(targets - self.stations, self.rotation, focal_length, principal_point)
 
     def half_way(self, xy: FloatArray) -> FloatArray:
-        """Return points (k, 3) in the model half-way between the straight rays of plate coordinates (k, 2, 2) mm.
-
-        Where the rays meet best in the images, the apparent points of a compilation, `loop.Loop.mark` says.
-        """
+        """Return points (k, 3) in the model half-way between the straight rays of readings (k, 2, 2) mm."""
         return collinearity.first_pair(np.broadcast_to(self.stations, (len(xy), 2, 3)), self.rays(xy))
 
 
@@ -210,3 +212,37 @@ def _sound(stereo: Stereomodel, xy: FloatArray) -> float:
         seen = in_front(both - stereo.stations, stereo.rotation).all(axis=1)
         sound = seen & (gap < _OFF) & (np.abs(point[:, 2]) < _HIGH * stereo.height)
     return float(np.mean(sound & ~off_plate(stereo, xy).any(axis=1)))
+
+
+def unadjusted(run: AdjustedRun) -> str:
+    """Return what says that the stations of a deck are not those of its plates; empty where nothing does.
+
+    A punched deck may have no plate measurements. Raises `DeckError` as `reduction.readings_job.reduce` where they
+    are raw.
+    """
+    if run.block.raw:
+        run = of_block(reduce(run.block)[0])
+    last = len(run.block.photos.ids) - 2
+    first = np.unique(np.linspace(0, max(last, 0), _PAIRS).astype(np.int64))[: max(last + 1, 0)]
+    off = np.concatenate([np.zeros(0), *(np.abs(_y_parallaxes(run, left)) for left in first.tolist())])
+    known = off[np.isfinite(off)]
+    limit = max(RECOVERABLE, _MISFIT * run.block.options.plate_sigma)
+    if not len(known) or np.median(known) <= limit:
+        return ""
+    half = f"half have y-parallaxes over {1e3 * np.median(known):.0f} um (expected: below {1e3 * limit:.0f} um)"
+    return (
+        f"its stations do not fit its plate measurements: of {len(known)} points that neighbouring photos share, "
+        f"{half}. It is the deck of a run that is still to be adjusted: give the record of the run, NAME.json, or "
+        "the deck that it punched, NAME.pun (--anyway compiles from it)"
+    )
+
+
+def _y_parallaxes(run: AdjustedRun, left: int) -> FloatArray:
+    """Return the y-parallaxes (k,) mm of the points that a photo shares with the next one, NaN where unknown."""
+    block, plates = run.block, run.block.plates
+    one, other = (np.flatnonzero((plates.photo == photo) & plates.triangulated) for photo in (left, left + 1))
+    common, here, there = np.intersect1d(plates.point[one], plates.point[other], return_indices=True)
+    xy = plates.xy[np.stack([one[here], other[there]], axis=1)]
+    submerged = block.points.bathymetric[common] & np.isfinite(block.photos.tide[[left, left + 1]]).all()
+    readings = Readings.of(xy, submerged, block.options.plate_sigma)
+    return true_points(run.without_errors, (left, left + 1), readings).y_parallax

@@ -1,9 +1,11 @@
-"""A triangulation as compilation needs it: stations, water and their covariances."""
+"""A triangulation as compilation needs it: of a solution, a record, a punched deck or a table."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
+from pathlib import Path
 
 import numpy as np
 
@@ -16,12 +18,18 @@ from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, CompilationError, Problem
+from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame
 from musatpy.geometry.systems import Geocentric, Geographic, System
 from musatpy.model import (
     Block,
+    Cameras,
+    CoordinateSystem,
+    Grade,
     LevelPairs,
+    Options,
     Photos,
+    Points,
     Program,
     Refraction,
     Solution,
@@ -32,9 +40,14 @@ from musatpy.model import (
     WaterLevel,
     WaterPrecision,
 )
+from musatpy.model.tables import empty
+from musatpy.records import run_tables
+from musatpy.records.json_files import read_record
+from musatpy.records.tables import Tables, flags, numbers
 
 UNCONVERGED = "the run has not converged"
 PUNCHED = "from a punched deck: sigmas are those of stages and water alone"
+_CONTROL = ("control", "equal_elevations", "distances", "height_differences")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,11 +121,6 @@ class AdjustedRun:
         return int(rows[0])
 
 
-def freedom_of(degrees: int) -> float:
-    """Return the degrees of freedom of a sigma of unit weight: without any it is a priori."""
-    return float(degrees) if degrees > 0 else np.inf
-
-
 def fault_of_run(unconverged: str) -> list[str]:
     """Return why a run cannot be compiled from that has not converged, for a reason."""
     return [f"{UNCONVERGED}: {unconverged} (--anyway compiles from it)"] if unconverged else []
@@ -147,13 +155,18 @@ def of_solution(solution: Solution, sea: Sea | None = None) -> AdjustedRun:
     if faults or solution.pairs is None:
         raise CompilationError([Problem(message=fault) for fault in faults])
     stations = solution.stations
-    adjusted = block.photos if water is None else replace(block.photos, tide=water.tide)
+    photos, adjusted = block.photos, block.water
+    if water is not None:
+        photos = replace(photos, tide=water.tide)
+    if water is not None and adjusted is not None:
+        east, north = water.tilt.tolist()
+        adjusted = replace(adjusted, index=water.index, tilt_east=east, tilt_north=north)
     waves = None if water is None or water.waves is None else water.waves.value
     return AdjustedRun(
         block=_compilable(
             block,
-            replace(adjusted, position=stations.position, attitude=stations.attitude),
-            adjusted_water(block.water, None if water is None else (water.index, water.tilt)),
+            replace(photos, position=stations.position, attitude=stations.attitude),
+            adjusted,
         ),
         given=block.photos.position,
         covariance=stations.covariance,
@@ -165,10 +178,63 @@ def of_solution(solution: Solution, sea: Sea | None = None) -> AdjustedRun:
         triangulated=block.plates.triangulated,
         control=np.isin(np.arange(len(block.points.ids)), known_points(block)),
         unit_sigma=solution.unit_sigma,
-        freedom=freedom_of(solution.degrees_of_freedom),
+        freedom=float(max(solution.degrees_of_freedom, 0)) or np.inf,
         sea=waves_of_run(block, waves, sea),
         stated=block.answer_in,
     )
+
+
+def of_record(path: Path, anyway: bool = False) -> AdjustedRun:
+    """Return the triangulation of the record of a run; `anyway` also of one that has not converged.
+
+    Raises `RecordError` where it is none, `CompilationError` where it cannot be compiled from, and `OSError`.
+    """
+    tables = read_record(path, (*run_tables.BLOCK, *run_tables.COVARIANCES, "solution", "verdict", *_CONTROL))
+    solution, stations, points = (tables[name] for name in ("solution", "stations", "points"))
+    unconverged = "" if solution["converged"] else str(solution["reason"])
+    if faults := fault_of_run("" if anyway else unconverged):
+        raise CompilationError([Problem(file=str(path), message=fault) for fault in faults])
+    if tables["adjusted_water"] is not None and (fault := run_tables.water_fault(tables)):
+        raise CompilationError([Problem(file=str(path), message=fault)])
+    block = run_tables.block_of(tables)
+    try:
+        sea = waves_of_run(replace(block, **run_tables.given_waves(tables)), run_tables.adjusted_waves(tables))
+    except CompilationError as error:
+        raise CompilationError([replace(problem, file=str(path)) for problem in error.problems]) from error
+    caution, because = (UNCONVERGED, unconverged) if unconverged else _doubts(tables)
+    return AdjustedRun(
+        block=block,
+        given=numbers(stations, "given_position", 3),
+        covariance=numbers(stations, "covariance", 6, 6),
+        pairs=run_tables.station_pairs(tables),
+        levels=run_tables.level_pairs(tables),
+        water=run_tables.water_precision(tables),
+        position=numbers(points, "position", 3),
+        point_covariance=numbers(points, "covariance", 3, 3),
+        triangulated=flags(tables["plates"], "triangulated"),
+        control=np.isin(points["point"], _known_of(tables)),
+        unit_sigma=float(solution["unit_sigma"] or 1.0),
+        freedom=float(max(solution["degrees_of_freedom"], 0)) or np.inf,
+        sea=sea,
+        stated=run_tables.answer_spec(tables),
+        caution=caution,
+        because=because,
+    )
+
+
+def _doubts(tables: Tables) -> tuple[str, str]:
+    """Return what the verdict on a run that has converged says against it, and why; nothing of one accepted."""
+    verdict = tables["verdict"]
+    if Grade(verdict["grade"]) is Grade.ACCEPTED:
+        return "", ""
+    return f"the run is {verdict['grade'].lower()}", "; ".join(reason["text"] for reason in verdict["reasons"])
+
+
+def _known_of(tables: Tables) -> list[str]:
+    """Return the ids of the points that something is known of."""
+    control = tables["control"]
+    held = [point for point, kind in zip(control["point"], control["kind"], strict=True) if kind != "check"]
+    return held + list(chain.from_iterable(chain.from_iterable(tables[name]["points"] for name in _CONTROL[1:])))
 
 
 def of_block(block: Block) -> AdjustedRun:
@@ -207,6 +273,44 @@ def of_block(block: Block) -> AdjustedRun:
         stated=block.answer_in,
         caution=PUNCHED,
     )
+
+
+def of_stations(
+    names: tuple[str, ...], position: FloatArray, rotation: FloatArray, camera: FloatArray, tide: FloatArray,
+    sigma: FloatArray, water: Water,
+) -> AdjustedRun:  # fmt: skip
+    """Return k stations of a table as a triangulation, their errors independent of each other.
+
+    position (k, 3) m, Z up; rotation (k, 3, 3) ground to photo; camera (k, 3) mm: focal length, width, height of
+    the format; tide (k,) m; sigma (k, 7): of the position (m), omega, phi, kappa (rad) and the tide (m). Raises
+    `CompilationError`.
+    """
+    count, nothing = len(names), np.full(position.shape, np.nan)
+    block = Block(
+        titles=(),
+        options=Options(program=Program.IIIA, system=CoordinateSystem.LOCAL),
+        water=water,
+        cameras=Cameras(
+            ids=np.array(names),
+            focal_length=camera[:, 0],
+            principal_point=np.zeros((count, 2)),
+            format_size=camera[:, 1:],
+        ),
+        photos=Photos(
+            ids=np.array(names),
+            camera=np.arange(count),
+            position=position,
+            position_sigma=nothing,
+            attitude=attitude_from_matrix(rotation),
+            attitude_sigma=nothing,
+            tide=tide,
+            tide_sigma=sigma[:, 6],
+        ),
+        points=empty(Points),
+    )
+    diagonal = np.square(sigma[:, :6, None]) * np.eye(6)
+    pairs = StationPairs(photo=np.empty((0, 2), dtype=np.int64), covariance=np.empty((0, 6, 6)))
+    return replace(of_block(block), covariance=diagonal, pairs=pairs)
 
 
 def _compilable(block: Block, photos: Photos, water: Water | None) -> Block:
@@ -267,14 +371,6 @@ def known_points(block: Block) -> IntArray:
     held = block.control.point[block.control.known.any(axis=1)]
     measured = [table.point.reshape(-1) for table in (block.distances, block.height_differences)]
     return np.concatenate([held, block.equal_elevations.point, *measured])
-
-
-def adjusted_water(given: Water | None, found: tuple[float, FloatArray] | None) -> Water | None:
-    """Return the water of a card with the index and the tilt of an adjustment."""
-    if given is None or found is None:
-        return given
-    index, tilt = found
-    return replace(given, index=index, tilt_east=float(tilt[0]), tilt_north=float(tilt[1]))
 
 
 def covariances_in(run: AdjustedRun, pattern: Pattern, size: int) -> Cofactors:

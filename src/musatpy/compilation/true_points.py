@@ -1,4 +1,4 @@
-"""Points compiled in a stereomodel: the least squares of their images through the water, stations held.
+"""Points on refracted rays of a run, stations held: those compiled in a stereomodel, and the errors of any others.
 
 What the triangulation does to points that it keeps out, with its stations, water and joint covariances: the same
 network of rays with other measurements, so that both agree to rounding.
@@ -17,15 +17,26 @@ from musatpy.adjustment.ground import PARALLEL, intersect_freely, settle_group
 from musatpy.adjustment.iteration import State, initial_state
 from musatpy.adjustment.job import build_network
 from musatpy.adjustment.network import Network, PointGroup, group_points, participation
-from musatpy.adjustment.propagation import Piece, depth_cofactors, pieces, point_covariances
+from musatpy.adjustment.propagation import (
+    Piece,
+    covariances_with_depths,
+    depth_cofactors,
+    pieces,
+    point_covariances,
+)
 from musatpy.adjustment.result import bathymetric_points
 from musatpy.adjustment.sightings import residuals, straight_rays
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
+from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, in_front, widest_angle
-from musatpy.model import Block, PlateMeasurements, Points
+from musatpy.model import (
+    Block,
+    PlateMeasurements,
+    Points,
+)
 
 Result = TypeVar("Result")
 _CHUNK = 2**14  # readings at a time
@@ -47,11 +58,17 @@ class Readings:
     xy: FloatArray  # (k, 2, 2)
     sigma: FloatArray  # (k, 2, 2) mm, of a pointing
 
+    @classmethod
+    def of(
+        cls, xy: FloatArray, submerged: BoolArray, sigma: FloatArray | float, ids: TextArray | None = None
+    ) -> Readings:
+        """Return readings (k, 2, 2), numbered where they have no names; one sigma, or (k, 1, 1) of each."""
+        names = np.arange(len(xy)).astype(np.str_) if ids is None else ids
+        return cls(ids=names, submerged=submerged, xy=xy, sigma=np.broadcast_to(sigma, xy.shape))
+
     def part(self, rows: IntArray) -> Readings:
         """Return some of the readings."""
-        return Readings(
-            ids=self.ids[rows], submerged=self.submerged[rows], xy=self.xy[rows], sigma=self.sigma[rows]
-        )
+        return Readings(**{name: values[rows] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,16 +139,35 @@ def true_points(run: AdjustedRun, photos: tuple[int, int], readings: Readings) -
 def _from_rays(run: AdjustedRun, photos: tuple[int, int], readings: Readings) -> CompiledPoints:
     """Return the points of readings. Raises `AdjustmentError` where one cannot be followed through waves."""
     block, measured, state = network_of(run, photos, readings)
-    submerged = readings.submerged
-    every = np.ones(2 * len(submerged), dtype=bool)
-    groups = group_points(measured.photo, measured.point, every, every[: len(submerged)])
+    count, submerged = len(readings.ids), readings.submerged
+    every = np.ones(2 * count, dtype=bool)
+    groups = group_points(measured.photo, measured.point, every, every[:count])
     line, state = _at_rest(measured, state, groups, submerged)
     network = measured.with_plates(measured.xy, line.wet)
-    reasons = _lost(network, state, groups)
-    ground = state.ground.copy()
-    ground[list(reasons)] = np.nan
-    state = replace(state, ground=ground)
-    return _described(run, block, measured, network, state, groups, line, reasons)
+    out, ground, depth = CompiledPoints.nothing(count), state.ground.copy(), np.full(count, np.nan)
+    out.reasons.update(_lost(network, state, groups))
+    ground[list(out.reasons)] = np.nan
+    state, known = replace(state, ground=ground), np.asarray(np.isfinite(ground).all(axis=1))
+    out.position[known] = network.frame.system(ground[known])
+    covariances = covariances_in(run, network.pattern, network.border.size)
+    for group in groups:
+        for _, piece in pieces(network, state, group.part(known[group.point]), covariances):
+            point = piece.group.point
+            out.covariance[point] = point_covariances(network, piece, covariances, None)
+            out.y_parallax[point], out.y_parallax_sigma[point], out.pointing_share[point] = y_parallax(
+                network, piece
+            )
+            if submerged[point].any():
+                cofactors = depth_cofactors(network, state, piece, covariances, None)
+                depth[point] = np.where(submerged[point], cofactors, np.nan)
+    v, rays = np.full((2 * count, 2), np.nan), np.flatnonzero(known[network.point])
+    v[rays] = residuals(network, state, rays)
+    out.residual[:] = np.swapaxes(v.reshape(2, count, 2), 0, 1)
+    out.wet[:] = line.wet.reshape(2, count).T
+    bathymetric = bathymetric_points(block, measured, state, groups, np.sqrt(depth))
+    for name in ("apparent", "water_level", "depth", "depth_sigma", "incidence"):
+        getattr(out, name)[bathymetric.point] = getattr(bathymetric, name)
+    return out
 
 
 def network_of(run: AdjustedRun, photos: tuple[int, int], readings: Readings) -> tuple[Block, Network, State]:
@@ -196,65 +232,6 @@ def _lost(network: Network, state: State, groups: Iterable[PointGroup]) -> dict[
     return reasons
 
 
-def _described(
-    run: AdjustedRun,
-    block: Block,
-    measured: Network,
-    network: Network,
-    state: State,
-    groups: tuple[PointGroup, ...],
-    line: WaterLine,
-    reasons: dict[int, str],
-) -> CompiledPoints:
-    covariances = covariances_in(run, network.pattern, network.border.size)
-    submerged = block.points.bathymetric
-    count = len(submerged)
-    known = np.asarray(np.isfinite(state.ground).all(axis=1))
-    covariance, depth = np.full((count, 3, 3), np.nan), np.full(count, np.nan)
-    parallax, parallax_sigma, share = (np.full(count, np.nan) for _ in range(3))
-    for group in groups:
-        part = group.part(known[group.point])
-        for rows, piece in pieces(network, state, part, covariances):
-            point = part.point[rows]
-            covariance[point] = point_covariances(network, piece, covariances, None)
-            parallax[point], parallax_sigma[point], share[point] = y_parallax(network, piece)
-            wet = submerged[point]
-            if wet.any():
-                depth[point] = np.where(wet, depth_cofactors(network, state, piece, covariances, None), np.nan)
-    v = np.full((2 * count, 2), np.nan)
-    rays = np.flatnonzero(known[network.point])
-    v[rays] = residuals(network, state, rays)
-    bathymetric = bathymetric_points(block, measured, state, groups, np.sqrt(depth))
-
-    def of_all(values: FloatArray) -> FloatArray:
-        every = np.full((count, *values.shape[1:]), np.nan)
-        every[bathymetric.point] = values
-        return every
-
-    return CompiledPoints(
-        position=_in_system(network, state.ground),
-        covariance=covariance,
-        apparent=of_all(bathymetric.apparent),
-        water_level=of_all(bathymetric.water_level),
-        depth=of_all(bathymetric.depth),
-        depth_sigma=of_all(bathymetric.depth_sigma),
-        incidence=of_all(bathymetric.incidence),
-        residual=np.swapaxes(v.reshape(2, count, 2), 0, 1),
-        y_parallax=parallax,
-        y_parallax_sigma=parallax_sigma,
-        pointing_share=share,
-        wet=line.wet.reshape(2, count).T,
-        reasons=reasons,
-    )
-
-
-def _in_system(network: Network, ground: FloatArray) -> FloatArray:
-    position = np.full(ground.shape, np.nan)
-    known = np.isfinite(ground).all(axis=1)
-    position[known] = network.frame.system(ground[known])
-    return position
-
-
 def in_parts(work: Callable[[IntArray], Result], rows: IntArray) -> Iterator[tuple[IntArray, Result | None]]:
     """Yield parts of rows (k,) with what `work` makes of them, None for a single row of which it makes nothing.
 
@@ -301,3 +278,69 @@ def _left_null(B: FloatArray) -> FloatArray:
     rows = np.arange(4)
     minors = [np.linalg.det(B[:, rows != row]) for row in rows]
     return np.stack([minor if row % 2 == 0 else -minor for row, minor in enumerate(minors)], axis=1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointSigmas:
+    """How well points are known from k photos (rows) of a run whose images have a sigma of pointing (mm)."""
+
+    run: AdjustedRun
+    photos: IntArray  # (k,)
+    pointing: float
+
+    def __call__(self, level: FloatArray, seen: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Return the sigmas (n, 3) m along east, north, up of points below the water, and (n,) m of their depths.
+
+        level (n, 3): latitude, longitude (rad) and height (m), or X, Y, Z of a local job; seen (n, k): by which of
+        the photos each is, two at least. Depths are below the mean water of these.
+        """
+        if not len(level):
+            return np.empty((0, 3)), np.empty(0)
+        order = np.lexsort(seen.T)  # points of the same photos together: they share the covariances of these
+        level, seen = level[order], seen[order]
+        run, (point, camera) = self.run, np.nonzero(seen)
+        xy, every = np.zeros((len(point), 2)), np.ones(len(point), dtype=bool)
+        ids = np.arange(len(level)).astype(np.str_)
+        plates = PlateMeasurements(
+            photo=self.photos[camera],
+            point=point,
+            xy=xy,
+            sigma=np.full(xy.shape, self.pointing),
+            triangulated=~every,
+        )
+        bathymetric = np.ones(len(level), dtype=bool)
+        _, network, state = network_of_plates(run, Points(ids=ids, bathymetric=bathymetric), plates)
+        network, state = network.with_plates(xy, every), replace(state, ground=run.frame.from_level(level))
+        covariances = covariances_in(run, network.pattern, network.border.size)
+        sigma, depth = np.empty((len(level), 3)), np.empty(len(level))
+        for group in group_points(network.photo, network.point, every, bathymetric):
+            for rows, piece in pieces(network, state, group, covariances):
+                covariance, variance = covariances_with_depths(network, state, piece, covariances)
+                sigma[order[group.point[rows]]] = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+                depth[order[group.point[rows]]] = np.sqrt(variance)
+        return sigma, depth
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ThroughWaves:
+    """How the waves of a run refract rays to k of its photos (rows)."""
+
+    run: AdjustedRun
+    photos: IntArray  # (k,)
+
+    def __call__(self, station: IntArray, camera: FloatArray, ground: FloatArray) -> FloatArray:
+        """Return the vectors (p, 3) from cameras to where rays to ground points (p, 3) enter the water.
+
+        Of `station` (p,) of the k, geocentric or in a local job; NaN where a ray cannot be followed.
+        """
+        run, photo, out = self.run, self.photos[station], np.full(camera.shape, np.nan)
+        assert run.sea is not None and run.block.water is not None
+        sea, origin, index = WorkingSea.of(run.sea, run.frame).known, run.frame.origin, run.block.water.index
+        tide = run.block.photos.tide[photo]
+
+        def vectors(some: IntArray) -> FloatArray:
+            return sea.incidence(photo[some], camera[some] - origin, ground[some] - origin, tide[some], index).v
+
+        for rows, v in in_parts(vectors, np.flatnonzero(np.isfinite(ground).all(axis=1))):
+            out[rows] = np.nan if v is None else v
+        return out

@@ -12,6 +12,7 @@ from musatpy.compilation.compiled import ABOVE, MISSED, Compiled, CompiledModel
 from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.stereomodels import slip_of
 from musatpy.compilation.triangulation import PUNCHED
+from musatpy.compilation.true_points import Readings, true_points
 from musatpy.model import Concern, CoordinateSystem, Grade, Reason, Verdict
 from musatpy.model.findings import GRADES
 from musatpy.probability import test_limit
@@ -104,9 +105,11 @@ def _lost_without_parallax(compiled: Compiled, model: CompiledModel) -> float:
     position = position[np.isfinite(position).all(axis=1)]
     if not len(position):
         return 0.0
-    loop, true = Loop(stereo=stereo), stereo.model(stereo.run.frame.working(position))
-    shared = np.repeat(stereo.half_way(loop.stages(true).xy)[:, None], 2, axis=1)
-    return float(np.linalg.norm(loop.mark(stereo.images(shared)) - true, axis=1).max())
+    run, true = stereo.run, stereo.run.frame.working(position)
+    shared = np.repeat(stereo.half_way(Loop(stereo=stereo).stages(stereo.model(true)).xy)[:, None], 2, axis=1)
+    readings = Readings.of(stereo.images(shared), np.ones(len(true), dtype=bool), model.pointing)
+    again = true_points(run.without_errors, stereo.photos, readings).position
+    return float(np.nanmax(np.linalg.norm(run.frame.working(again) - true, axis=1), initial=0.0))
 
 
 def verdict_of(compiled: Compiled, against: Sequence[AgainstRun]) -> Verdict:

@@ -17,9 +17,8 @@ from musatpy.correction.photographs import Photographs
 from musatpy.correction.rasters import band_of, correct_raster
 from musatpy.correction.surfaces import correct_surface
 from musatpy.depth.cameras import system_of_points
+from musatpy.depth.corrected_files import correct_csv, correct_las
 from musatpy.depth.correction import Correction, CorrectionTally, Progress
-from musatpy.depth.csv_points import correct_csv
-from musatpy.depth.las_points import correct_las
 from musatpy.errors import DepthError, Problem
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.projected import crs_of

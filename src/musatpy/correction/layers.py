@@ -18,9 +18,8 @@ import pyproj
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.correction.rasters import only_band
-from musatpy.depth.correction import NO_POINTS, Correction, CorrectionTally, in_order
-from musatpy.depth.csv_points import SIGMAS
-from musatpy.depth.misplaced_points import attempted, require_sight
+from musatpy.depth.corrected_files import SIGMAS
+from musatpy.depth.correction import NO_POINTS, Correction, CorrectionTally, attempted, in_order, require_sight
 from musatpy.errors import DepthError, Problem
 from musatpy.interchange.any_file import RASTERS, Layers, read_layers
 from musatpy.interchange.layers import Grid, LayerColumn, Lines, Points, placed

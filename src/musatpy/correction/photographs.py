@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from musatpy.compilation.point_errors import PointSigmas, ThroughWaves, of_stations
-from musatpy.compilation.run_records import of_record
-from musatpy.depth.cameras import CameraStations
-from musatpy.depth.run_cameras import read_run
+from musatpy.compilation.triangulation import of_record, of_stations
+from musatpy.compilation.true_points import PointSigmas, ThroughWaves
+from musatpy.depth.cameras import CameraStations, read_run
 from musatpy.errors import CompilationError, DepthError, Problem, RecordError
 from musatpy.model import Water
 

@@ -14,9 +14,16 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.depth.correction import NO_POINTS, Correction, CorrectionTally, Progress, in_order
-from musatpy.depth.csv_points import SIGMAS
-from musatpy.depth.misplaced_points import attempted, require_sight
+from musatpy.depth.corrected_files import SIGMAS
+from musatpy.depth.correction import (
+    NO_POINTS,
+    Correction,
+    CorrectionTally,
+    Progress,
+    attempted,
+    in_order,
+    require_sight,
+)
 from musatpy.errors import DepthError, Problem
 from musatpy.interchange import geotiff
 from musatpy.interchange.geotiff import Raster

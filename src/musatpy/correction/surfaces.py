@@ -14,8 +14,15 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.correction.layers import DRY
 from musatpy.correction.rasters import POSTS
-from musatpy.depth.correction import NO_POINTS, Correction, CorrectionTally, Progress, in_order
-from musatpy.depth.misplaced_points import attempted, require_sight
+from musatpy.depth.correction import (
+    NO_POINTS,
+    Correction,
+    CorrectionTally,
+    Progress,
+    attempted,
+    in_order,
+    require_sight,
+)
 from musatpy.errors import DepthError, Problem
 from musatpy.interchange import geotiff
 from musatpy.interchange.geotiff import Raster

@@ -1,8 +1,9 @@
-"""A file of exposure stations, which of their cameras sees a point, and the system that a file of points is in.
+"""Exposure stations of a file or of a run, which of their cameras sees a point, and the system that points are in.
 
-A table with columns `name,x,y,z`, or bare lines of these four, and as far as they are known
-`tide` (height of the water), `omega,phi,kappa` (degrees), `focal,width,height` (mm) of the camera, the sigmas of
-place and attitude `sigma_x,sigma_y,sigma_z,sigma_omega,sigma_phi,sigma_kappa`, and `sigma_tide`.
+A file is the record that `musat run` leaves, or a table with columns `name,x,y,z`, or bare lines of these four,
+and as far as they are known `tide` (height of the water), `omega,phi,kappa` (degrees), `focal,width,height` (mm) of
+the camera, the sigmas of place and attitude `sigma_x,sigma_y,sigma_z,sigma_omega,sigma_phi,sigma_kappa`, and
+`sigma_tide`.
 """
 
 from __future__ import annotations
@@ -16,19 +17,30 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.depth.point_positions import LOCAL, Tilt
-from musatpy.errors import DepthError, Problem
+from musatpy.errors import DepthError, Problem, SystemsError
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.crs import own_ellipsoid, system_of
-from musatpy.geometry.systems import System
+from musatpy.geometry.geodesy import middle_of
+from musatpy.geometry.systems import LocalRectangular, System, geographic
+from musatpy.model import Initial
 from musatpy.pointfiles.columns import ABOVE_ZERO, AXES, FileColumn, Wanted, place_columns
 from musatpy.pointfiles.las_files import SUFFIXES, crs_definition
 from musatpy.pointfiles.point_tables import read_table
+from musatpy.records.json_files import read_record
+from musatpy.records.run_tables import (
+    STATIONS,
+    cameras_of,
+    job_system,
+    level_positions,
+    photos_of,
+    water_fault,
+)
+from musatpy.records.tables import Tables, numbers
 from musatpy.refraction.apparent import Stations
 from musatpy.units import DEGREE
 
-_Vector = tuple[FloatArray, FloatArray, FloatArray]
-
+LOCAL = LocalRectangular()
+RECORD = ".json"  # suffix of the record of a run
 _ATTITUDE, _CAMERA = ("omega", "phi", "kappa"), ("focal", "width", "height")
 _SIGMAS = tuple(f"sigma_{name}" for name in (*AXES, *_ATTITUDE))
 _STATIONS = Wanted(
@@ -50,6 +62,14 @@ _STATIONS = Wanted(
     bare=("name", *AXES),
     closed=True,
 )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tilt:
+    """Water that rises by `slope` (3,), in the axes of the stations, from `pivot` (3,) m there."""
+
+    slope: FloatArray
+    pivot: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,49 +100,31 @@ class CameraStations:
         """Return some of the cameras, in this order."""
         picked = list(rows)
 
-        def part(values: FloatArray | None) -> FloatArray | None:
-            return None if values is None else values[picked]
+        def parts(table: Any) -> dict[str, Any]:
+            return {name: values[picked] for name, values in vars(table).items() if isinstance(values, np.ndarray)}
 
-        stations: dict[str, Any] = {name: part(values) for name, values in vars(self.stations).items()}
-        return replace(
-            self,
-            names=tuple(self.names[row] for row in picked),
-            stations=replace(self.stations, **stations),
-            rotation=part(self.rotation),
-            camera=part(self.camera),
-            axes=part(self.axes),
-            sigma=part(self.sigma),
-        )
+        names = tuple(self.names[row] for row in picked)
+        return replace(self, names=names, stations=replace(self.stations, **parts(self.stations)), **parts(self))
 
     def sees(self, points: FloatArray) -> BoolArray:
         """Return (n, k) which cameras see apparent points (n, 3), in the axes of the stations, by their images."""
         seen = np.empty((len(points), len(self.names)), dtype=bool)
-        X, Y, Z = np.ascontiguousarray(points.T)
+        across = np.ascontiguousarray(points.T)
         with np.errstate(invalid="ignore", divide="ignore"):
-            for row, (x, y, z) in enumerate(self.stations.position.tolist()):
-                gap = X - x, Y - y, Z - z
+            for row, station in enumerate(self.stations.position):
+                gap = across - station[:, None]
                 if self.axes is not None:
-                    gap = _turned(self.axes[row], gap)
-                seen[:, row] = gap[2] < 0.0
+                    gap = self.axes[row] @ gap
+                here = gap[2] < 0.0
                 if self.limit is not None:
-                    far = math.tan(self.limit) ** 2 * gap[2] * gap[2]
-                    seen[:, row] &= gap[0] * gap[0] + gap[1] * gap[1] <= far
-                if self.camera is not None:
-                    seen[:, row] &= self._in_format(row, gap)
+                    here &= np.square(gap[0]) + np.square(gap[1]) <= math.tan(self.limit) ** 2 * np.square(gap[2])
+                if self.camera is not None and self.rotation is not None:
+                    f, width, height = self.camera[row].tolist()
+                    u, v, w = self.rotation[row] @ gap
+                    reach = -w / f  # image vector (x, y, -f) times this
+                    here &= (reach > 0.0) & (np.abs(u) <= width / 2.0 * reach) & (np.abs(v) <= height / 2.0 * reach)
+                seen[:, row] = here
         return seen
-
-    def _in_format(self, row: int, gap: _Vector) -> BoolArray:
-        assert self.camera is not None and self.rotation is not None
-        f, width, height = self.camera[row].tolist()
-        M = self.rotation[row]
-        u, v, w = _turned(M, gap)
-        reach = -w / f  # image vector (x, y, -f) times this
-        return (reach > 0.0) & (np.abs(u) <= width / 2.0 * reach) & (np.abs(v) <= height / 2.0 * reach)
-
-
-def _turned(R: FloatArray, gap: _Vector) -> _Vector:
-    u, v, w = (R[i, 0] * gap[0] + R[i, 1] * gap[1] + R[i, 2] * gap[2] for i in range(3))
-    return u, v, w
 
 
 def read_cameras(
@@ -177,6 +179,90 @@ def read_cameras(
     return CameraStations(
         names=names, stations=stations, rotation=rotation, camera=formats, limit=limit, sigma=sigma
     )
+
+
+def read_run(
+    path: Path,
+    *,
+    camera: tuple[float, float, float] | None = None,
+    limit: float | None = None,
+    water: bool = True,
+    waves: bool = False,
+) -> CameraStations:
+    """Return the adjusted stations of a run, with tides, attitudes, cameras, index and tilt of water.
+
+    `camera` (focal length, width, height) where a camera has no format. Without `water` nothing of it is asked for,
+    and levels are minus infinity; with `waves` the caller knows what to do with them. Raises `RecordError` for what
+    is no record, `DepthError` for a run whose water is not known or has waves, or whose system cannot be had again
+    (a geoid model that is not there); `OSError`.
+    """
+    tables = read_record(path, ("program", "solution", *STATIONS))
+    problems = [] if tables["solution"]["converged"] else ["the run has not converged"]
+    problems += _water_faults(tables, waves) if water else []
+    try:
+        if not problems:
+            return replace(_cameras(tables, camera, water), limit=limit)
+    except (ValueError, SystemsError) as error:  # of the stations, and of the system
+        problems = [str(error)]
+    raise DepthError([Problem(file=str(path), message=message) for message in problems])
+
+
+def _water_faults(tables: Tables, waves: bool) -> list[str]:
+    """Return why the water of a record cannot be used."""
+    faults, water = [], tables["adjusted_water"]
+    if water is None:
+        return ["the run knows no water"]
+    if fault := water_fault(tables):
+        faults.append(fault)
+    if any(water["tilt"]) and tables["options"]["initial"] != Initial.GIVEN:
+        faults.append("the water of the run is tilted, about a place that is known where stations are given")
+    if tables["waves"]["wave"] and not waves:
+        faults.append("the water of the run has waves, here it is still: give its stations as a CSV file")
+    photos = tables["stations"]["photo"]
+    dry = [photo for photo, tide in zip(photos, water["tide"], strict=True) if tide is None]
+    if dry:
+        faults.append(f"no tide of photo {', '.join(dry)}")
+    return faults
+
+
+def _cameras(tables: Tables, camera: tuple[float, float, float] | None, with_water: bool) -> CameraStations:
+    photos, cameras, system = photos_of(tables), cameras_of(tables), job_system(tables)
+    formats = np.column_stack([cameras.focal_length, cameras.format_size])[photos.camera]
+    known = np.isfinite(formats).all()
+    if not known and camera is not None:
+        formats = np.where(np.isfinite(formats), formats, camera)
+    rotation = attitude_matrix(photos.attitude)
+    level = level_positions(tables, photos.position)
+    axes = None if system.ellipsoid is None else system.ellipsoid.frame(level)
+    seen_from = Stations(
+        position=level if system.ellipsoid is None else system.ellipsoid.geocentric(level),
+        level=photos.tide if with_water else np.full(len(formats), -np.inf),
+        axis=-rotation[:, 2] if axes is None else -np.einsum("ki,kij->kj", rotation[:, 2], axes),
+        height=level[:, 2],
+    )
+    water = tables["adjusted_water"] if with_water else None
+    return CameraStations(
+        names=tuple(photos.ids.tolist()),
+        stations=seen_from,
+        rotation=rotation,
+        camera=formats if known or camera is not None else None,
+        index=None if water is None else water["index"],
+        axes=axes,
+        system=system,
+        tilt=_tilt(tables, system) if water is not None and any(water["tilt"]) else None,
+    )
+
+
+def _tilt(tables: Tables, system: System) -> Tilt:
+    """Return the tilt of the water: slopes east and north in the middle of the stations as given."""
+    given = level_positions(tables, numbers(tables["stations"], "given_position", 3))
+    if system.ellipsoid is None:
+        pivot = middle_of(given)
+        axes = np.eye(3)
+    else:
+        pivot = middle_of(system.ellipsoid.geocentric(given))
+        axes = system.ellipsoid.frame(geographic(system.ellipsoid, pivot))
+    return Tilt(slope=np.array(tables["adjusted_water"]["tilt"], dtype=float) @ axes[:2], pivot=pivot)
 
 
 def system_of_points(

@@ -1,4 +1,9 @@
-"""The correction of apparent points: a chunk of them, and files of any size chunk by chunk on several processes."""
+"""The correction of apparent points: a chunk of them, and files of any size chunk by chunk on several processes.
+
+Stations of a local job and points stand in one rectangular system with Z up. On the ellipsoid stations are
+geocentric, points in any system, and every point has its own vertical: the water over it is a plane across that, at
+the tide above the ellipsoid, as in the adjustment. Tilted water is a plane too, across its own normal.
+"""
 
 from __future__ import annotations
 
@@ -6,25 +11,28 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.depth.cameras import CameraStations
-from musatpy.depth.point_positions import PointSystem
-from musatpy.errors import DepthError, Problem
-from musatpy.geometry.systems import System
-from musatpy.refraction.apparent import REASONS, Fault, Through, TruePoints, true_points
+from musatpy.errors import DepthError, Problem, SystemsError
+from musatpy.geometry.collinearity import cross
+from musatpy.geometry.crs import LongitudeLatitude
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.projected import Projected
+from musatpy.geometry.systems import Geocentric, System, geographic
+from musatpy.refraction.apparent import REASONS, Fault, Through, TruePoints, Verticals, true_points
+from musatpy.units import FOOT
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-
+_ZONE = 6.0  # degrees, of UTM
 _WATCH = 0.1  # s, between looks at whether the parent is there
-_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of Linux
 Task = TypeVar("Task")
 Done = TypeVar("Done")
 Progress = Callable[[int], None]  # told how much more of a file is done
@@ -38,6 +46,25 @@ class PointErrors(Protocol):
 
         level (n, 3): latitude, longitude (rad) and height (m), or X, Y, Z; seen (n, k): which cameras see them.
         """
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlacedPoints:
+    """n points in the axes of the stations, and each in its own vertical; None: that is Z of these axes."""
+
+    position: FloatArray  # (n, 3) m
+    upright: FloatArray  # (n, 3) m in the verticals
+    verticals: Verticals | None
+
+
+def _tilted(axes: FloatArray, slope: FloatArray) -> FloatArray:
+    """Return axes (n, 3, 3) turned so that the third is normal to water of a slope (3,) over the second two."""
+    up = axes[:, 2]
+    normal = up - (slope - up * (up @ slope)[:, None])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    north = cross(normal, axes[:, 0])
+    north /= np.linalg.norm(north, axis=1)[:, None]
+    return np.stack([cross(north, normal), north, normal], axis=1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,18 +82,17 @@ class Correction:
     through: Through | None = None
 
     @property
-    def ground(self) -> PointSystem:
-        """The system of the points, over the water of the cameras."""
-        return PointSystem(system=self.system or self.cameras.system, tilt=self.cameras.tilt)
+    def points_in(self) -> System:
+        """The system of the points."""
+        return self.system or self.cameras.system
 
     def __call__(self, apparent: FloatArray) -> tuple[TruePoints, BoolArray]:
         """Return the true points of apparent ones (n, 3), and (n, k) which cameras see them.
 
         Raises `SystemsError` where the system of the points does not reach one.
         """
-        ground = self.ground
         known = np.asarray(np.isfinite(apparent).all(axis=1))
-        placed = ground.placed(apparent if known.all() else np.where(known[:, None], apparent, self.middle))
+        placed = self.placed(apparent if known.all() else np.where(known[:, None], apparent, self.middle))
         placed.upright[~known] = np.nan
         seen = self.cameras.sees(placed.position) & known[:, None]
         points = true_points(
@@ -74,21 +100,48 @@ class Correction:
         )
         good = np.flatnonzero(points.fault == Fault.NONE)
         if placed.verticals is not None:
-            points.position[good] = ground.restated(points.position[good], placed.verticals[good])
+            points.position[good] = self.restated(points.position[good], placed.verticals[good])
         if self.errors is not None:
-            level = ground.system.level(points.position[good])
+            level = self.points_in.level(points.position[good])
             points.sigma[good], points.depth_sigma[good] = self.errors(level, seen[good])
         return points, seen
+
+    def placed(self, given: FloatArray) -> PlacedPoints:
+        """Return finite points (n, 3) as they are placed. Raises `SystemsError` where the system does not reach."""
+        ellipsoid, tilt = self.points_in.ellipsoid, self.cameras.tilt
+        if ellipsoid is None:
+            if tilt is None:
+                return PlacedPoints(position=given, upright=given, verticals=None)
+            position, height, axes = given, given[:, 2], np.broadcast_to(np.eye(3), (len(given), 3, 3))
+        else:
+            level = self.points_in.level(given)
+            position, height, axes = ellipsoid.geocentric(level), level[:, 2], ellipsoid.frame(level)
+        if tilt is not None:
+            height = height - (position - tilt.pivot) @ tilt.slope
+            axes = _tilted(axes, tilt.slope)
+        upright = np.zeros_like(position)
+        upright[:, 2] = height
+        origin = position - height[:, None] * axes[:, 2]
+        return PlacedPoints(position=position, upright=upright, verticals=Verticals(origin=origin, axes=axes))
+
+    def restated(self, upright: FloatArray, verticals: Verticals) -> FloatArray:
+        """Return the coordinates (n, 3) of points in their verticals."""
+        return self.coordinates(verticals.origin + np.einsum("nij,ni->nj", verticals.axes, upright))
+
+    def coordinates(self, position: FloatArray) -> FloatArray:
+        """Return the coordinates (n, 3) of positions in the axes of the stations."""
+        ellipsoid = self.points_in.ellipsoid
+        return position if ellipsoid is None else self.points_in.coordinates(geographic(ellipsoid, position))
 
     @property
     def nadirs(self) -> FloatArray:
         """(k, 2) plan coordinates of the stations, in the system of the points."""
-        return self.ground.coordinates(self.cameras.stations.position)[:, :2]
+        return self.coordinates(self.cameras.stations.position)[:, :2]
 
     @property
     def middle(self) -> FloatArray:
         """(3,) of the stations, in the system of the points."""
-        return self.ground.coordinates(self.cameras.stations.position.mean(axis=0))
+        return self.coordinates(self.cameras.stations.position.mean(axis=0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,17 +158,13 @@ class CorrectionTally:
     @classmethod
     def of(cls, points: TruePoints) -> CorrectionTally:
         """Return the tally of some points."""
-        faults = np.bincount(points.fault, minlength=len(Fault))
-        seen = int(np.count_nonzero(points.cameras))
         good = points.fault == Fault.NONE
-        if not good.any():
-            return cls(faults=faults, seen=seen)
         return cls(
-            faults=faults,
-            seen=seen,
-            deepest=float(points.depth[good].max()),
+            faults=np.bincount(points.fault, minlength=len(Fault)),
+            seen=int(np.count_nonzero(points.cameras)),
+            deepest=float(points.depth[good].max(initial=-np.inf)),
             factor_sum=float(points.factor[good].sum()),
-            largest_spread=float(points.spread[good].max()),
+            largest_spread=float(points.spread[good].max(initial=-np.inf)),
             depth_variance=float(np.square(points.depth_sigma[good]).sum()),
         )
 
@@ -152,6 +201,94 @@ class CorrectionTally:
 NO_POINTS = CorrectionTally(faults=np.zeros(len(Fault), dtype=np.int64))
 
 
+# --- points that no camera sees: what would put them below the cameras ---
+
+
+def attempted(correction: Correction, source: str, apparent: FloatArray) -> tuple[TruePoints, BoolArray] | Problem:
+    """Return the true points of apparent ones (n, 3), and (n, k) which cameras see them.
+
+    Or the problem of a file with points that their system does not reach: errors do not leave a process.
+    """
+    try:
+        return correction(apparent)
+    except SystemsError as error:
+        what = "; ".join(problem.message for problem in error.problems)
+        return Problem(
+            file=source, message=f"{what}: are the points in this system? {_directions(correction, apparent)}"
+        )
+
+
+def require_sight(correction: Correction, tally: CorrectionTally, source: Path, some: FloatArray) -> None:
+    """Raise `DepthError` where there are points, and no camera sees any, with what would let it see `some`."""
+    count = int(tally.faults.sum() - tally.faults[Fault.NOT_FINITE])
+    if not count or tally.seen:
+        return
+    message = (
+        f"no camera sees any of its {count} points: are they in the system of the job? They were taken as "
+        f"{correction.points_in.text}. {_directions(correction, some)}"
+    )
+    raise DepthError([Problem(file=str(source), message=message)])
+
+
+def _directions(correction: Correction, points: FloatArray) -> str:
+    """Return in words where the stations are in the system of points (n, 3), and how these would be seen."""
+    system = correction.points_in
+    place = ", ".join(
+        f"{name} {value:.{min(decimals, 6)}f}"
+        for name, value, decimals in zip(system.names, correction.middle.tolist(), system.decimals, strict=True)
+    )
+    ways = "".join(f". They are seen as {words}" for words in _ways(correction, points))
+    return f"The middle of the stations is {place}{ways}"
+
+
+def _ways(correction: Correction, points: FloatArray) -> Iterator[str]:
+    """Yield in words how points would be seen: changed, or in another system."""
+    points = points[np.isfinite(points).all(axis=1)]
+    changed = {
+        "x and y exchanged": points[:, [1, 0, 2]],
+        "feet": points * FOOT,
+        "heights in feet": points * [1.0, 1.0, FOOT],
+        "depths positive down": points * [1.0, 1.0, -1.0],
+    }
+    for words, others in changed.items():
+        if _fits(correction, others):
+            yield words
+    ellipsoid = correction.points_in.ellipsoid
+    if ellipsoid is not None:
+        for words, system in _systems(ellipsoid, correction.points_in.level(correction.middle[None])):
+            if _fits(replace(correction, system=system), points):
+                yield words
+
+
+def _fits(correction: Correction, points: FloatArray) -> bool:
+    """Tell whether a camera sees one of the points, which is nearer to the water than the stations are."""
+    stations = correction.cameras.stations
+    level, height = float(stations.level.mean()), float(stations.heights.mean())
+    try:
+        placed = correction.placed(points)
+    except SystemsError:
+        return False
+    near = np.abs(placed.upright[:, 2] - level) < height - level
+    return bool((correction.cameras.sees(placed.position).any(axis=1) & near).any())
+
+
+def _systems(ellipsoid: Ellipsoid, middle: FloatArray) -> Iterator[tuple[str, System]]:
+    """Yield the systems that files are often in, of the zones of UTM those that the stations may be in."""
+    yield "longitude and latitude in degrees", LongitudeLatitude(ellipsoid)
+    yield "geocentric coordinates", Geocentric(ellipsoid)
+    latitude, longitude = np.degrees(middle[0, :2]).tolist()
+    zone = int((longitude + 180.0) // _ZONE) % 60
+    for near in (zone - 1, zone, zone + 1):
+        for side in ("north", "south"):
+            number = near % 60 + 1
+            definition = f"+proj=utm +zone={number}{' +south' if side == 'south' else ''} {ellipsoid.definition}"
+            if (side == "north") == (latitude >= 0.0) or abs(latitude) < _ZONE:
+                yield f'UTM, zone {number} {side} (--crs "{definition}")', Projected(definition, ellipsoid)
+
+
+# --- on several processes ---
+
+
 def in_order(function: Callable[[Task], Done], tasks: Iterable[Task], jobs: int) -> Iterator[Done]:
     """Yield what a function makes of each task, in their order, on some processes; few tasks wait at any time.
 
@@ -184,26 +321,13 @@ _of_process: dict[str, Callable[[Any], Any]] = {}
 
 
 def _begin(parent: int, function: Callable[[Any], Any]) -> None:
-    """Let this process have the function of its tasks once: covariances of stations are large."""
-    _of_process["function"] = function
-    _end_with(parent)
+    """Let this process have the function of its tasks once: covariances of stations are large.
 
-
-def _work(task: Any) -> Any:
-    return _of_process["function"](task)
-
-
-def _end_with(parent: int) -> None:
-    """Let this process end when its parent is gone: killed, that leaves its workers waiting for tasks for ever.
-
-    On Linux the system does so at once, even in the middle of a task; elsewhere the process looks for its parent.
+    It ends when its parent is gone: that leaves workers waiting for tasks for ever where it is killed.
     """
-    import ctypes
-    import signal
     import threading
 
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(_DEATH_SIGNAL, signal.SIGKILL)
+    _of_process["function"] = function
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -211,3 +335,7 @@ def _end_with(parent: int) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def _work(task: Any) -> Any:
+    return _of_process["function"](task)

@@ -106,7 +106,7 @@ def factors(model: Correction, x: FloatArray, y: FloatArray, depths: FloatArray)
     points[..., 2] = level - np.maximum(depths, least)
     flat = points.reshape(-1, 3)
     if model.cameras.has_rule:
-        seen = model.cameras.sees(model.ground.placed(flat).position)
+        seen = model.cameras.sees(model.placed(flat).position)
         seen_level = seen @ stations.level / np.maximum(seen.sum(axis=1), 1)
         flat[:, 2] += np.where(seen.any(axis=1), seen_level - level, 0.0)
     true, _ = model(flat)

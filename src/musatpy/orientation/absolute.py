@@ -39,9 +39,7 @@ def absolute_orientation(targets: Targets, up: FloatArray, floor: float) -> tupl
     if horizontal.sum() < 2 or not vertical.any():
         return None
     start = _start(targets, levelling(up))
-    if start is None:
-        return None
-    return _refined(targets, start, up, floor)
+    return None if start is None else _refined(targets, start, up, floor)
 
 
 def levelling(up: FloatArray) -> FloatArray:
@@ -98,7 +96,11 @@ def _refined(targets: Targets, start: Similarity, up: FloatArray, floor: float) 
         rhs = np.einsum("kia,ki,ki->a", J, robust, error)
         N[1:3, 1:3] += level * np.eye(2)
         rhs[1:3] += level * np.cross(similarity.rotation @ up, [0.0, 0.0, 1.0])[:2]
-        similarity = _moved(similarity, np.linalg.lstsq(N, rhs, rcond=1e-14)[0], middle)
+        step = np.linalg.lstsq(N, rhs, rcond=1e-14)[0]
+        scale, R = max(1.0 + float(step[0]), 0.1), turn(step[1:4])  # about the middle
+        similarity = Similarity(scale=scale, rotation=R, shift=middle + step[4:] - scale * R @ middle).after(
+            similarity
+        )
     return similarity, robust
 
 
@@ -112,10 +114,3 @@ def _robust_weights(targets: Targets, error: FloatArray, floor: float) -> FloatA
             weight = cauchy(off, spread(off[known], floor), targets.weight * known)
             robust[:, components] = weight[:, None]
     return robust
-
-
-def _moved(old: Similarity, step: FloatArray, middle: FloatArray) -> Similarity:
-    R = turn(step[1:4])
-    scale = max(1.0 + float(step[0]), 0.1)
-    shift = scale * R @ (old.shift - middle) + middle + step[4:]
-    return Similarity(scale=scale * old.scale, rotation=R @ old.rotation, shift=shift)

@@ -7,8 +7,6 @@ heading come first, as logarithms, so that no scale shrinks; the places follow. 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
@@ -22,76 +20,59 @@ _ROUNDS = 12  # of robust weights
 _FLOOR = 1e-3  # of the flying height, and rad: the least error of a mosaic
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Links:
-    """k pairs of photos and the logarithm of scale and turn from the second to the first, with weights."""
-
-    first: IntArray
-    second: IntArray
-    turn: ComplexArray  # log a, a the ground units of a tangent of photo 2 over those of photo 1, and the headings
-    weight: FloatArray
-
-
 def mosaics(sights: Tangents) -> list[PhotoModel]:
     """Return models of vertical photos over flat ground, one for each part that pairs hold together."""
-    links = _links(sights)
-    return [_laid(sights, links, part) for part in _parts(links)]
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components  # heavy, of few jobs
+
+    first, second, turn, weight = _links(sights)
+    if not len(first):
+        return []
+    photos = np.unique([first, second])
+    i, j = np.searchsorted(photos, (first, second))
+    count, part = connected_components(coo_array((weight, (i, j)), shape=(len(photos),) * 2), directed=False)
+    inside = (part[i] == number for number in range(count))
+    return [_laid(sights, first[rows], second[rows], turn[rows], weight[rows]) for rows in inside]
 
 
-def _links(sights: Tangents) -> _Links:
+def _links(sights: Tangents) -> tuple[IntArray, IntArray, ComplexArray, FloatArray]:
+    """Return pairs of photos (k,), first and second, their turns (k,) and weights (k,).
+
+    A turn is the logarithm of scale and turn from the second to the first: the headings, and the ground units of a
+    tangent of the one over those of the other.
+    """
     first, second, ends, rows = common_images(sights, _FEWEST)
     if not len(first):
-        none = np.zeros(0, dtype=np.int64)
-        return _Links(first=none, second=none, turn=np.zeros(0, dtype=complex), weight=np.zeros(0))
+        return first, second, np.zeros(0, dtype=complex), np.zeros(0)
     x1, x2, weight, _ = common_tangents(sights, ends, rows)
     a, _, robust = plane_similarity(x1, x2, weight)
-    good = np.isfinite(a) & (np.abs(a) > 0.2) & (np.abs(a) < 5.0)
     # the spread of the points is what turns errors of images into those of scale and turn
     z = x1[..., 0] + 1j * x1[..., 1]
     share = weight * robust
     middle = (share * z).sum(axis=1) / np.maximum(share.sum(axis=1), 1e-300)
     width = (share * np.square(np.abs(z - middle[:, None]))).sum(axis=1)
-    good &= width > 0
+    good = np.isfinite(a) & (np.abs(a) > 0.2) & (np.abs(a) < 5.0) & (width > 0)
     # x2 = a x1 + b, and on the ground a1 x1 = a2 x2 but for the places: log a2 = log a1 - log a
-    return _Links(first=first[good], second=second[good], turn=-np.log(a[good]), weight=width[good])
+    return first[good], second[good], -np.log(a[good]), width[good]
 
 
-def _parts(links: _Links) -> list[IntArray]:
-    """Return the photos of each connected part, each in the order of a walk from its first photo."""
-    neighbours: dict[int, list[int]] = {}
-    for i, j in zip(links.first.tolist(), links.second.tolist(), strict=True):
-        neighbours.setdefault(i, []).append(j)
-        neighbours.setdefault(j, []).append(i)
-    parts, seen = [], set()
-    for start in neighbours:
-        if start in seen:
-            continue
-        part = [start]
-        seen.add(start)
-        for photo in part:  # grows as it goes
-            new = [other for other in dict.fromkeys(neighbours[photo]) if other not in seen]
-            seen.update(new)
-            part += new
-        parts.append(np.array(part))
-    return parts
-
-
-def _laid(sights: Tangents, links: _Links, part: IntArray) -> PhotoModel:
-    number = np.full(int(max(sights.photo.max(), part.max())) + 1, -1)
-    number[part] = np.arange(len(part))
-    inside = number[links.first] >= 0
-    i, j = number[links.first[inside]], number[links.second[inside]]
-    a = np.exp(_turns(i, j, links.turn[inside], links.weight[inside], len(part)))
-    rows = np.flatnonzero(number[sights.photo] >= 0)
-    photo = number[sights.photo[rows]]
+def _laid(
+    sights: Tangents, first: IntArray, second: IntArray, turn: ComplexArray, weight: FloatArray
+) -> PhotoModel:
+    """Return the model of the photos of pairs that hold together."""
+    part = np.unique([first, second])
+    i, j = np.searchsorted(part, (first, second))
+    a = np.exp(_turns(i, j, turn, weight, len(part)))
+    rows = np.flatnonzero(np.isin(sights.photo, part))
+    photo = np.searchsorted(part, sights.photo[rows])
     arms = a[photo] * (sights.x[rows, 0] + 1j * sights.x[rows, 1])
     point, index, count = np.unique(sights.point[rows], return_inverse=True, return_counts=True)
     many = count[index] > 1
     b, w = _places(photo[many], index[many], arms[many], sights.weight[rows[many]], len(part), len(point))
-    height, turn = np.abs(a), a / np.abs(a)
+    height, turned = np.abs(a), a / np.abs(a)
     M = np.zeros((len(part), 3, 3))
-    M[:, 0, 0] = M[:, 1, 1] = turn.real
-    M[:, 0, 1], M[:, 1, 0] = turn.imag, -turn.imag
+    M[:, 0, 0] = M[:, 1, 1] = turned.real
+    M[:, 0, 1], M[:, 1, 0] = turned.imag, -turned.imag
     M[:, 2, 2] = 1.0
     tied = count > 1
     return PhotoModel(
@@ -114,25 +95,24 @@ def _turns(i: IntArray, j: IntArray, turn: ComplexArray, weight: FloatArray, pho
         off = turn - (logs[j] - logs[i])
         off = off - 2j * np.pi * np.rint(off.imag / (2 * np.pi))
         robust = cauchy(np.abs(off), spread(np.abs(off), _FLOOR), weight)
-        logs = logs + _solved(
-            _laplacian(i, j, robust, photos), _sums(j, robust * off, photos) - _sums(i, robust * off, photos)
-        )
+        N = np.zeros((photos, photos))
+        np.add.at(N, (np.concatenate([i, j]), np.concatenate([j, i])), -np.tile(robust, 2))
+        N -= np.diag(N.sum(axis=1))
+        logs = logs + _solved(N, _sums(j, robust * off, photos) - _sums(i, robust * off, photos))
     return logs
 
 
 def _carried(i: IntArray, j: IntArray, turn: ComplexArray, weight: FloatArray, photos: int) -> ComplexArray:
-    """Return log a (n,) carried along the tree of the surest pairs (Prim), from photo 0."""
+    """Return log a (n,) carried along the tree of the surest pairs, from photo 0."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+
+    tree = minimum_spanning_tree(coo_array((1.0 / weight, (i, j)), shape=(photos, photos)))
+    order, before = breadth_first_order(tree, 0, directed=False)
+    turns = dict(zip(zip(i.tolist(), j.tolist(), strict=True), turn.tolist(), strict=True))
     logs = np.zeros(photos, dtype=complex)
-    inside = np.zeros(photos, dtype=bool)
-    inside[0] = True
-    for _ in range(photos - 1):
-        edge = np.where(inside[i] != inside[j], weight, -1.0)
-        k = int(edge.argmax())
-        if inside[i[k]]:
-            logs[j[k]] = logs[i[k]] + turn[k]
-        else:
-            logs[i[k]] = logs[j[k]] - turn[k]
-        inside[i[k]] = inside[j[k]] = True
+    for photo, last in zip(order[1:].tolist(), before[order[1:]].tolist(), strict=True):
+        logs[photo] = logs[last] + (turns[last, photo] if (last, photo) in turns else -turns[photo, last])
     return logs
 
 
@@ -155,13 +135,6 @@ def _places(
         off = np.abs(b[photo] + arms - w[point])
         robust = cauchy(off, spread(off, _FLOOR), weight)
     return b, w
-
-
-def _laplacian(i: IntArray, j: IntArray, weight: FloatArray, size: int) -> FloatArray:
-    N = np.zeros((size, size))
-    np.add.at(N, (i, j), -weight)
-    np.add.at(N, (j, i), -weight)
-    return N - np.diag(N.sum(axis=1))
 
 
 def _sums(index: IntArray, values: ComplexArray, size: int) -> ComplexArray:

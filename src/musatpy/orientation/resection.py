@@ -102,15 +102,8 @@ def _distances(j: FloatArray, P: FloatArray) -> tuple[IntArray, FloatArray]:
         [
             (d - 1) ** 2 - 4 * c2 / b2 * cos_a**2,
             4 * (d * (1 - d) * cos_b - (1 - e) * cos_a * cos_c + 2 * c2 / b2 * cos_a**2 * cos_b),
-            2
-            * (
-                d**2
-                - 1
-                + 2 * d**2 * cos_b**2
-                + 2 * (b2 - c2) / b2 * cos_a**2
-                - 4 * e * cos_a * cos_b * cos_c
-                + 2 * (b2 - a2) / b2 * cos_c**2
-            ),
+            2 * (d**2 - 1 + 2 * d**2 * cos_b**2 - 4 * e * cos_a * cos_b * cos_c)
+            + 4 * ((b2 - c2) / b2 * cos_a**2 + (b2 - a2) / b2 * cos_c**2),
             4 * (-d * (1 + d) * cos_b + 2 * a2 / b2 * cos_c**2 * cos_b - (1 - e) * cos_a * cos_c),
             (1 + d) ** 2 - 4 * a2 / b2 * cos_c**2,
         ],

@@ -14,7 +14,7 @@ from musatpy.reports.table import Report
 from musatpy.statistics.differences import DifferenceStatistics, analysis_of
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
-    from musatpy.compilation.contoured import ContourArea, ContourDistance, Contoured
+    from musatpy.compilation.other_bottoms import ContourArea, ContourDistance, Contoured
 
 
 def _all(name: str) -> Any:

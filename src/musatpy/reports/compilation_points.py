@@ -20,12 +20,11 @@ from musatpy.statistics import Words
 from musatpy.statistics.analyses import words_of
 
 if TYPE_CHECKING:
-    from musatpy.compilation.against_run import AgainstRun
+    from musatpy.compilation.against_run import AgainstRun, ModelSetUp
     from musatpy.compilation.answers import FilePlaces, StatedPoints
     from musatpy.compilation.bottom import Bottom
     from musatpy.compilation.compiled import Compiled, DepthDatum
     from musatpy.compilation.profiles import CompiledProfile, ProfileScan
-    from musatpy.compilation.setups import ModelSetUp
     from musatpy.model import Verdict
 
 ENU_SIGMAS = [f"Sigma {axis}\nm" for axis in "ENU"]

@@ -24,7 +24,7 @@ from musatpy.soundings.s44 import order_names, source
 
 if TYPE_CHECKING:
     from musatpy.compilation.compiled import Compiled
-    from musatpy.compilation.sounded import Matching, Sounded
+    from musatpy.compilation.other_bottoms import Matching, Sounded
 
 _LARGEST = 20  # blunders that are named
 

@@ -11,10 +11,9 @@ import musatpy
 from musatpy.arrays import FloatArray
 from musatpy.geometry.similarity import fit
 from musatpy.orientation.twomedia import helmert
-from musatpy.orientation.twomedia.conditions import Misclosure, fermat
 from musatpy.orientation.twomedia.helmert import HelmertProblem, adjust, refined
 from musatpy.orientation.twomedia.oriented import Oriented, PlaneVerdict, orient
-from musatpy.orientation.twomedia.rays import STATION, ImageRays, Orientation, paper_partials
+from musatpy.orientation.twomedia.rays import STATION, ImageRays, Misclosure, Orientation, fermat, paper_partials
 from musatpy.orientation.twomedia.sights import (
     PlaneTreatment,
     Sights,

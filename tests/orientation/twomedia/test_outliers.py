@@ -8,8 +8,8 @@ from scipy.special import chdtrc, chdtri
 
 from musatpy.orientation.twomedia.helmert import adjust, linearised, misfits
 from musatpy.orientation.twomedia.oriented import OrientationError, orient
-from musatpy.orientation.twomedia.outliers import CRITICAL, _tested, conditioned, deviations
 from musatpy.orientation.twomedia.sights import Sights, WaterPlane, problem_of, without
+from musatpy.orientation.twomedia.solutions import CRITICAL, conditioned, deviations, snooped
 from orientation.twomedia.geometries import METHODS, control_of, geometry, sights_of, truth_of
 
 _TOUCHED = 8.0  # sigmas by which an error moves the conditions of its point, beyond any doubt
@@ -88,7 +88,7 @@ def test_a_point_comes_back_from_within_two_and_a_half_sigmas():
     wrong, doubted = point[np.argmax(size)], point[(size > 1.2) & (size < 2.2)]
     assert len(doubted) == 2
     suspected = np.isin(np.arange(len(sights.points)), [wrong, *doubted])
-    out, adjusted = _tested(sights, method, WaterPlane(), suspected, all_in.at)
+    out, adjusted = snooped(sights, method, WaterPlane(), all_in.at, suspected)
     assert np.flatnonzero(out).tolist() == [wrong]
     assert 3.5 < misfits(whole, adjusted.at)[0][point == wrong] < 4.0
 

@@ -14,8 +14,15 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.collinearity import attitude_matrix, attitude_matrix_partials
-from musatpy.orientation.twomedia.conditions import ConditionGroup
-from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, ImageRays, Orientation, image_rays
+from musatpy.orientation.twomedia.rays import (
+    IMAGE,
+    PHOTO,
+    WATER,
+    ConditionGroup,
+    ImageRays,
+    Orientation,
+    image_rays,
+)
 
 _STEPS = 60  # of Levenberg and Marquardt
 _LAST_STEPS = 200  # at the adjusted values; from the air each may leave .8 of what the one before has left
@@ -118,27 +125,21 @@ class Adjusted:
 
 def adjust(problem: HelmertProblem, starts: Orientation) -> Adjusted:
     """Return the adjusted orientations of starts (s,)."""
-    return refined(problem, _descended(problem, _approached(problem, starts, None), None))
+    return refined(problem, sampled(problem, starts))
 
 
-def sampled(problem: HelmertProblem, starts: Orientation, trust: FloatArray) -> Orientation:
-    """Return where starts (s,) lead when each counts points (p,) by its own `trust` (s, p), 0 or 1."""
-    return _descended(problem, _approached(problem, starts, trust), trust)
-
-
-def _approached(problem: HelmertProblem, starts: Orientation, trust: FloatArray | None) -> Orientation:
-    """Return where the conditions of the approach lead starts (s,)."""
-    if not problem.approach:
-        return starts
-    return _descended(replace(problem, groups=problem.approach, approach=()), starts, trust, _NEAR)
+def sampled(problem: HelmertProblem, starts: Orientation, trust: FloatArray | None = None) -> Orientation:
+    """Return where starts (s,) lead, near a minimum, when each counts points (p,) by its `trust` (s, p), 0 or 1."""
+    if problem.approach:
+        starts = _descended(replace(problem, groups=problem.approach, approach=()), starts, trust, _NEAR)
+    return _descended(problem, starts, trust)
 
 
 def misfits(problem: HelmertProblem, at: Orientation) -> FloatArray:
     """Return the misclosures (s, k) of all points at the measured values, in their sigmas; infinite if unreal."""
     linear, real = linearised(problem, at, *_measured(problem, len(at.level)))
-    squares = [
-        part.full.squares / part.misclosure.shape[-1] for part in linear
-    ]  # rounding: near a plane through a camera
+    squares = [part.full.squares / part.misclosure.shape[-1] for part in linear]
+    # rounding makes them negative near a plane through a camera
     points = [np.sqrt(np.where(square >= 0.0, square, np.inf)) for square in squares]
     return np.where(real[:, None], np.concatenate(points, axis=-1), np.inf)
 
@@ -223,16 +224,13 @@ def _descended(
     linear, squares = _evaluated(problem, starts, trust)
     damping = np.full(len(x), _DAMPING)
     active = np.flatnonzero(np.isfinite(squares))
-    normals = _normals(problem, starts, linear, trust)
-    N, rhs, T = (part[active] for part in normals)
+    N, rhs, T = (part[active] for part in _normals(problem, starts, linear, trust))
     for _ in range(_STEPS):
         if not len(active):
             break
         diagonal = np.einsum("suu->su", N)
-        damped = (
-            N + np.eye(N.shape[-1]) * (damping[active, None] * np.where(diagonal > 0.0, diagonal, 1.0))[:, None]
-        )
-        change = np.linalg.solve(damped, rhs[..., None])
+        added = damping[active, None] * np.where(diagonal > 0.0, diagonal, 1.0)
+        change = np.linalg.solve(N + np.eye(N.shape[-1]) * added[:, None], rhs[..., None])
         trial = x[active] + (T @ change)[..., 0]
         at = Orientation.of(trial)
         linear, value = _evaluated(problem, at, trust[active])

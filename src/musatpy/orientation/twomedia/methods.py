@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -21,24 +22,19 @@ from musatpy.geometry.similarity import fit_robust
 from musatpy.model.options import OrientationMethod, PlaneTreatment
 from musatpy.orientation.relative import model_points, solutions
 from musatpy.orientation.resection import resections
-from musatpy.orientation.twomedia.conditions import (
+from musatpy.orientation.twomedia.rays import (
     Condition,
     ConditionGroup,
+    Orientation,
     fermat,
     intersection,
     refracted,
     triple,
 )
-from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Method, Sights, WaterPlane
 
 _PAIRS = ((0, 1), (1, 2), (0, 2))
-_DEPTHS = (
-    0.1,
-    0.5,
-    2.0,
-    0.02,
-)  # over the highest wet point, in radii of the control: trial levels, in turn
+_DEPTHS = (0.1, 0.5, 2.0, 0.02)  # over the highest wet point, in radii of the control: trial levels, in turn
 _SHARES = (0.35, 0.1, 0.7)  # of the way from the highest apparent point to the lowest station: trial levels
 _HIGHEST = 0.9  # quantile of the points that counts as the highest: false ones stand above
 _LEAST_ERROR = 1e-7  # of an image (tangent)
@@ -246,41 +242,22 @@ def _with_third(sights: Sights, plane: WaterPlane, base: float) -> Orientation:
 _ALL, _NONE = (True,) * 3, (False,) * 3
 _SHARED = 5  # points of a relative orientation for air
 _INDEPENDENT = (False, True, True, *_NONE, *_ALL, *_NONE)
-SINGLE_RAY = Method(name="SINGLE-RAY", photos=1, groups=_of_control, unknown=_ALL * 2, starts=_resected)
+_SUCCESSIVE = (*_NONE, *_NONE, *_ALL, False, True, True)
+_ONE_PHOTO: dict[str, Any] = {"photos": 1, "unknown": _ALL * 2, "starts": _resected}
+_PAIR: dict[str, Any] = {"photos": 2, "groups": _intersections, "shared": _SHARED}
+SINGLE_RAY = Method(name="SINGLE-RAY", groups=_of_control, **_ONE_PHOTO)
 SINGLE_FERMAT = Method(
-    name="SINGLE-FERMAT",
-    photos=1,
-    groups=partial(_of_control, of_wet=fermat),
-    approach=_of_control,
-    unknown=_ALL * 2,
-    starts=_resected,
+    name="SINGLE-FERMAT", groups=partial(_of_control, of_wet=fermat), approach=_of_control, **_ONE_PHOTO
 )
-PAIR_INDEPENDENT = Method(
-    name="PAIR-INDEPENDENT",
-    photos=2,
-    groups=_intersections,
-    unknown=_INDEPENDENT,
-    starts=_relative,
-    shared=_SHARED,
-)
+PAIR_INDEPENDENT = Method(name="PAIR-INDEPENDENT", unknown=_INDEPENDENT, starts=_relative, **_PAIR)
 PAIR_SUCCESSIVE = Method(
-    name="PAIR-SUCCESSIVE",
-    photos=2,
-    groups=_intersections,
-    unknown=_NONE + _NONE + _ALL + (False, True, True),
-    starts=partial(_relative, along_base=False),
-    shared=_SHARED,
+    name="PAIR-SUCCESSIVE", unknown=_SUCCESSIVE, starts=partial(_relative, along_base=False), **_PAIR
 )
 COMBINED = Method(name="COMBINED", photos=2, groups=_combined, unknown=_ALL * 4, starts=_fitted, shared=_SHARED)
 TRIPLET = Method(
-    name="TRIPLET",
-    photos=3,
-    groups=_triplet,
-    approach=_intersections,
-    unknown=_INDEPENDENT + _ALL * 2,
-    starts=_with_third,
-    shared=4,  # three for the resection of photo 3, and one that tells its solutions apart
-)
+    name="TRIPLET", photos=3, groups=_triplet, approach=_intersections, unknown=_INDEPENDENT + _ALL * 2,
+    starts=_with_third, shared=4,  # three for the resection of photo 3, and one that tells its solutions apart
+)  # fmt: skip
 METHODS = {
     OrientationMethod(method.name): method
     for method in (SINGLE_RAY, SINGLE_FERMAT, PAIR_INDEPENDENT, PAIR_SUCCESSIVE, COMBINED, TRIPLET)

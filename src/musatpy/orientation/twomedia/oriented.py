@@ -19,7 +19,6 @@ from musatpy.errors import MusatError
 from musatpy.geometry.collinearity import nearest_point
 from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.twomedia.helmert import Adjusted, HelmertProblem, adjust, misfits, refined
-from musatpy.orientation.twomedia.outliers import outlying, snooped
 from musatpy.orientation.twomedia.precision import (
     OF_WATER,
     Direction,
@@ -41,7 +40,7 @@ from musatpy.orientation.twomedia.sights import (
     redundancy_of,
     without,
 )
-from musatpy.orientation.twomedia.solutions import REASONS, exact_roots, rejections
+from musatpy.orientation.twomedia.solutions import REASONS, exact_roots, outlying, rejections, snooped
 
 LIMIT = 0.1  # sigma of the level over the mean depth, up to which the water is determined
 _CHECKED = 1e-6  # redundancy number from which a residual says anything

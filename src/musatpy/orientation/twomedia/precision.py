@@ -11,9 +11,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.orientation.twomedia.conditions import refracted
 from musatpy.orientation.twomedia.helmert import Adjusted, HelmertProblem
-from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, image_rays
+from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, image_rays, refracted
 
 OF_PHOTO = ("omega", "phi", "kappa", "X0", "Y0", "Z0")
 OF_WATER = ("tilt along X", "tilt along Y", "level", "index")
@@ -95,10 +94,8 @@ def image_partials(
     by_unknown = np.zeros((k, 2 * r, len(problem.unknown)))
     for ray in range(r):
         columns = PHOTO * problem.photo[rows[:, ray], None, None] + np.arange(PHOTO)
-        values = np.take_along_axis(by_unknown, np.broadcast_to(columns, (k, 2 * r, PHOTO)), axis=-1)
-        np.put_along_axis(
-            by_unknown, np.broadcast_to(columns, (k, 2 * r, PHOTO)), values + by_rays[:, :, ray, :PHOTO], axis=-1
-        )
+        columns = np.broadcast_to(columns, (k, 2 * r, PHOTO))
+        np.put_along_axis(by_unknown, columns, by_rays[:, :, ray, :PHOTO], axis=-1)
         by_unknown[..., -WATER:] += by_rays[:, :, ray, PHOTO : PHOTO + WATER]
     inverse = -np.linalg.inv(by_image)
     return inverse @ conditions.by_control[0], inverse @ by_unknown
@@ -137,10 +134,10 @@ def inflation(adjusted: Adjusted, unknown: BoolArray) -> FloatArray:
     return factors
 
 
-def weakest(adjusted: Adjusted, unknown: BoolArray, photos: TextArray, count: int = 2) -> list[Direction]:
-    """Return the weakest directions of the normals scaled to unit diagonal, the weakest first."""
+def weakest(adjusted: Adjusted, unknown: BoolArray, photos: TextArray) -> list[Direction]:
+    """Return the two weakest directions of the normals scaled to unit diagonal, the weakest first."""
     N = scaled(_normals(adjusted, adjusted.normals[0], unknown))
-    return _directions(N, unknown, photos)[:count]
+    return _directions(N, unknown, photos)[:2]
 
 
 def free(problem: HelmertProblem, adjusted: Adjusted, photos: TextArray, *, priors: bool) -> list[Direction]:
@@ -151,9 +148,7 @@ def free(problem: HelmertProblem, adjusted: Adjusted, photos: TextArray, *, prio
     """
     T = adjusted.directions[0]
     information = (T.T * np.square(1.0 / problem.prior)) @ T
-    along = adjusted.normals[0] - information
-    if priors:
-        along = along + information
+    along = adjusted.normals[0] - (0.0 if priors else information)
     units = adjusted.at.units[0, problem.unknown]
     N = _normals(adjusted, along, problem.unknown) * np.outer(units, units)
     directions = _directions(N, problem.unknown, photos)

@@ -10,9 +10,8 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.options import PlaneTreatment
-from musatpy.orientation.twomedia.conditions import ConditionGroup
 from musatpy.orientation.twomedia.helmert import HelmertProblem
-from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation
+from musatpy.orientation.twomedia.rays import PHOTO, WATER, ConditionGroup, Orientation
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
