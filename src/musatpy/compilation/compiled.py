@@ -369,7 +369,7 @@ def plates_of_run(model: CompiledModel, points: IntArray) -> IntArray:
 
 def same_readings(model: CompiledModel, rows: IntArray, plates: IntArray) -> BoolArray:
     """Return which readings `rows` (r,) are the measurements `plates` (r, 2) of the run."""
-    same = (plates >= 0).all(axis=1)
+    same: BoolArray = np.asarray((plates >= 0).all(axis=1))
     gap = model.readings.xy[rows[same]] - model.stereo.run.block.plates.xy[plates[same]]
     same[same] = np.abs(gap).max(axis=(1, 2)) <= _SAME
-    return np.asarray(same)
+    return same

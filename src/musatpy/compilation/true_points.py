@@ -154,9 +154,8 @@ def _from_rays(run: AdjustedRun, photos: tuple[int, int], readings: Readings) ->
         for _, piece in pieces(network, state, group.part(known[group.point]), covariances):
             point = piece.group.point
             out.covariance[point] = point_covariances(network, piece, covariances, None)
-            out.y_parallax[point], out.y_parallax_sigma[point], out.pointing_share[point] = y_parallax(
-                network, piece
-            )
+            off, sigma, share = y_parallax(network, piece)
+            out.y_parallax[point], out.y_parallax_sigma[point], out.pointing_share[point] = off, sigma, share
             if submerged[point].any():
                 cofactors = depth_cofactors(network, state, piece, covariances, None)
                 depth[point] = np.where(submerged[point], cofactors, np.nan)
