@@ -50,28 +50,29 @@ _bottom = click.argument("bottom", type=NamedPath())
 
 @click.group(name="as11", cls=LazyGroup, short_help="Compile points in stereomodels of a run.")
 def command() -> None:
-    """Set stereomodels up from a run, and compile points in them through the water."""
+    """Set up stereomodels from a run, and compile points in them through the water."""
 
 
 @command.command(name="compile", short_help="Compile the points of a deck.")
 @_run_and_deck
 @carriage_control_option
 @csv_option
-@click.option("--plots", is_flag=True, help="Pictures of depths, sigmas, contours too (NAME.depths.svg).")
+@click.option("--plots", is_flag=True, help="Also draw pictures of depths, sigmas and contours (NAME.depths.svg).")
 @picture_options("plots")
-@click.option("--gis", is_flag=True, help="Points and contours for GIS and CAD too (NAME.gpkg, NAME.dxf).")
-@click.option("--las", is_flag=True, help="Points with depths and sigmas as a cloud too (NAME.las).")
-@crs_option("System of these files, on the ellipsoid of the job: EPSG:4267; then GeoJSON too.")
+@click.option("--gis", is_flag=True, help="Also write points and contours for GIS and CAD (NAME.gpkg, NAME.dxf).")
+@click.option("--las", is_flag=True, help="Also write the points as a point cloud (NAME.las).")
+@crs_option("System of these files, for example EPSG:4267; GeoJSON is then written too.")
 @strict_option
 @date_option
 @click.pass_context
 def compile_command(
     ctx: click.Context, /, run: Path, deck: Path, out_dir: Path | None, crs: str, gis: bool, las: bool, **given: Any
 ) -> None:
-    """Compile the compilation DECK in stereomodels of RUN.json: the listing NAME.lst and the record NAME.json.
+    """Compile the compilation DECK in stereomodels of RUN.json, and write the listing NAME.lst and the record
+    NAME.json.
 
-    RUN.json is the record of a run; a punched deck serves too, without covariances. Exit status: 0 done, 1 the run
-    or the deck cannot be used, 4 rejected (with --strict: or doubtful).
+    RUN.json is the record of a run; it may be a punched deck, which has no covariances. Exit status: 0 done, 1
+    the run or the deck cannot be used, 4 rejected (with --strict: or doubtful).
     """
     if crs and not (gis or las):
         raise click.UsageError("--crs goes with --gis or --las")
@@ -104,21 +105,23 @@ def _compiled(ctx: click.Context, deck: Path, result: CompileResult) -> Compiled
 @click.argument("raster", type=NamedPath())
 @click.option(
     "-o", "--out", "targets", type=NamedPath(), required=True, multiple=True,
-    help="What to write, by the suffix: .gpkg, .dxf, .geojson. May be given several times.",
+    help="File to write; its suffix says the format: .gpkg, .dxf, .geojson. May be repeated.",
 )  # fmt: skip
-@click.option("--interval", type=POSITIVE, help="Between contours, m.")
-@click.option("--depth", "levels", type=float, multiple=True, help="Of a contour, m. May be given several times.")
-@click.option("--index", type=click.IntRange(min=1), default=5, show_default=True, help="Every so many is thick.")
-@click.option("--shortest", type=NOT_NEGATIVE, default=0.0, help="Shorter pieces are left out, m.")
-@click.option("--band", default="", help="Of the raster. Default: depth, or the only one.")
-@click.option("--datum", type=float, help="Contours are depths below that height of a band of heights.")
-@crs_option("System of a raster that says none.")
+@click.option("--interval", type=POSITIVE, help="Interval between contours, m.")
+@click.option("--depth", "levels", type=float, multiple=True, help="Depth of one contour, m. May be repeated.")
+@click.option(
+    "--index", type=click.IntRange(min=1), default=5, show_default=True, help="One contour in this many is thick."
+)
+@click.option("--shortest", type=NOT_NEGATIVE, default=0.0, help="Leave out pieces that are shorter than this, m.")
+@click.option("--band", default="", help="Band of the raster. Default: depth, or the only band.")
+@click.option("--datum", type=float, help="The band has heights: draw depths below this one.")
+@crs_option("Coordinate system of a raster that does not state it.")
 def contours_command(
     raster: Path, targets: tuple[Path, ...], interval: float | None, band: str, crs: str, **wish: Any
 ) -> None:
-    """Draw contours of RASTER, as `musat correct --surface` and the grids of `musat as11 compile` have them.
+    """Draw the contours of RASTER, which `musat correct --surface` or `musat as11 compile` has written.
 
-    Lines are 3-D, at the heights of their depths, with these as a column or, in DXF, as layers.
+    The lines are 3-D, at the heights of their depths; the depths are a column or, in DXF, layers.
     """
     from musatpy.compilation.rasters import ContourWish, contour_raster
 
@@ -141,16 +144,17 @@ def contours_command(
 @correction_options
 @click.pass_context
 def correct_command(ctx: click.Context, /, run: Path, left: str, right: str, points: Path, **given: Any) -> None:
-    """Correct POINTS as `musat correct --run RUN.json --photos LEFT,RIGHT` does, whose name this was."""
+    """Correct POINTS. An old name of `musat correct --run RUN.json --photos LEFT,RIGHT`."""
     given["photos"] = f"{left},{right}"
     given["surface"] |= {points.suffix.lower(), given["out"].suffix.lower()} <= {".tif", ".tiff"}
     correct(ctx, points, run, is_run=True, **given)
 
 
-@command.command(name="compare-points", short_help="Hold the points of a deck against those of the run.")
+@command.command(name="compare-points", short_help="Compare the points of a deck with those of the run.")
 @_run_and_deck
 def points_command(run: Path, deck: Path, out_dir: Path | None, anyway: bool) -> None:
-    """Compile DECK in stereomodels of RUN.json, and hold its points against those of the run by the same names.
+    """Compile DECK in stereomodels of RUN.json, and compare its points with those of the run that have the same
+    names.
 
     The listing NAME.points.lst has the differences, compiled less run, their sigmas and tests, and their analysis;
     the record goes to NAME.points.json.
@@ -175,24 +179,29 @@ def _results(compared: Path, out_dir: Path | None, kind: str, *others: Path) -> 
     return listing, record, picture
 
 
-@command.command(name="compare-contours", short_help="Hold contours against those of another source.")
+@command.command(name="compare-contours", short_help="Compare contours with those of another source.")
 @_run
 @_bottom
 @click.argument("contours", type=NamedPath())
 @out_option
 @anyway_option
-@click.option("--datum", type=float, default=0.0, help="How far the datum of CONTOURS is below the bottom's, m.")
 @click.option(
-    "--farthest", type=POSITIVE, default=math.inf, help="Contours farther than that, m, are of other places."
+    "--datum", type=float, default=0.0, help="How far the datum of CONTOURS is below that of the bottom, m."
 )
-@crs_option("Coordinate system of a file that says none: EPSG:32620.")
+@click.option(
+    "--farthest",
+    type=POSITIVE,
+    default=math.inf,
+    help="Do not compare contours that are farther apart than this, m.",
+)
+@crs_option("Coordinate system of a file that does not state it, for example EPSG:32620.")
 @click.option("--layer", default="", help="Layer of a GeoPackage that has several.")
-@click.option("--depths", is_flag=True, help="Third coordinates are depths, positive down, and no heights.")
+@click.option("--depths", is_flag=True, help="Third coordinates are depths, positive down, and not heights.")
 def compare_contours_command(run: Path, bottom: Path, contours: Path, out_dir: Path | None, **given: Any) -> None:
-    """Hold contours of BOTTOM against the 3-D lines of CONTOURS, in the system of RUN.json.
+    """Compare contours of BOTTOM with the 3-D lines of CONTOURS, in the system of RUN.json.
 
     BOTTOM is a deck, which is compiled in stereomodels of the run, or a GeoTIFF with a band depth. CONTOURS is a
-    DXF, GeoJSON, GeoPackage, CSV or XYZ file. Its depths are those of its column depth, or heights with the
+    DXF, GeoJSON, GeoPackage, CSV or XYZ file. Its depths are in the column depth, or are its heights with the
     opposite sign. The listing goes to CONTOURS.contours.lst, the record to CONTOURS.contours.json.
     """
     from musatpy.as11_comparisons import compare_contours
@@ -206,28 +215,30 @@ def compare_contours_command(run: Path, bottom: Path, contours: Path, out_dir: P
     )
 
 
-@command.command(name="compare-soundings", short_help="Hold a bottom against soundings.")
+@command.command(name="compare-soundings", short_help="Compare a bottom with soundings.")
 @_run
 @_bottom
 @click.argument("soundings", type=NamedPath())
 @out_option
 @anyway_option
 @click.option(
-    "--datum", type=float, default=0.0, help="How far the datum of the soundings is below the bottom's, m."
+    "--datum", type=float, default=0.0, help="How far the datum of the soundings is below that of the bottom, m."
 )
-@click.option("--datum-sigma", type=NOT_NEGATIVE, default=0.0, help="Of that, m.")
-@click.option("--sigma", type=NOT_NEGATIVE, default=0.0, help="Of soundings whose file has none, m.")
-@click.option("--plan-sigma", type=NOT_NEGATIVE, default=0.0, help="Of the places of soundings, m.")
-@click.option("--steepest", type=NOT_NEGATIVE, default=math.inf, help="Slope of the bottom at most.")
+@click.option("--datum-sigma", type=NOT_NEGATIVE, default=0.0, help="Sigma of --datum, m.")
+@click.option("--sigma", type=NOT_NEGATIVE, default=0.0, help="Sigma of soundings that have none, m.")
+@click.option("--plan-sigma", type=NOT_NEGATIVE, default=0.0, help="Sigma of the positions of soundings, m.")
+@click.option("--steepest", type=NOT_NEGATIVE, default=math.inf, help="Leave out soundings on a steeper bottom.")
 @click.option(
     "--radius",
     type=POSITIVE,
     default=math.inf,
-    help="The bottom is the plane of the points so near, m, and no triangle.",
+    help="Take as the bottom the plane of the points within this distance, m, and not a triangle.",
 )
-@click.option("--not-before", type=click.DateTime(["%Y-%m-%d"]), help="First day (column date).")
-@crs_option("Coordinate system of x and y of a file that says none: EPSG:32620.")
-@click.option("--plots", is_flag=True, help="A picture of the differences too (SOUNDINGS.soundings.png).")
+@click.option(
+    "--not-before", type=click.DateTime(["%Y-%m-%d"]), help="Leave out soundings before this day (column date)."
+)
+@crs_option("Coordinate system of x and y in a file that does not state it, for example EPSG:32620.")
+@click.option("--plots", is_flag=True, help="Also draw a picture of the differences (SOUNDINGS.soundings.png).")
 @picture_options("plots")
 def soundings_command(
     run: Path,
@@ -241,11 +252,11 @@ def soundings_command(
     form: ImageForm,
     **matching: float,
 ) -> None:
-    """Hold soundings of the CSV, LAS or LAZ file SOUNDINGS against BOTTOM, in the system of RUN.json.
+    """Compare BOTTOM with the soundings of the CSV, LAS or LAZ file SOUNDINGS, in the system of RUN.json.
 
-    BOTTOM is a deck, which is compiled in stereomodels of the run, or a GeoTIFF with bands depth and sigma, as
-    `musat correct --surface` and the grids of `musat as11 compile` are. Columns of a CSV file are lat and lon
-    (degrees) or x and y, depth or height, and sigma, name and date as known. The listing goes to
+    BOTTOM is a deck, which is compiled in stereomodels of the run, or a GeoTIFF with bands depth and sigma, which
+    `musat correct --surface` or `musat as11 compile` has written. Columns of a CSV file are lat and lon (degrees)
+    or x and y; depth or height; and sigma, name and date if they are known. The listing goes to
     SOUNDINGS.soundings.lst, the record to SOUNDINGS.soundings.json.
     """
     from musatpy.as11_comparisons import compare_soundings
@@ -279,7 +290,7 @@ def soundings_command(
     type=click.FloatRange(min=0.0, max=1000.0, min_open=True),
     default=50.0,
     show_default=True,
-    help="Cycles a second.",
+    help="Number of cycles a second.",
 )
 def drive_command(
     run: Path,
@@ -294,9 +305,9 @@ def drive_command(
 ) -> None:
     """Drive the mark along PATH in the stereomodel of photos LEFT and RIGHT of RUN.json.
 
-    PATH is a CSV file with columns t (s), X, Y, Z (m in the model), or those of the job: lat, lon (degrees) and
-    height (m), or X, Y, Z of a local one. PATH.stages.csv has both stages at every cycle: refined plate
-    coordinates.
+    PATH is a CSV file with columns t (s), X, Y, Z (m in the model) or, with --job, lat, lon (degrees) and height
+    (m), or X, Y, Z of a local job. PATH.stages.csv has the refined plate coordinates of both stages for every
+    cycle.
     """
     import numpy as np
 
@@ -324,15 +335,16 @@ def drive_command(
     )
 
 
-@command.command(name="setup", short_help="Set the models of a deck up.")
+@command.command(name="setup", short_help="Set up the models of a deck.")
 @_run_and_deck
 @carriage_control_option
 @date_option
 @click.pass_context
 def setup_command(ctx: click.Context, /, run: Path, deck: Path, out_dir: Path | None, **given: Any) -> None:
-    """Set the stereomodels of DECK up on RUN.json: the listing NAME.setup.lst and the record NAME.setup.json.
+    """Set up the stereomodels of DECK on RUN.json, and write the listing NAME.setup.lst and the record
+    NAME.setup.json.
 
-    They have the axes of the models, what the stages should read of the points of the run, whether the models are
+    They have the axes of the models, what the stages should read at the points of the run, whether the models are
     recovered, and the standard errors to expect. DECK needs no readings. Exit status: 0 done, 1 the run or the deck
     cannot be used.
     """

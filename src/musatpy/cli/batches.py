@@ -91,7 +91,7 @@ def _tell_of_trouble(result: BatchResult, expected: Container[int] = (), *, resu
         complain(f"interrupted{kept}")
 
 
-@click.command(name="batch", short_help="Run many decks in parallel; resumable.")
+@click.command(name="batch", short_help="Run many decks in parallel; can be interrupted.")
 @click.argument("sources", metavar="MANIFEST|FOLDER|DECK...", nargs=-1, required=True, type=NamedPath())
 @out_option
 @formats_option
@@ -103,14 +103,14 @@ def _tell_of_trouble(result: BatchResult, expected: Container[int] = (), *, resu
     "--cluster",
     "address",
     metavar="ADDRESS",
-    help="Run the jobs by the workers of a Dask scheduler, such as tcp://host:8786.",
+    help="Run the jobs on the workers of a Dask scheduler, such as tcp://host:8786.",
 )
 @record_option
 @causes_option
-@click.option("--html", is_flag=True, help="A page of each job too, and an index page of all (musat-batch.html).")
-@click.option("--again", is_flag=True, help="Run finished jobs again too.")
+@click.option("--html", is_flag=True, help="Also write a page for each job, and an index page (musat-batch.html).")
+@click.option("--again", is_flag=True, help="Also run jobs again that are finished.")
 @strict_option
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no table; messages of errors only.")
+@click.option("-q", "--quiet", is_flag=True, help="Print no progress and no table, only errors.")
 @click.pass_context
 def batch_command(
     ctx: click.Context,
@@ -126,8 +126,8 @@ def batch_command(
 ) -> None:
     """Run the jobs of a MANIFEST (TOML), or decks, folders of decks and globs, in parallel processes.
 
-    What was finished by an earlier run of the same batch, however that ended, is not done again. Exit status: that
-    of `musat run` for the worst job; 1 too where a job crashed or the batch was interrupted.
+    Jobs that an earlier run of the same batch has finished are not run again. Exit status: that of `musat run` for
+    the worst job; 1 also if a job crashed or the batch was interrupted.
     """
     from musatpy.campaign.batch import run_batch
     from musatpy.campaign.batch_jobs import JobOptions
@@ -161,36 +161,37 @@ def batch_command(
 
 _base = click.argument("base", metavar="FOLDER", type=NamedPath(file_okay=False))
 _base_and_names = options_of(_base, click.argument("names", metavar="[DECK...]", nargs=-1))
-_quiet = click.option("-q", "--quiet", is_flag=True, help="No progress; print nothing where all is well.")
+_quiet = click.option("-q", "--quiet", is_flag=True, help="Print no progress, and nothing at all if all is well.")
 _work = click.option(
     "-o",
     "--out",
     "work",
     metavar="DIR",
     type=NamedPath(file_okay=False),
-    help="Where new results go; FOLDER/.new where not given.",
+    help="Folder of the new results. Default: FOLDER/.new.",
 )
-_unusable = click.option(
-    "--unusable", is_flag=True, help="Keep of decks that cannot be used that they cannot, and what is said of them."
-)
+_unusable = click.option("--unusable", is_flag=True, help="Also keep the messages of decks that cannot be used.")
 
 
-@click.group(name="baseline", short_help="Keep results of decks, and hold new runs against them.")
+@click.group(name="baseline", short_help="Keep results of decks and compare new runs with them.")
 def baseline_command() -> None:
-    """Keep listings and records of decks in a FOLDER, as plain files, and hold new runs against them."""
+    """Keep listings and records of decks in a FOLDER, as plain files, and compare new runs with them."""
 
 
 @baseline_command.command(name="save", short_help="Run decks and keep their results.")
 @_base
 @click.argument("sources", metavar="DECK...", nargs=-1, required=True, type=NamedPath())
 @click.option(
-    "--run", metavar="DECK", type=NamedPath(), help="Compilation decks: compile them on the run of this deck."
+    "--run",
+    metavar="DECK",
+    type=NamedPath(),
+    help="The decks are compilation decks: compile them on the run of this deck.",
 )
 @formats_option
-@click.option("--no-records", is_flag=True, help="Keep listings only.")
+@click.option("--no-records", is_flag=True, help="Keep only the listings.")
 @click.option("--rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the listings.")
 @click.option("--record-rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the records.")
-@click.option("--exact", is_flag=True, help="No rules to start from: every digit counts.")
+@click.option("--exact", is_flag=True, help="Start without rules, so that every digit counts.")
 @set_option
 @_unusable
 @processes_option
@@ -199,7 +200,7 @@ def baseline_command() -> None:
 def save_command(
     ctx: click.Context, /, base: Path, sources: tuple[Path, ...], no_records: bool, quiet: bool, **given: Any
 ) -> None:
-    """Run decks (or folders, globs) and keep their results; decks are added to a baseline that is there.
+    """Run decks (or folders, globs) and keep their results. Decks are added to an existing baseline.
 
     Exit status: 0 done, 1 a deck has no results, or the baseline or the rules cannot be used.
     """
@@ -214,12 +215,22 @@ def save_command(
 
 @baseline_command.command(name="check", short_help="Run the decks anew; show what differs.")
 @_base_and_names
-@click.option("--rules", metavar="FILE", type=NamedPath(), help="Other rules for the listings.")
-@click.option("--record-rules", metavar="FILE", type=NamedPath(), help="Other rules for the records.")
+@click.option(
+    "--rules",
+    metavar="FILE",
+    type=NamedPath(),
+    help="Rules (TOML) for the listings, in place of those of the baseline.",
+)
+@click.option(
+    "--record-rules",
+    metavar="FILE",
+    type=NamedPath(),
+    help="Rules (TOML) for the records, in place of those of the baseline.",
+)
 @set_option
 @_work
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
-@click.option("--junit", metavar="FILE", type=NamedPath(), help="Write JUnit XML too: a test a deck.")
+@click.option("--junit", metavar="FILE", type=NamedPath(), help="Also write JUnit XML, with a test for each deck.")
 @listed_option
 @processes_option
 @_quiet
@@ -237,8 +248,8 @@ def check_command(
 ) -> None:
     """Run the decks of a baseline anew (or those named), and show what differs beyond the rules.
 
-    Decks beside its own that the baseline does not have are named. Exit status: 0 same, 1 a deck is different, has
-    no results or is not in the baseline, 2 the baseline or the rules cannot be used.
+    Decks that lie beside its own and are not in the baseline are named. Exit status: 0 same, 1 a deck is
+    different, has no results or is not in the baseline, 2 the baseline or the rules cannot be used.
     """
     from musatpy.campaign.baseline_checks import check, check_json, check_junit, check_text
     from musatpy.files import write_files
@@ -259,7 +270,7 @@ def check_command(
     ctx.exit(0 if result.same else 1)
 
 
-@baseline_command.command(name="accept", short_help="Take new results over.")
+@baseline_command.command(name="accept", short_help="Accept the new results.")
 @_base_and_names
 @_work
 @_unusable
@@ -267,7 +278,7 @@ def check_command(
 @_quiet
 @click.pass_context
 def accept_command(ctx: click.Context, /, base: Path, names: tuple[str, ...], quiet: bool, **given: Any) -> None:
-    """Take new results over, of all decks or of those named: what a check left, else of a new run.
+    """Accept new results of all decks or of those named: those that a check left, else those of a new run.
 
     Exit status: 0 done, 1 a deck has no results, or the baseline cannot be used.
     """
@@ -281,7 +292,8 @@ def accept_command(ctx: click.Context, /, base: Path, names: tuple[str, ...], qu
 @baseline_command.command(name="list", short_help="List the decks: as saved or not, by which version.")
 @_base
 def list_command(base: Path) -> None:
-    """List the decks of a baseline: whether they are as they were saved, and by which version of the program."""
+    """List the decks of a baseline: whether they have changed since they were saved, and by which version of the
+    program that was."""
     from musatpy.campaign.baseline_checks import changed_decks
     from musatpy.campaign.baselines import load_baseline
 

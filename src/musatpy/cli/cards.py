@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from musatpy.formats.cards.spec import Family
 
 _deck_to_write = click.option(
-    "-o", "--out", required=True, type=NamedPath(), help="The deck to write; - is the standard output."
+    "-o", "--out", required=True, type=NamedPath(), help="Deck to write; - is the standard output."
 )
 
 
@@ -42,11 +42,15 @@ def _values_beginning(ctx: click.Context, param: click.Parameter, text: str) -> 
     return [CompletionItem(one) for one in known if one.startswith(text)]
 
 
-@click.command(name="card", short_help="Explain cards; make one of names and values.")
+@click.command(name="card", short_help="Explain cards, or make one from names and values.")
 @click.argument("name", metavar="[CARD]", required=False, shell_complete=_cards_beginning)
 @click.argument("values", metavar="[FIELD=VALUE...]", nargs=-1, shell_complete=_values_beginning)
 @click.option(
-    "--csv", "table", type=NamedPath(), metavar="FILE", help="A card for each row, its columns named as the fields."
+    "--csv",
+    "table",
+    type=NamedPath(),
+    metavar="FILE",
+    help="Make a card from each row of this table; its columns have the names of the fields.",
 )
 @formats_option
 @click.pass_context
@@ -55,8 +59,8 @@ def card_command(
 ) -> None:
     """List the cards, or the fields of a CARD with columns, values and defaults; with values, print that card.
 
-    With --csv print one for each row of a table, in the units of the card; a field without a column is blank. What
-    is wrong with the values of a card itself stands on stderr. Exit status: 0, or 1 where a value is wrong.
+    With --csv, print a card for each row of a table, whose values have the units of the card; a field without a
+    column is blank. Wrong values are reported on stderr. Exit status: 0, or 1 if a value is wrong.
     """
     from musatpy.formats.cards.manual import card_of, card_text, list_of_cards
     from musatpy.formats.cards.settings import SettingError, card_named, setting_of
@@ -101,20 +105,20 @@ def _card_families(formats: Path | None) -> list[Family]:
     return [card_family(), load_family(card_formats_folder() / "as11")]
 
 
-@click.command(name="tidy", short_help="Put a deck typed freely into its columns.")
+@click.command(name="tidy", short_help="Move the words of a freely typed deck into their columns.")
 @click.argument("deck", type=NamedPath())
 @_deck_to_write
 @formats_option
 @quiet_option
 @click.pass_context
 def tidy_command(ctx: click.Context, deck: Path, out: Path, formats: Path | None, quiet: bool) -> None:
-    """Put the words of cards that were typed with blanks between them into their columns.
+    """Move the words of cards that were typed with blanks between them into their columns.
 
-    A card of DECK (- is the standard input) that reads well stays as it is, byte by byte. The words of another one
-    go to the fields of its card in their order, from the first on; where they do not fit so, to the only fields
-    that take them in that order. Where there is no such way, or more than one, the card stays as it is and is told.
+    A card of DECK (- is the standard input) that reads well is not changed. The words of any other card go to its
+    fields in their order or, where that does not fit, to the only fields that can take them in that order. If there
+    is no such way, or more than one, the card is not changed, and a message says why.
 
-    Exit status: 0 every card stands in its columns, 1 some do not.
+    Exit status: 0 every card is in its columns, 1 some are not.
     """
     from musatpy.formats.job_tables import card_family
     from musatpy.keypunch.words import tidied
@@ -129,35 +133,35 @@ def tidy_command(ctx: click.Context, deck: Path, out: Path, formats: Path | None
     ctx.exit(1 if result.problems else 0)
 
 
-@click.command(name="tide", short_help="Tides of a deck from the readings of a gauge.")
+@click.command(name="tide", short_help="Write the tides of a deck from the readings of a gauge.")
 @click.argument("deck", type=NamedPath())
 @click.option(
     "--series",
     required=True,
     type=NamedPath(),
     metavar="CSV",
-    help="Readings of the gauge: columns time and height (m).",
+    help="Readings of the gauge, with columns time and height (m).",
 )
 @click.option(
     "--datum",
     required=True,
     type=float,
     metavar="M",
-    help="Height of the zero of the gauge, above what the heights of the deck count from.",
+    help="Height of the zero of the gauge in the heights of the deck.",
 )
-@click.option("--sigma", type=NOT_NEGATIVE, default=0.0, metavar="M", help="Of a reading; 0 if not given.")
+@click.option("--sigma", type=NOT_NEGATIVE, default=0.0, metavar="M", help="Sigma of a reading. Default: 0.")
 @click.option(
     "--times",
     type=NamedPath(),
     metavar="CSV",
-    help="Exposures: columns photo and time; if not given those of the deck.",
+    help="Times of exposure, with columns photo and time. Default: those of the deck.",
 )
-@click.option("--zone", default="", metavar="ZONE", help="Of times that state none: UTC, or +hh:mm.")
+@click.option("--zone", default="", metavar="ZONE", help="Zone of times that state none: UTC, or +hh:mm.")
 @click.option(
     "--clock",
     default="0",
     metavar="TIME",
-    help="When the seconds on the cards of the deck begin, if the series has dates.",
+    help="Time at which the seconds on the cards of the deck are zero, if the series has dates.",
 )
 @_deck_to_write
 @formats_option
@@ -168,12 +172,12 @@ def tide_command(
 ) -> None:  # fmt: skip
     """Write the height of the water at each exposure of DECK (- is the standard input) on its card of tides.
 
-    Heights are interpolated among the readings by a piecewise cubic, never beyond the first and the last one, nor
-    in a gap of more than 30 minutes. Their sigmas join that of a reading with that of the gap. Times are seconds,
-    or dates as ISO 8601 writes them (2024-05-01T09:30:00+02:00), of readings and exposures alike. All else in the
-    deck stays as it is.
+    Heights are interpolated between the readings by a piecewise cubic, never before the first or after the last
+    reading, nor in a gap of more than 30 minutes. Their sigmas combine that of a reading with that of the
+    interpolation. Times of readings and exposures are either seconds or dates as in ISO 8601
+    (2024-05-01T09:30:00+02:00). Nothing else in the deck changes.
 
-    Exit status: 0, or 1 where a photo has no tide; then nothing is written.
+    Exit status: 0, or 1 if a photo gets no tide; then nothing is written.
     """
     from musatpy.formats.job_tables import card_family
     from musatpy.keypunch.tides import deck_with_tides, moment, read_exposures, read_series

@@ -38,38 +38,47 @@ _CONTROL = ("trend", "families", "control_sigma", "no_noise", "keep_outliers", "
 _STATIONS = ("photos", "pointing", "surface", "index", "temperature", "level", "focal", "angle")
 _TABLES_AND_CLOUDS = (".csv", ".xyz", ".txt", ".las", ".laz")
 correction_options = options_of(
-    click.option("-o", "--out", required=True, type=NamedPath(), help="The file of true points."),
     click.option(
-        "--photos", default="", metavar="NAME,NAME", help="Only these, as the two of a model; if not given all."
+        "-o",
+        "--out",
+        required=True,
+        type=NamedPath(),
+        help="File of true points to write; its suffix says the format.",
+    ),
+    click.option(
+        "--photos",
+        default="",
+        metavar="NAME,NAME",
+        help="Use only these photos, as the two of a model. Default: all.",
     ),
     click.option(
         "--pointing",
         type=POSITIVE,
         metavar="UM",
-        help="Sigma of an image coordinate; of a run by default that of its plates.",
+        help="Sigma of an image coordinate. Default with --run: that of its plates.",
     ),
     system_options,
     index_options,
     camera_options,
     columns_option,
-    click.option("--layer", default="", help="Of a GeoPackage of several."),
+    click.option("--layer", default="", help="Layer of a GeoPackage that has several."),
     click.option("--band", default="", help="Band of a raster that has the heights, if it has several."),
-    click.option("--surface", is_flag=True, help="Of a raster: true heights, depths and sigmas at its posts."),
+    click.option("--surface", is_flag=True, help="Write a raster of true heights, depths and sigmas."),
     strict_option,
     click.option(
-        "-j", "--jobs", type=click.IntRange(min=1), help="Processes; as many as there are cores where not given."
+        "-j", "--jobs", type=click.IntRange(min=1), help="Number of processes. Default: the number of cores."
     ),
     quiet_option,
 )
 
 
-@click.command(name="correct", short_help="True points of apparent ones, with their sigmas.")
+@click.command(name="correct", short_help="Correct apparent points for refraction.")
 @click.argument("points", type=NamedPath())
-@click.option("--run", type=NamedPath(), metavar="RUN.json", help="The record of a run, whose stations they are.")
-@click.option("--stations", type=NamedPath(), metavar="CSV", help="A table of stations, in place of a run.")
-@click.option("--sea", type=NamedPath(), metavar="SURFACE.json", help="By a pair, through a surface of 'sea fit'.")
+@click.option("--run", type=NamedPath(), metavar="RUN.json", help="Take the stations of this run.")
+@click.option("--stations", type=NamedPath(), metavar="CSV", help="Take the stations of this table.")
+@click.option("--sea", type=NamedPath(), metavar="SURFACE.json", help="Correct through this surface of 'sea fit'.")
 @click.option(
-    "--by-control", type=NamedPath(), metavar="CONTROL", help="Heights, by their errors at control points."
+    "--by-control", type=NamedPath(), metavar="CONTROL", help="Correct heights by errors at control points."
 )
 @click.option("--control-sigma", **CONTROL_SIGMA)
 @control_options
@@ -87,23 +96,24 @@ def command(
 ) -> None:
     """Correct the apparent points of POINTS for refraction, by all photos that see them.
 
-    Formats: .csv, .xyz, .las, .laz, .tif; points and 3-D lines of .gpkg, .geojson, .dxf; the suffix of the result
-    says its format.
+    Formats are .csv, .xyz, .las, .laz, .tif, and points and 3-D lines of .gpkg, .geojson, .dxf. The suffix of the
+    result says its format.
 
-    A camera sees a point that lies in its format, which needs attitudes, focal length and format, and within
-    --angle of the vertical; one of the two rules is needed. Points are in the system of the stations, metres with Z
-    up; those of a run on the ellipsoid in any (--crs, a LAS file's own, or that of the run): x east or longitude in
-    degrees, y north or latitude, heights above the ellipsoid unless --geoid says another.
+    A camera sees a point if the point is inside its format (this needs attitudes, focal length and format), and
+    within --angle of the vertical; one of the two rules is needed. Points are in the system of the stations, in
+    metres with Z up. For a run on the ellipsoid they may be in any system (--crs, that of the file, or that of the
+    run): x is east or the longitude in degrees, y north or the latitude, and heights are above the ellipsoid or the
+    --geoid.
 
-    A point that cannot be corrected keeps its apparent place, has no true place, and has a reason; lines are cut
-    there, unless it is above the water. Sigmas are along east, north and up, and of the depth, where the stations
-    have any: from the run, or from columns of the table.
+    A point that cannot be corrected keeps its apparent place and gets a reason; lines are cut there, unless the
+    point is above the water. If the stations have sigmas (from the run, or in columns of the table), the points get
+    sigmas along east, north and up, and of their depth.
 
-    With --sea points are those of two stations, seen through an estimated surface of the water. --by-control needs
-    no stations: errors of heights at control points are interpolated by least-squares collocation (with a report,
-    NAME.txt).
+    With --sea the points are those of two stations, and their rays go through an estimated surface of the water.
+    With --by-control no stations are needed: the errors of heights at control points are interpolated by
+    least-squares collocation, and a report NAME.txt is written.
 
-    Exit status: 0 corrected, 1 a file cannot be used, 4 no point is corrected, or nothing gained by control points
+    Exit status: 0 corrected, 1 a file cannot be used, 4 no point is corrected, or control points improve nothing
     (with --strict: or doubtful).
     """
     if by_control is not None:

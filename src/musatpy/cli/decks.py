@@ -84,7 +84,7 @@ def _sizes_of(block: Block) -> list[str]:
     return [count_of(table.count, noun) for noun, table in tables.items()]
 
 
-@click.command(name="check", short_help="Print every problem of decks.")
+@click.command(name="check", short_help="Print every problem of a deck.")
 @decks_argument
 @formats_option
 @set_option
@@ -114,15 +114,19 @@ def check_command(
     ctx.exit(0 if usable else 1)
 
 
-@click.command(name="list", short_help="List what is in decks.")
+@click.command(name="list", short_help="List the contents of decks.")
 @decks_argument
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, a list with an entry for each deck.")
 @click.option(
-    "--few", type=click.IntRange(min=1), default=5, show_default=True, help="Points in common that are enough."
+    "--few",
+    type=click.IntRange(min=1),
+    default=5,
+    show_default=True,
+    help="Number of common points that join two photos.",
 )
 @formats_option
 def list_command(decks: tuple[Path, ...], as_json: bool, few: int, formats: Path | None) -> None:
-    """List photos, rays, overlaps, control and submerged points of each DECK, which need not be ready for a run.
+    """List photos, rays, overlaps, control and submerged points of each DECK, even if it cannot be run yet.
 
     A DECK - is the standard input. Exit status: 0, or 1 where a deck cannot be read.
     """
@@ -140,32 +144,40 @@ def list_command(decks: tuple[Path, ...], as_json: bool, few: int, formats: Path
     tell_as_is("\f".join(map(printable, pages.split("\f"))))
 
 
-@click.command(name="merge", short_help="Put decks together into one.")
+@click.command(name="merge", short_help="Merge several decks into one.")
 @decks_argument
 @deck_option
 @click.option(
-    "--prefix", "prefixes", multiple=True, metavar="DECK=TEXT", help="TEXT before the names of the photos of DECK."
+    "--prefix",
+    "prefixes",
+    multiple=True,
+    metavar="DECK=TEXT",
+    help="Put TEXT before the names of the photos of DECK.",
 )
 @click.option(
     "--point-prefix",
     "point_prefixes",
     multiple=True,
     metavar="DECK=TEXT",
-    help="TEXT before the names of the points of DECK, except the --shared ones.",
+    help="Put TEXT before the names of the points of DECK, except the --shared ones.",
 )
-@click.option("--shared", default="", metavar="ID,ID...", help="Points that --point-prefix leaves as they are.")
+@click.option("--shared", default="", metavar="ID,ID...", help="Points whose names --point-prefix does not change.")
 @click.option(
     "--rename",
     "renames",
     multiple=True,
     type=NamedPath(),
     metavar="FILE",
-    help="New names: lines of DECK KIND OLD NEW.",
+    help="File of new names, with lines DECK KIND OLD NEW.",
 )
-@click.option("--join-photos", is_flag=True, help="A photo that several decks have is one photo, and no error.")
-@click.option("--options-from", metavar="DECK", help="Whose options and water hold where they differ.")
-@click.option("--prefer", metavar="DECK", help="Whose stations, measurements and control hold where they differ.")
-@click.option("--near", type=float, metavar="METRES", help="List control of different names that is this near.")
+@click.option("--join-photos", is_flag=True, help="Accept that a photo is in several decks, as one photo.")
+@click.option("--options-from", metavar="DECK", help="Deck whose options and water are taken where they differ.")
+@click.option(
+    "--prefer", metavar="DECK", help="Deck whose stations, measurements and control are taken where they differ."
+)
+@click.option(
+    "--near", type=float, metavar="METRES", help="List control points of different names that are nearer than this."
+)
 @titles_option
 @formats_option
 def merge_command(
@@ -184,8 +196,8 @@ def merge_command(
 ) -> None:
     """Merge two or more DECKs into the deck OUT, and say what was merged, renamed and found to be the same.
 
-    Equal names are one camera, one point, one group. A deck is named by its path or its file name. Exit status: 0,
-    or 1 where decks contradict one another or cannot be read; nothing is written then.
+    Equal names are taken as one camera, one point, one group. Options name a deck by its path or its file name.
+    Exit status: 0, or 1 if decks contradict one another or cannot be read; nothing is written then.
     """
     from musatpy.formats.job_tables import card_family
     from musatpy.jobs.agreement import Part
@@ -259,24 +271,25 @@ def _near_text(parts: Sequence[Part], limit: float) -> str:
 @click.command(name="extract", short_help="Take photos or an area out of a deck.")
 @click.argument("deck", type=NamedPath())
 @deck_option
-@click.option("--photos", default="", metavar="LIST", help="Photos and ranges of them: 101-120,131.")
-@click.option("--photos-from", type=NamedPath(), metavar="FILE", help="Likewise, on the lines of FILE.")
+@click.option("--photos", default="", metavar="LIST", help="Photos and ranges of photos, for example 101-120,131.")
+@click.option(
+    "--photos-from", type=NamedPath(), metavar="FILE", help="File with such photos, one or more on a line."
+)
 @click.option("--box", metavar="W,S,E,N", help="Photos in a box: X and Y of local jobs, else degrees.")
 @click.option(
-    "--area",
-    type=NamedPath(),
-    metavar="FILE",
-    help="Photos in a polygon: GeoJSON, or lines of east and north.",
+    "--area", type=NamedPath(), metavar="FILE", help="Photos in a polygon: GeoJSON, or lines of east and north."
 )
 @click.option(
     "--by",
     type=click.Choice(["stations", "points"]),
     default="stations",
     show_default=True,
-    help="A photo is in an area by its station, or by any of its points.",
+    help="What must be in the area for a photo to be taken: its station, or any of its points.",
 )
-@click.option("--height", type=float, metavar="METRES", help="Height of the ground for --by points.")
-@click.option("--drop-single", is_flag=True, help="Leave out points that would have one ray and nothing known.")
+@click.option("--height", type=float, metavar="METRES", help="Height of the ground, for --by points.")
+@click.option(
+    "--drop-single", is_flag=True, help="Leave out points that would have a single ray and no known coordinate."
+)
 @titles_option
 @formats_option
 def extract_command(
@@ -292,10 +305,10 @@ def extract_command(
     titles: tuple[str, ...],
     formats: Path | None,
 ) -> None:
-    """Write the photos of DECK that are named or in the area, with all that belongs to them, as the deck OUT.
+    """Write the photos of DECK that are named or lie in an area, with all that belongs to them, as the deck OUT.
 
-    Named photos and those in the area both come along. Says what was left out. Exit status: 0, or 1 where the deck
-    cannot be read or no photo is asked for; nothing is written then.
+    Prints what was left out. Exit status: 0, or 1 if the deck cannot be read or no photo is asked for; nothing is
+    written then.
     """
     from musatpy.formats.job_tables import card_family
     from musatpy.jobs.extract import extracted, photos_above, photos_named, photos_showing

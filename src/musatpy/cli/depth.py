@@ -22,16 +22,18 @@ from musatpy.cli.messages import name_of, tell
 from musatpy.cli.options import NamedPath, dpi_option
 
 
-@click.group(name="depth", short_help="Depth factors, and true points of apparent ones.")
+@click.group(name="depth", short_help="Print and draw depth factors.")
 def command() -> None:
-    """Depth factors of submerged points over a stereo model, and the correction of files of apparent points."""
+    """Print and draw the depth factors of submerged points over a stereo model."""
 
 
 @command.command(name="table")
 @view_options
 @area_options
 @depths_option
-@click.option("--at", "listed", type=click.Path(path_type=Path), help="A file of places: x,y or d1,d2,s,t.")
+@click.option(
+    "--at", "listed", type=click.Path(path_type=Path), help="File of places, with columns x,y or d1,d2,s,t."
+)
 def table(listed: Path | None, depths: tuple[float, ...], **given: Any) -> None:
     """Print the depth factor at places of a model, for some apparent depths."""
     from musatpy.depth.views import factor_table
@@ -47,12 +49,19 @@ def table(listed: Path | None, depths: tuple[float, ...], **given: Any) -> None:
 @area_options
 @depths_option
 @click.option(
-    "--normal", type=NUMBER, default=25.0, show_default=True, help="Apparent depth whose factors are used."
+    "--normal",
+    type=NUMBER,
+    default=25.0,
+    show_default=True,
+    help="Apparent depth whose factors are used for all depths.",
 )
-@click.option("--value", type=POSITIVE, help="One factor for the model; the median of the places where not given.")
-@click.option("--step", type=POSITIVE, default=0.01, show_default=True, help="Between the factors listed.")
+@click.option(
+    "--value", type=POSITIVE, help="Factor to use for the whole model. Default: the median of all places."
+)
+@click.option("--step", type=POSITIVE, default=0.01, show_default=True, help="Step between the factors listed.")
 def errors(depths: tuple[float, ...], normal: float, value: float | None, step: float, **given: Any) -> None:
-    """Print what two approximations cost: factors of one depth for all, and one factor for the whole model."""
+    """Print the errors of two approximations: the factors of one depth for all depths, and one factor for the whole
+    model."""
     import numpy as np
 
     from musatpy.depth.views import normalised, normalised_table, single_table, single_value
@@ -83,7 +92,7 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
 @view_options
 @area_options
 @click.option("--depth", type=NUMBER, default=25.0, show_default=True, help="Apparent depth.")
-@click.option("--step", type=POSITIVE, default=0.01, show_default=True, help="Between contours.")
+@click.option("--step", type=POSITIVE, default=0.01, show_default=True, help="Step between the contours.")
 @dpi_option
 def picture(picture: Path, depth: float, step: float, dpi: int, **given: Any) -> None:
     """Draw contours of the depth factor over a model into PICTURE (.png, .svg, .pdf)."""
@@ -107,9 +116,9 @@ def picture(picture: Path, depth: float, step: float, dpi: int, **given: Any) ->
 
 @command.command(name="correct", hidden=True)
 @click.argument("points", type=NamedPath())
-@click.option("--cameras", "stations", required=True, type=NamedPath(), help="Stations: a CSV file, or RUN.json.")
+@click.option("--cameras", "stations", required=True, type=NamedPath(), help="Stations: a CSV file or RUN.json.")
 @correction_options
 @click.pass_context
 def correct(ctx: click.Context, /, points: Path, stations: Path, **given: Any) -> None:
-    """Correct points as `musat correct` does, whose name this was."""
+    """Correct points. An old name of `musat correct`."""
     correct_points(ctx, points, stations, is_run=stations.suffix.lower() == ".json", **given)

@@ -64,22 +64,22 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
 
 index_options = options_of(
     click.option("--index", type=Finite(1.0, 2.0), help="Refractive index of water relative to air."),
-    click.option("--liquid", default="", metavar="NAME", help="Where it is not water: --index from 1 to 2."),
-    click.option("--temperature", type=NUMBER, metavar="DEGC", help="Of the water, in place of the index."),
-    click.option("--salinity", type=NUMBER, metavar="PPT", help="Of the water, with its temperature."),
-    click.option("--chlorinity", type=NUMBER, metavar="PPT", help="In place of the salinity."),
-    click.option("--wavelength", type=NUMBER, metavar="NM", help="Of the light, with the temperature."),
-    click.option("--formula", type=click.Choice(["QUANFRY", "IAPWS"]), help="Of the index by temperature."),
+    click.option("--liquid", default="", metavar="NAME", help="Liquid that is not water; --index may be 1 to 2."),
+    click.option("--temperature", type=NUMBER, metavar="DEGC", help="Temperature of the water; replaces --index."),
+    click.option("--salinity", type=NUMBER, metavar="PPT", help="Salinity of the water, with --temperature."),
+    click.option("--chlorinity", type=NUMBER, metavar="PPT", help="Chlorinity of the water; replaces --salinity."),
+    click.option("--wavelength", type=NUMBER, metavar="NM", help="Wavelength of the light, with --temperature."),
+    click.option("--formula", type=click.Choice(["QUANFRY", "IAPWS"]), help="Formula of the index by temperature."),
 )
 camera_options = options_of(
-    click.option("--level", type=NUMBER, help="Height of the water where the stations have no tide."),
+    click.option("--level", type=NUMBER, help="Height of the water if the stations have no tides."),
     click.option("--focal", type=POSITIVE, metavar="MM", help="Focal length of all cameras."),
     click.option(
         "--format",
         "frame",
         type=Numbers(2, positive=True),
         metavar="W,H",
-        help="Width and height of all formats, mm.",
+        help="Width and height of the format of all cameras, mm.",
     ),
     click.option(
         "--angle",
@@ -92,32 +92,42 @@ system_options = options_of(
     click.option(
         "--crs",
         metavar="SYSTEM",
-        help="System of the points: a code (EPSG:32620), PROJ string or WKT; if not given that of the run.",
+        help="Coordinate system of the points: a code (EPSG:32620), PROJ string or WKT. Default: that of the "
+        "file, else that of the run.",
     ),
     click.option(
-        "--geoid", metavar="GRID", help="Grid file of the geoid above which their heights are, with --crs."
+        "--geoid",
+        metavar="GRID",
+        help="Grid file of the geoid that the heights of the points refer to, with --crs.",
     ),
 )
 view_options = options_of(
-    click.option("--height", type=POSITIVE, help="Of a vertical pair above the water, in any unit of length."),
-    click.option("--base", type=POSITIVE, help="Of the pair."),
+    click.option("--height", type=POSITIVE, help="Height of a vertical pair above the water, in any unit."),
+    click.option("--base", type=POSITIVE, help="Base of the pair, in the same unit."),
     click.option(
         "--cameras",
         "stations",
         type=click.Path(path_type=Path),
-        help="Stations (CSV, or RUN.json), in place of the pair.",
+        help="Stations (CSV or RUN.json); replaces --height and --base.",
     ),
-    click.option("--exact", is_flag=True, help="Of the pair by rays, not by the formula of the paper."),
+    click.option("--exact", is_flag=True, help="Compute the pair by exact rays, not by the formula of the paper."),
     index_options,
     camera_options,
 )
 area_options = options_of(
-    click.option("--width", type=POSITIVE, help="Of the model across the base; twice the base where not given."),
-    click.option("--area", type=Numbers(4), metavar="X,Y,X,Y", help="Corners; of stations the box around them."),
-    click.option("--grid", type=Numbers(2), default="5,5", show_default=True, metavar="NX,NY", help="Places."),
+    click.option("--width", type=POSITIVE, help="Width of the model across the base. Default: twice the base."),
+    click.option("--area", type=Numbers(4), metavar="X,Y,X,Y", help="Corners of the area. Default: the model."),
+    click.option(
+        "--grid",
+        type=Numbers(2),
+        default="5,5",
+        show_default=True,
+        metavar="NX,NY",
+        help="Number of places along x and y.",
+    ),
 )
 depths_option = click.option(
-    "--depths", type=Numbers(), default="0,10,25,50,100", show_default=True, help="Apparent depths."
+    "--depths", type=Numbers(), default="0,10,25,50,100", show_default=True, help="Apparent depths to list."
 )
 
 

@@ -103,7 +103,7 @@ def _out_of_memory() -> str:
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 @click.version_option(musatpy.__version__, prog_name="musat")
 def main(debug: bool) -> None:
-    """Aerotriangulation of photographs with submerged points, from card decks.
+    """Compute the aerotriangulation of photographs that show points under water.
 
     Exit status: 0 converged, accepted or doubtful; 1 a deck or its data cannot be used; 2 wrong command line; 3 not
     converged; 4 rejected (with --strict: or doubtful).

@@ -46,12 +46,12 @@ def _examples_beginning(ctx: click.Context, param: click.Parameter, text: str) -
     "out_dir",
     metavar="DIR",
     type=NamedPath(file_okay=False),
-    help="Where the files go; a folder NAME where not given.",
+    help="Folder of the files. Default: a folder NAME.",
 )
 def example_command(name: str | None, out_dir: Path | None) -> None:
     """List the examples; with a NAME, write its files and say how to go on.
 
-    Exit status: 0, or 1 where a file cannot be written or another one of its name is there.
+    Exit status: 0, or 1 if a file cannot be written, or exists already with other contents.
     """
     from musatpy.examples import example_named, examples, write_example
 
@@ -74,16 +74,14 @@ def example_command(name: str | None, out_dir: Path | None) -> None:
 
 @click.command(name="simulate", short_help="Write a deck with known truth from a spec.")
 @click.argument("spec", type=NamedPath())
-@click.option(
-    "--seed", type=click.IntRange(min=0), help="Seed of the random numbers; the spec's own where not given."
-)
+@click.option("--seed", type=click.IntRange(min=0), help="Seed of the random numbers. Default: that of the spec.")
 @keys_option("musatpy.simulation.simulation_spec:SimulationSpec")
 @out_option
 def simulate_command(spec: Path, seed: int | None, out_dir: Path | None) -> None:
     """Write the deck NAME.crd that SPEC describes, and its truth as NAME.truth.json.
 
-    With a table [compilation] also NAME.compilation.crd, readings in its models, with their truth, and
-    NAME.soundings.csv.
+    If SPEC has a table [compilation], NAME.compilation.crd with readings in its models, their truth, and
+    NAME.soundings.csv are written too.
 
     The same spec and seed always give the same files.
     """
@@ -110,9 +108,9 @@ def simulate_command(spec: Path, seed: int | None, out_dir: Path | None) -> None
     tell(tell_of)
 
 
-@click.command(name="waves", short_help="What waves do to a map that takes the water for level.")
+@click.command(name="waves", short_help="Compute the errors of a map that takes wavy water as level.")
 @click.argument("spec", type=NamedPath())
-@click.option("--plots", is_flag=True, help="Pictures too (NAME.map.png, ...); needs the extra 'plots'.")
+@click.option("--plots", is_flag=True, help="Also draw pictures (NAME.map.png, ...); needs the extra 'plots'.")
 @picture_options("plots")
 @keys_option("musatpy.sea.experiment_spec:WaveSpec")
 @out_option
@@ -141,19 +139,19 @@ def waves_command(spec: Path, plots: bool, form: ImageForm, out_dir: Path | None
 @click.command(name="convert", short_help="Convert a job between decks and other agencies' files.")
 @click.argument("source", metavar="FROM", type=NamedPath(exists=True))
 @click.argument("target", metavar="TO", type=NamedPath())
-@click.option("--from", "source_name", metavar="FAMILY", help="Family of FROM, where its name does not say it.")
-@click.option("--to", "target_name", metavar="FAMILY", help="Family of TO, where its name does not say it.")
+@click.option("--from", "source_name", metavar="FAMILY", help="Family of FROM, if its name does not tell.")
+@click.option("--to", "target_name", metavar="FAMILY", help="Family of TO, if its name does not tell.")
 @click.option(
     "--deck",
     type=NamedPath(exists=True, dir_okay=False),
-    help="A deck, which need not be whole, for what FROM does not hold: camera, options, water.",
+    help="Deck, which may be incomplete, with what FROM does not hold: camera, options, water.",
 )
 @submerged_option
 @click.option(
     "--formats",
     metavar="DIR",
     type=NamedPath(exists=True, file_okay=False),
-    help="A family of your own: a folder of format files (TOML), named as the folder.",
+    help="Folder of format files (TOML): a family of your own, named like the folder.",
 )
 def convert_command(
     source: Path,
@@ -167,7 +165,7 @@ def convert_command(
     """Convert the job FROM to TO, and say what TO cannot hold.
 
     Families are musat (*.crd), giant, patb, bingo and jfk, or your own. FROM and TO are a file, or a folder of
-    files that belong together; of a set of files any one stands for all.
+    files that belong together; any file of a set stands for the whole set.
 
     Exit status: 0 written, 1 FROM cannot be used or TO cannot hold it at all (nothing is written).
     """

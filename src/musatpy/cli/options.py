@@ -197,9 +197,9 @@ columns_option = click.option(
     help="Names of the coordinates in a CSV file.",
 )
 quiet_run_option = click.option(
-    "-q", "--quiet", is_flag=True, help="No progress and no summary; messages of errors only."
+    "-q", "--quiet", is_flag=True, help="Print no progress and no summary, only errors."
 )
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress and no summary.")
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print no progress and no summary.")
 decks_argument = click.argument("decks", metavar="DECK...", nargs=-1, required=True, type=NamedPath())
 out_option = click.option(
     "-o",
@@ -207,13 +207,13 @@ out_option = click.option(
     "out_dir",
     metavar="DIR",
     type=NamedPath(file_okay=False),
-    help="Where results go; beside the input where not given.",
+    help="Folder of the results. Default: that of the input.",
 )
 carriage_control_option = click.option(
-    "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
+    "--carriage-control", is_flag=True, help="Put ASA carriage control characters into column 1 of the listing."
 )
 csv_option = click.option(
-    "--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv."
+    "--csv", is_flag=True, help="Also write the tables of the listing, as NAME_tables/TITLE.csv."
 )
 date_option = click.option(
     "--date",
@@ -221,36 +221,38 @@ date_option = click.option(
     callback=lambda ctx, param, dated: datetime.date.today() if dated else None,
     help="Print today's date on every page.",
 )
-strict_option = click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
+strict_option = click.option("--strict", is_flag=True, help="End with status 4 also if the answer is doubtful.")
 anyway_option = click.option(
-    "--anyway", is_flag=True, help="Also on a run that has not converged; every page says so."
+    "--anyway", is_flag=True, help="Use the run even if it has not converged; every page then says so."
 )
 formats_option = click.option(
     "--formats",
     metavar="DIR",
     type=NamedPath(exists=True, file_okay=False),
-    help="A family of your own: read the decks by the card formats (TOML) of this folder.",
+    help="Read the decks by the card formats (TOML) in this folder, a family of your own.",
 )
 set_option = click.option(
     "--set",
     "settings",
     metavar="CARD.FIELD=VALUE",
     multiple=True,
-    help="A field of a card that decks have once, in place of what it says there, as OP2.water_level=ONE; "
-    "'musat card' lists cards and fields.",
+    help="Replace the value of a field for this run, for example OP2.water_level=ONE. Only cards that a deck has "
+    "once; 'musat card' lists cards and fields.",
 )
 dry_option = click.option(
     "--dry",
     metavar="POLYGON",
     type=NamedPath(),
-    help="Points in the polygon of a file (GeoJSON, or lines of east and north) are dry for certain, as by flag D.",
+    help="Take the points inside the polygon of a file (GeoJSON, or lines of east and north) as certainly dry, as "
+    "flag D does.",
 )
 submerged_option = click.option(
     "--submerged",
     metavar="LIST|POLYGON|BELOW",
     type=NamedPath(),
-    help="Flag as submerged, as by B, the points of a list, those in a polygon (*.geojson, *.json, *.csv), or "
-    "BELOW: those that a first adjustment finds below the water of all their photos.",
+    help="Flag points as submerged, as flag B does: the points named in a file, those inside a polygon "
+    "(*.geojson, *.json, *.csv), or, with BELOW, those that a first adjustment finds below the water of all their "
+    "photos.",
 )
 deck_option = click.option(
     "-o",
@@ -259,7 +261,7 @@ deck_option = click.option(
     metavar="OUT",
     required=True,
     type=NamedPath(),
-    help="The deck to be written; - is the standard output.",
+    help="Deck to write; - is the standard output.",
 )
 dpi_option = click.option(
     "--dpi",
@@ -269,25 +271,29 @@ dpi_option = click.option(
     help="Dots per inch of pictures that are PNG.",
 )
 listed_option = click.option(
-    "--listed", type=click.IntRange(min=1), default=20, show_default=True, help="Rows of each section."
+    "--listed",
+    type=click.IntRange(min=1),
+    default=20,
+    show_default=True,
+    help="Number of rows to show of each section.",
 )
 titles_option = click.option(
     "--title",
     "titles",
     multiple=True,
     metavar="TEXT",
-    help="A line of the job title, in place of those of the decks.",
+    help="Line of the job title; replaces the titles of the decks. May be repeated.",
 )
 record_option = click.option(
     "--record",
     type=click.Choice(["full", "tables", "none"]),
-    help="NAME.json: full where not given, tables without those of images, or none.",
+    help="How much of NAME.json to write: full (default), tables (without those of images), or none.",
 )
 causes_option = click.option(
     "--causes",
     type=click.Choice(["usual", "all", "none"]),
-    help="How far a run that is not accepted looks for its causes: usual twice the work of its adjustment, all "
-    "eight times.",
+    help="How long a run that is not accepted searches for causes: usual for twice the work of its adjustment, "
+    "all for eight times.",
 )
 processes_option = click.option(
     "-j",
@@ -295,5 +301,5 @@ processes_option = click.option(
     "processes",
     metavar="N",
     type=click.IntRange(min=1),
-    help="Jobs at work at the same time; as many as there are cores where not given.",
+    help="Number of jobs that run at the same time. Default: the number of cores.",
 )

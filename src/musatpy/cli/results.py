@@ -59,26 +59,26 @@ def _show_pictures(context: click.Context, _: click.Parameter, shown: bool) -> N
     context.exit()
 
 
-@click.command(name="plot", short_help="Draw the pictures of records.")
+@click.command(name="plot", short_help="Draw pictures of a run or a compilation.")
 @click.argument("records", metavar="RECORD...", nargs=-1, required=True, type=NamedPath())
 @out_option
-@click.option("--only", "names", metavar="NAME", multiple=True, help="This picture; may be given again.")
+@click.option("--only", "names", metavar="NAME", multiple=True, help="Draw only this picture; may be repeated.")
 @click.option(
-    "--line", metavar="FILE", type=NamedPath(), help="Where the depth profile runs (CSV, GeoJSON, DXF, ...)."
+    "--line", metavar="FILE", type=NamedPath(), help="Line of the depth profile (CSV, GeoJSON, DXF, ...)."
 )
-@click.option("--soundings", metavar="FILE", type=NamedPath(), help="Soundings in the depth profile (CSV, LAS).")
+@click.option("--soundings", metavar="FILE", type=NamedPath(), help="Soundings for the depth profile (CSV, LAS).")
 @click.option(
     "--within",
     metavar="M",
     type=POSITIVE,
-    help="Points so near the line stand in the profile, m; as near as it must be where not given.",
+    help="Largest distance of points from the line of the profile, m. Default: as large as needed.",
 )
-@click.option("--datum", metavar="H", type=float, default=0.0, help="Height from which their depths count, m.")
-@crs_option("System of x and y of a file that says none: EPSG:32620.")
+@click.option("--datum", metavar="H", type=float, default=0.0, help="Height from which the soundings count, m.")
+@crs_option("Coordinate system of x and y in a file that does not state it, for example EPSG:32620.")
 @click.option(
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_show_pictures, help="List the pictures."
 )
-@click.option("-q", "--quiet", is_flag=True, help="Do not say what pictures show.")
+@click.option("-q", "--quiet", is_flag=True, help="Do not print what the pictures show.")
 @picture_options()
 @click.pass_context
 def plot_command(
@@ -126,16 +126,14 @@ def plot_command(
 
 @click.command(name="report", short_help="Make the page of a run: one HTML file to hand over.")
 @click.argument("record", metavar="RUN.json", type=NamedPath())
-@click.option(
-    "-o", "--out", "out", metavar="NAME.html", type=NamedPath(), help="The page; RUN.html where not given."
-)
+@click.option("-o", "--out", "out", metavar="NAME.html", type=NamedPath(), help="Page to write. Default: RUN.html.")
 @click.option(
     "--input",
     "inputs",
     metavar="FILE",
     multiple=True,
     type=NamedPath(),
-    help="A file that the run has read, such as its deck: the page states its SHA-256.",
+    help="File that the run has read, such as its deck; the page states its SHA-256.",
 )
 @date_option
 @page_options
@@ -145,8 +143,8 @@ def report_command(
 ) -> None:
     """Make a page of the record of a run, a compilation (`as11 compile`) or a comparison (`compare-soundings`).
 
-    One HTML file with pictures, without scripts, that needs no network: verdict, data, accuracy, pictures, worst
-    observations, tables. Needs jinja2 and matplotlib.
+    The page is one HTML file with its pictures inside: verdict, data, accuracy, worst observations, tables. It has
+    no scripts and needs no network. Needs jinja2 and matplotlib.
     """
     from musatpy.files import write_file
     from musatpy.page.composition import page_of_record
@@ -159,36 +157,44 @@ def report_command(
         tell(f"{name_of(record)}: page {name_of(place)}")
 
 
-@click.command(name="explain", short_help="Show all that a run knows of one point or photo.")
+@click.command(name="explain", short_help="Show all that a run knows about one point or photo.")
 @click.argument("name", metavar="ID")
 @click.argument("record", metavar="RECORD", type=NamedPath())
 def explain_command(name: str, record: Path) -> None:
-    """Show all that a run knows of the point or photo ID, on one screen, from its RECORD NAME.json.
+    """Show all that a run knows about the point or photo ID, from its RECORD NAME.json.
 
-    Images with residuals and tests, redundancy and detectable errors; what would happen without them, as predicted
-    from redundancy and influence, without a new adjustment; control, water and neighbours. RECORD may be a deck,
-    which is then adjusted. Exit status: 0, or 1 where there is neither a point nor a photo of that name.
+    It shows the images with residuals, tests, redundancy and detectable errors, what would happen without each of
+    them (predicted, without a new adjustment), and control, water and neighbours. RECORD may be a deck, which is
+    then adjusted. Exit status: 0, or 1 if there is neither a point nor a photo of that name.
     """
     from musatpy.runs import inquiry_text
 
     tell(inquiry_text(record, name), nl=False)
 
 
-@click.command(name="compare", short_help="Put two solutions of one deck side by side.")
+@click.command(name="compare", short_help="Compare two solutions of one deck.")
 @click.argument("first", metavar="A", type=NamedPath())
 @click.argument("second", metavar="B", type=NamedPath())
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every station, point and wave.")
-@click.option("--listed", type=click.IntRange(min=1), default=20, show_default=True, help="Rows of each table.")
-@click.option("--limit", type=float, metavar="SIGMAS", help="Exit status 1 where a difference is larger than this.")
+@click.option(
+    "--listed",
+    type=click.IntRange(min=1),
+    default=20,
+    show_default=True,
+    help="Number of rows to show of each table.",
+)
+@click.option(
+    "--limit", type=float, metavar="SIGMAS", help="End with status 1 if a difference is larger than this."
+)
 @click.pass_context
 def compare_command(
     ctx: click.Context, first: Path, second: Path, as_json: bool, listed: int, limit: float | None
 ) -> None:
     """Compare solution B with solution A of the same deck.
 
-    Each is the record NAME.json that a run left, or a deck, which is then adjusted. Differences are B minus A, in
-    metres and in sigmas of B, those that differ most first. Exit status: 0, or 1 where a difference is beyond the
-    limit, or a file cannot be used.
+    Each is the record NAME.json of a run, or a deck, which is then adjusted. Differences are B minus A, in metres
+    and in sigmas of B, the largest first. Exit status: 0, or 1 if a difference is beyond the limit, or a file
+    cannot be used.
     """
     from musatpy.reports.comparison import comparison_record, comparison_text
     from musatpy.runs import compared
@@ -206,13 +212,11 @@ def compare_command(
 @click.command(name="diff", short_help="Compare two listings or records number by number.")
 @click.argument("first", metavar="A", type=NamedPath())
 @click.argument("second", metavar="B", type=NamedPath())
-@click.option("--rules", metavar="FILE", type=NamedPath(), help="Rules (TOML): what may differ.")
+@click.option("--rules", metavar="FILE", type=NamedPath(), help="File of rules (TOML) that say what may differ.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
-@click.option("--junit", metavar="FILE", type=NamedPath(), help="Write JUnit XML too, for CI systems.")
+@click.option("--junit", metavar="FILE", type=NamedPath(), help="Also write JUnit XML, for CI systems.")
 @listed_option
-@click.option(
-    "-q", "--quiet", is_flag=True, help="Print nothing where A and B are the same, else the last line only."
-)
+@click.option("-q", "--quiet", is_flag=True, help="Print only the last line, and nothing if A and B are the same.")
 @click.pass_context
 def diff_command(
     ctx: click.Context,
@@ -224,9 +228,9 @@ def diff_command(
     listed: int,
     quiet: bool,
 ) -> None:
-    """Compare two listings, two JSON files (names end in .json), or a listing with its record.
+    """Compare two listings, two JSON files (whose names end in .json), or a listing with its record.
 
-    A or B may be `-`, a listing that is read from standard input.
+    One of A and B may be -, a listing that is read from the standard input.
 
     Differences are B minus A. Without rules every number and word must be the same. Exit status: 0 same,
     1 different, 2 the files cannot be compared or the rules are wrong.
@@ -285,13 +289,13 @@ def _problem(error: OSError) -> Problem:
     return Problem(file=str(error.filename or "system"), message=str(error.strerror or error))
 
 
-@click.command(name="audit", short_help="Find the misprints of a listing.")
+@click.command(name="audit", short_help="Find misprints in a listing.")
 @click.argument("listing", metavar="LISTING", type=NamedPath())
 @click.option(
     "--against",
     metavar="NEW",
     type=NamedPath(),
-    help="Put the statistics beside those of a newer run: its listing, or its record NAME.json.",
+    help="Compare with a newer run: its listing, or its record NAME.json.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option(
@@ -299,15 +303,15 @@ def _problem(error: OSError) -> Problem:
     type=click.IntRange(min=1),
     default=30,
     show_default=True,
-    help="Rows of each report that --against shows.",
+    help="Number of rows to show of each report with --against.",
 )
 @click.pass_context
 def audit_command(ctx: click.Context, listing: Path, against: Path | None, as_json: bool, listed: int) -> None:
-    """Read the standard reports of a LISTING, legacy or ours, scanned or not, and check that their numbers agree.
+    """Read the standard reports of a LISTING (old or new, scanned or not) and check that their numbers agree.
 
-    These are the analyses, plate residuals of the frames and bathymetric points. Every repair of scanned text is
-    reported. Exit status: 0 consistent, 1 inconsistent, 2 where a file, or a row of
-    the listing, cannot be read, or the results not be written.
+    The standard reports are the analyses, the plate residuals of the frames and the bathymetric points. Every
+    repair of scanned text is reported. Exit status: 0 consistent, 1 inconsistent, 2 if a file or a row of the
+    listing cannot be read, or the results cannot be written.
     """
     from musatpy.listings.audit.against import side_by_side, side_record, side_text
     from musatpy.listings.audit.reading import audit, audit_record, audit_text, read_listing

@@ -61,41 +61,45 @@ _LARGE = 500  # photos of a block, from which on numpy alone is not what is chos
 _FAST = "pip install 'musatpy[fast]'"
 
 _shown_options = options_of(  # what people look at
-    click.option("--plots", is_flag=True, help="The pictures of 'musat plot' too (NAME.plan.svg, ...)."),
-    click.option("--html", is_flag=True, help="The page of 'musat report' too (NAME.html)."),
-    click.option("--gis", is_flag=True, help="Stations, points, observations for GIS too (NAME.gpkg, GeoJSON)."),
-    crs_option("With --gis: their system, on the ellipsoid of the job: EPSG:4267."),
+    click.option("--plots", is_flag=True, help="Also draw the pictures of 'musat plot' (NAME.plan.svg, ...)."),
+    click.option("--html", is_flag=True, help="Also write the page of 'musat report' (NAME.html)."),
+    click.option(
+        "--gis", is_flag=True, help="Also write stations, points and observations for GIS (NAME.gpkg, GeoJSON)."
+    ),
+    crs_option("With --gis: coordinate system of these files, on the ellipsoid of the job, for example EPSG:4267."),
 )
 _punch_options = options_of(
     click.option(
         "--punch",
         type=click.Choice(["restart", "result"]),
-        help="Write NAME.pun too: the deck to start again from, or adjusted values with sigmas for another job.",
+        help="Also write NAME.pun: a deck to start again from (restart), or the adjusted values with their sigmas "
+        "for another job (result).",
     ),
     click.option(
         "--punch-family",
         metavar="FAMILY",
-        help="Punch the files of this family in place of a deck: giant, patb, bingo, jfk, or that of --formats.",
+        help="Punch the files of this family and not a deck: giant, patb, bingo, jfk, or that of --formats.",
     ),
     click.option(
         "--punch-points",
         type=click.Choice(["none", "control", "all"]),
-        help="Ground points punched as control; all of a result and none of a restart where not given.",
+        help="Ground points to punch as control. Default: all in a result, none in a restart.",
     ),
     click.option(
         "--punch-kind",
         type=click.Choice(["F", "H", "V", "C"]),
-        help="Kind of control of the points of a result; F where not given.",
+        help="Kind of control of the points of a result. Default: F.",
     ),
     click.option(
         "--punch-sigmas/--no-punch-sigmas",
         default=None,
-        help="A result has its sigmas; without, stations are approximations and control is without error.",
+        help="Punch a result with its sigmas (default); without them stations are starting values and control has "
+        "no error.",
     ),
     click.option(
         "--punch-plates/--no-punch-plates",
         default=None,
-        help="Plate coordinates are punched; those of a restart only where not given.",
+        help="Punch the plate coordinates. Default: only in a restart.",
     ),
 )
 
@@ -118,7 +122,9 @@ _punch_options = options_of(
 @date_option
 @picture_options("plots")
 @page_options
-@click.option("--punch-edits", is_flag=True, help="Write NAME.edited.crd too: the deck without the blunders found.")
+@click.option(
+    "--punch-edits", is_flag=True, help="Also write NAME.edited.crd, the deck without the blunders found."
+)
 @_punch_options
 @click.pass_context
 def run_command(
@@ -134,9 +140,9 @@ def run_command(
 ) -> None:
     """Adjust each DECK and write its listing NAME.lst and its record NAME.json.
 
-    A DECK - is the standard input; its listing goes to the standard output, or with -o to stdin.lst. Exit status: 0
-    all accepted or doubtful, 1 a deck or its data cannot be used, 3 a run did not converge, 4 an answer is rejected
-    (with --strict: or doubtful).
+    If DECK is -, the deck is read from the standard input, and the listing goes to the standard output, or with -o
+    to stdin.lst. Exit status: 0 all accepted or doubtful, 1 a deck or its data cannot be used, 3 a run did not
+    converge, 4 an answer is rejected (with --strict: or doubtful).
     """
     from musatpy.campaign.batch_jobs import JobOptions
     from musatpy.formats.cards.settings import SettingError
@@ -308,7 +314,7 @@ def _show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
     return done
 
 
-@click.command(name="orient", short_help="Orient photos through an unknown water surface, from nothing.")
+@click.command(name="orient", short_help="Orient photos through unknown water, without starting values.")
 @decks_argument
 @out_option
 @formats_option
@@ -317,11 +323,12 @@ def _show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
 @csv_option
 @strict_option
 @date_option
-@click.option("--punch", is_flag=True, help="Write NAME.pun too: the deck that a run starts from.")
+@click.option("--punch", is_flag=True, help="Also write NAME.pun, a deck from which a run can start.")
 @click.option(
     "--study",
     is_flag=True,
-    help="Where starts lead, and what depths and dry points do: NAME.study.txt, pictures; needs the extra 'plots'.",
+    help="Also study where random starts lead, and how depths and dry points change the precision: NAME.study.txt "
+    "and pictures; needs the extra 'plots'.",
 )
 @picture_options("study")
 @click.pass_context

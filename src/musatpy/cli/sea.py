@@ -13,6 +13,6 @@ COMMANDS = {
 }
 
 
-@click.group(name="sea", cls=LazyGroup, modules=COMMANDS, short_help="The surface of the water from points on it.")
+@click.group(name="sea", cls=LazyGroup, modules=COMMANDS, short_help="Estimate the surface of the water.")
 def command() -> None:
-    """Estimate the surface of the water, through which `musat correct --sea` takes away what waves do to a map."""
+    """Estimate the surface of the water, through which `musat correct --sea` corrects the points of a map."""

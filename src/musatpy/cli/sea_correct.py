@@ -20,15 +20,19 @@ if TYPE_CHECKING:
 
 @click.command(name="correct", hidden=True)
 @click.argument("points", type=NamedPath())
-@click.option("-o", "--out", required=True, type=NamedPath(), help="The file of true points.")
-@click.option("--surface", required=True, type=NamedPath(), help="NAME.surface.json of 'sea fit'.")
-@click.option("--cameras", "stations", required=True, type=NamedPath(), help="Its pair of stations.")
+@click.option(
+    "-o", "--out", required=True, type=NamedPath(), help="File of true points to write; its suffix says the format."
+)
+@click.option("--surface", required=True, type=NamedPath(), help="Surface NAME.surface.json of 'sea fit'.")
+@click.option(
+    "--cameras", "stations", required=True, type=NamedPath(), help="File with the two stations of the pair."
+)
 @system_options
 @index_options
 @precision_options
 @click.pass_context
 def command(ctx: click.Context, /, points: Path, surface: Path, stations: Path, **given: Any) -> None:
-    """Correct the apparent POINTS of the pair of a surface as `musat correct --sea` does, whose name this was."""
+    """Correct the apparent POINTS of a pair. An old name of `musat correct --sea`."""
     pair = pair_by(stations, given["pair"])
     correct_through(ctx, points, surface, pair, precision_by(given, pair), given, stations)
 

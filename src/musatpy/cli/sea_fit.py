@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 _OF = {"fourier": ("shortest", "longest", "most"), "grid": ("spacing", "curvature")}
 
 
-@click.command(name="fit", short_help="The surface of the water from points on it.")
+@click.command(name="fit", short_help="Estimate the surface of the water.")
 @click.argument("points", type=click.Path(path_type=Path))
 @click.option("--model", type=click.Choice(list(_OF)), default="fourier", show_default=True, help="Waves or grid.")
-@click.option("--shortest", type=POSITIVE, metavar="M", help="Wave looked for; one mean spacing of the points.")
-@click.option("--longest", type=POSITIVE, metavar="M", help="The diagonal of the box around the points.")
-@click.option("--most", type=click.IntRange(0, 50), help="Waves; 8 where not given.")
-@click.option("--spacing", type=POSITIVE, metavar="M", help="Of a grid; one mean spacing of the points.")
-@click.option("--curvature", type=POSITIVE, metavar="1/M", help="Sigma, of a grid; the likeliest.")
-@click.option("--cameras", "stations", type=click.Path(path_type=Path), help="The pair, with --image-sigma.")
-@click.option("--plots", is_flag=True, help="A picture too (NAME.surface.png); needs the extra 'plots'.")
+@click.option("--shortest", type=POSITIVE, metavar="M", help="Shortest wave; default: the mean point spacing.")
+@click.option("--longest", type=POSITIVE, metavar="M", help="Longest wave; default: the extent of the points.")
+@click.option("--most", type=click.IntRange(0, 50), help="Largest number of waves. Default: 8.")
+@click.option("--spacing", type=POSITIVE, metavar="M", help="Spacing of the grid; default: that of the points.")
+@click.option("--curvature", type=POSITIVE, metavar="1/M", help="Sigma of the curvature; default: the likeliest.")
+@click.option("--cameras", "stations", type=click.Path(path_type=Path), help="The two stations, for --image-sigma.")
+@click.option("--plots", is_flag=True, help="Also draw the picture NAME.surface.png; needs the extra 'plots'.")
 @picture_options("plots")
 @system_options
 @out_option
@@ -46,9 +46,9 @@ def command(
 ) -> None:
     """Estimate the surface of the water from POINTS on it.
 
-    They come as CSV (id,x,y,z[,sx,sy,sz]) or in the record of a run (.json), those of one simultaneous pair,
-    intersected in air. The report goes to NAME.surface.txt, the
-    surface to NAME.surface.json, which 'musat correct --sea' reads.
+    POINTS is a CSV file (id,x,y,z[,sx,sy,sz]) or the record of a run (.json), with points of one simultaneous pair
+    that were intersected in air. The report is NAME.surface.txt; the surface, which 'musat correct --sea' reads, is
+    NAME.surface.json.
     """
     from musatpy.depth.cameras import system_alone, system_of_points
     from musatpy.files import write_files

@@ -32,29 +32,29 @@ control_options = options_of(
         "families",
         multiple=True,
         type=click.Choice(FAMILIES),
-        help="A covariance function to be tried; all where not given.",
+        help="Covariance function to try; may be repeated. Default: all.",
     ),
-    click.option("--no-noise", is_flag=True, help="Estimate no noise: the sigmas of the control points say all."),
-    click.option("--keep-outliers", is_flag=True, help="Use control points that contradict the others too."),
+    click.option("--no-noise", is_flag=True, help="Estimate no noise; use the sigmas of the control."),
+    click.option("--keep-outliers", is_flag=True, help="Also use control points that contradict the others."),
     click.option(
         "--reach",
         type=POSITIVE,
         metavar="M",
-        help="Correct what lies so near to a control point; that of the covariance where not given.",
+        help="Largest distance from a control point at which heights are corrected. Default: from the covariance.",
     ),
-    click.option("--plots", is_flag=True, help="A picture too (NAME.png); needs the extra 'plots'."),
+    click.option("--plots", is_flag=True, help="Also draw the picture NAME.png; needs the extra 'plots'."),
 )
 CONTROL_SIGMA: Any = {
     "type": Finite(0.0),
     "metavar": "M",
-    "help": "Of control points without their own; 0 if not given.",
+    "help": "Sigma of control points that have none of their own. Default: 0.",
 }
 
 
 @click.command(name="interpolate", hidden=True)
 @click.argument("points", type=NamedPath())
 @click.argument("control", type=NamedPath())
-@click.option("-o", "--out", required=True, type=NamedPath(), help="The file of corrected points.")
+@click.option("-o", "--out", required=True, type=NamedPath(), help="File of corrected points to write.")
 @columns_option
 @system_options
 @control_options
@@ -62,9 +62,9 @@ CONTROL_SIGMA: Any = {
 @quiet_option
 @click.pass_context
 def command(ctx: click.Context, /, points: Path, control: Path, **given: Any) -> None:
-    """Correct the heights of POINTS by their errors at CONTROL as `musat correct --by-control` does.
+    """Correct the heights of POINTS. An old name of `musat correct --by-control`.
 
-    This was its name. Exit status 3 where the interpolation does not help.
+    Exit status 3 if the interpolation does not help.
     """
     correct_by_control(ctx, points, control, given, UNHELPFUL)
 

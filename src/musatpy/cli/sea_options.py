@@ -36,14 +36,16 @@ precision_options = options_of(
         "--sigma",
         type=SigmaOption(),
         metavar="M|X,Y,Z",
-        help="Of points without their own: of every coordinate, or each.",
+        help="Sigma of points that have none of their own: one for all coordinates, or one for each.",
     ),
-    click.option("--image-sigma", type=POSITIVE, metavar="UM", help="Or that of plate coordinates, by the pair."),
+    click.option(
+        "--image-sigma", type=POSITIVE, metavar="UM", help="Sigma of plate coordinates; replaces --sigma."
+    ),
     columns_option,
     quiet_option,
-    click.option("--focal", type=POSITIVE, metavar="MM", help="Focal length, with --image-sigma."),
-    click.option("--pair", metavar="LEFT,RIGHT", help="Names of the two stations, where the file has more."),
-    click.option("--only", multiple=True, metavar="PATTERN", help="Only points of such ids, as 'W*'."),
+    click.option("--focal", type=POSITIVE, metavar="MM", help="Focal length of the pair, with --image-sigma."),
+    click.option("--pair", metavar="LEFT,RIGHT", help="Names of the two stations, if there are more."),
+    click.option("--only", multiple=True, metavar="PATTERN", help="Use only points with such names, as 'W*'."),
 )
 
 
