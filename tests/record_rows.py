@@ -1,7 +1,6 @@
 """Records with the rows of their tables as objects, as tests read and change them; and back to columns."""
 
 import json
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +26,6 @@ def with_rows(value: Any) -> Any:
     if rows is not None:
         return [{name: with_rows(entry) for name, entry in row.items()} for row in rows]
     return {name: with_rows(entry) for name, entry in value.items()} if isinstance(value, dict) else value
-
-
-def table_of(rows: Sequence[Mapping[str, Any]], *names: str) -> dict[str, list[Any]]:
-    """Return a table of rows by columns: those `names`, or those of its first row."""
-    return {name: [row[name] for row in rows] for name in names or rows[0]}
 
 
 def with_columns(record: dict[str, Any], schema: Any = None) -> dict[str, Any]:

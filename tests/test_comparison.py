@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from cli.commands import musat
 from musatpy.cli.main import main
 from musatpy.comparison import ComparedRuns, compare
 from musatpy.errors import MusatError
@@ -211,17 +210,3 @@ def test_the_command(tmp_path) -> None:
     assert run(main, ["compare", str(first), str(second), "--limit", "1"]).exit_code == 1
     assert run(main, ["compare", str(first), str(first), "--limit", "0"]).exit_code == 0
     assert json.loads(run(main, ["compare", str(first), str(second), "--json"]).output)["labels"] == ["a", "b"]
-
-
-@pytest.mark.parametrize(
-    ("text", "message"), [("{", "is no JSON"), ("[1]", "is not the record of a run"), (None, "No such file")]
-)
-def test_bad_files_end_in_a_message(tmp_path, text, message) -> None:
-    good, bad = tmp_path / "good.json", tmp_path / "bad.json"
-    good.write_text(dumps(with_columns(solution_record())))
-    if text is not None:
-        bad.write_text(text)
-    done = musat("compare", good, bad)
-    assert done.exit_code == 1
-    assert message in done.output
-    assert "Traceback" not in done.output

@@ -13,7 +13,6 @@ from scipy import stats
 from altered import altered
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import ControlKind, CoordinateSystem, ObservationKind, PlateResiduals
-from musatpy.model.tables import taken
 from musatpy.probability import probability_beyond, quantile
 from musatpy.statistics import Statistics, difference_statistics, metric_differences
 from musatpy.statistics.analyses import ellipses
@@ -194,31 +193,6 @@ def test_level_differences_are_heights_minus_the_level(system):
     np.testing.assert_array_equal(Statistics(solution).level_differences, heights[:, 2] - 0.113)
 
 
-def test_plate_order_goes_photo_by_photo_and_keeps_the_order_of_the_deck():
-    solution = sample_solution()
-    plates = solution.block.plates
-    order = np.random.default_rng(1).permutation(len(plates.photo))
-    shuffled = taken(plates, order)
-    solution = altered(solution, block={"plates": shuffled})
-    found = Statistics(solution).plate_order
-    keys = [(int(shuffled.photo[row]), int(row)) for row in found]
-    assert keys == sorted(keys)
-    assert sorted(found.tolist()) == list(range(len(order)))
-
-
-def test_large_residuals_are_beyond_three_sigmas_of_their_own_measurement():
-    solution = sample_solution()
-    sigma = np.full_like(solution.block.plates.sigma, np.nan)
-    sigma[0] = 0.02
-    residual = np.zeros_like(sigma)
-    residual[0], residual[1], residual[2] = (0.059, 0.0), (0.0, -0.031), (0.029, 0.029)
-    block = altered(solution.block, plates={"sigma": sigma})
-    solution = altered(solution, block=block, plates={"residual": residual})
-    found = Statistics(solution)
-    assert found.block.plate_sigmas[:2].tolist() == [[0.02, 0.02], [0.01, 0.01]]
-    assert np.flatnonzero(found.large_residuals).tolist() == [1]
-
-
 def test_limits_of_a_variance_factor() -> None:
     found = chi_square(31.0, 24.0)
     assert found.factor == pytest.approx(31.0 / 24.0)
@@ -300,18 +274,6 @@ def test_control_has_the_tests_of_its_observations() -> None:
         test = rows[observed.row[row], observed.component[row]]
         share = observed.residual[row] / observed.sigma[row] / np.sqrt(observed.redundancy[row])
         assert np.sign(test) == np.sign(share) and abs(test) >= abs(share) - 1e-12
-
-
-def test_residuals_of_control_are_those_of_what_took_part() -> None:
-    statistics = Statistics(sample_solution())
-    control, analysis = statistics.block.control, statistics.control_residuals
-    for axis, found in enumerate(analysis.statistics):
-        used = statistics.block.control.known[:, axis] & ~control.fixed
-        d = statistics.control_difference[used, axis]
-        d = d[np.isfinite(d)]
-        assert found.size == len(d) > 0
-        assert found.rms == pytest.approx(np.sqrt(np.mean(d**2)))
-    assert control.fixed.any()
 
 
 def test_an_estimated_error_is_what_the_others_say_of_an_observation() -> None:

@@ -196,24 +196,6 @@ def assert_residuals(solution: Solution, plus: Solution, minus: Solution, close:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("program", list(_PROGRAMS))
-def test_the_rest_of_the_sum_of_squares_is_that_of_an_adjustment_of_the_water(program: str) -> None:
-    """Generalised least squares with the errors of the water in the covariance is least squares of them."""
-    block = without_ties(sea_block())
-    off = replace(
-        block.photos, tide=block.photos.tide + np.array([1.0, 1.0, -1.0, -1.0]), tide_sigma=np.full(4, 2.0)
-    )
-    block = replace(block, photos=off)
-    known = adjust(with_options(block, **_PROGRAMS[program]))
-    adjusted = adjust(with_options(block, **(UNKNOWN | {"water_level": WaterLevel.GROUP})))
-    assert known.considered is not None and known.degrees_of_freedom == adjusted.degrees_of_freedom
-    assert known.considered.explained > 2.0
-    rest = known.sum_of_squares - known.considered.explained
-    assert rest == pytest.approx(adjusted.sum_of_squares, rel=5e-3)  # second derivatives: the tides move by a metre
-    assert known.unit_sigma == pytest.approx(adjusted.sigma0, rel=5e-3)
-
-
-@pytest.mark.slow
 def test_every_considered_parameter_is_told_in_its_unit() -> None:
     """Sigmas of the cards in the units that stand beside them: degrees and seconds of arc, metres, none."""
     block = altered(

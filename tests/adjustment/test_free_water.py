@@ -10,13 +10,13 @@ import musatpy
 from blocks import converged
 from musatpy import model
 from musatpy.adjustment.collinear import Simultaneous
-from musatpy.adjustment.datum import freedom, moved_to
+from musatpy.adjustment.datum import freedom
 from musatpy.adjustment.initial import THROUGH_WATER, initial_photos
 from musatpy.adjustment.job import prepared
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid, middle_of
-from musatpy.geometry.similarity import Similarity, fit
+from musatpy.geometry.similarity import fit
 from musatpy.orientation.twomedia.methods import SINGLE_RAY
 from musatpy.orientation.twomedia.oriented import Oriented, orient
 from musatpy.orientation.twomedia.sights import WaterPlane
@@ -174,21 +174,6 @@ def test_water_tilts_about_the_middle_of_a_small_scene() -> None:
         middle = middle_of(stations)
         np.testing.assert_allclose(middle, stations.mean(axis=0), atol=0.5000001 * step)  # half a step, rounding
         np.testing.assert_allclose(middle / step, np.rint(middle / step), atol=1e-9)
-
-
-def test_a_free_move_changes_no_image() -> None:
-    """A finite one: points to be turned and grown; the sum of squares stays as it is but for rounding."""
-    block = model_and_block("TRIPLET")[1]
-    job, state = prepared(block, None)
-    network = job.network.with_plates(job.network.xy, block.points.bathymetric[block.plates.point])
-    problem = Simultaneous(network=network, options=block.options, held=np.zeros(0, dtype=np.int64))
-    free = freedom(network, state, problem.linearise(state).matrix)
-    turn = attitude_matrix(np.array([0.03, -0.05, 0.2]))
-    first = Similarity(scale=1.1, rotation=turn, shift=np.array([0.5, -0.7, 0.9])).apply(state.ground)
-    moved, _ = moved_to(network, state, free, first)
-    np.testing.assert_allclose(moved.ground, first, atol=1e-9)
-    before, after = (problem.with_squares(at).squares.sum() for at in (state, moved))
-    assert after == pytest.approx(before, rel=1e-9)
 
 
 TANK = Kind(H=200.0, B=100.0, least=50.0, largest=120.0, width=100.0, c=0.15)

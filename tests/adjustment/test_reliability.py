@@ -10,7 +10,6 @@ from adjustment.test_equivalence import LAND, SEA, simulated, solved
 from adjustment.test_musat3a import TIGHT, WATER, sea_block, simultaneous
 from altered import added, altered, with_options
 from musatpy.model import Block, ObservationKind, Program, Refraction, Solution, Weights
-from musatpy.statistics import Statistics
 from reference import considered, dense_bundle
 from reference.networks import Plan
 
@@ -161,19 +160,3 @@ def test_redundancy_numbers_are_those_of_40_blocks() -> None:
     assert 0.7 < off.std() < 1.3
     total = np.sum(squares, axis=1)
     assert total.mean() == pytest.approx(dof, abs=4.0 * np.sqrt(2.0 * dof / BLOCKS))
-
-
-@pytest.mark.slow
-def test_test_values_find_a_gross_error_and_only_it() -> None:
-    block = sea_block()
-    rays = np.flatnonzero(block.plates.photo == 1)
-    quality = Statistics(simultaneous(block))
-    plates = quality.observed.kind == ObservationKind.PLATE
-    row = int(rays[np.argmax([quality.observed.redundancy[plates & (quality.observed.row == i)][1] for i in rays])])
-    spoiled = simultaneous(changed(block, ObservationKind.PLATE, row, 1, 0.3))
-    worst = Statistics(spoiled)
-    first = worst.worst_first[0]
-    assert (worst.observed.kind[first], worst.observed.row[first], worst.observed.component[first]) == (0, row, 1)
-    # -v / r is the estimate of the error itself
-    estimate = -worst.observed.residual[first] / worst.observed.redundancy[first]
-    assert estimate == pytest.approx(0.3, abs=0.06)

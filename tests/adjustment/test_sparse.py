@@ -166,15 +166,6 @@ def cores(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("cores")
-def test_results_come_in_the_order_of_the_pieces() -> None:
-    def work(piece: int) -> int:
-        time.sleep(0.001 * (piece % 3))
-        return -piece
-
-    assert list(side_by_side(work, range(20), MANY)) == [-piece for piece in range(20)]
-
-
-@pytest.mark.usefixtures("cores")
 def test_a_piece_may_share_its_work_which_its_own_thread_does() -> None:
     def work(piece: int) -> set[str]:
         return {threading.current_thread().name, *side_by_side(inner, range(4), MANY)}

@@ -13,8 +13,7 @@ import pytest
 
 from altered import added, altered, with_options
 from musatpy import listing, model, read_deck, verdict
-from musatpy.adjustment import adjust, ground
-from musatpy.adjustment.job import prepared
+from musatpy.adjustment import adjust
 from musatpy.model import Grade, Program, Solution
 from musatpy.model.tables import empty
 from musatpy.units import ARC_SECOND, DEGREE
@@ -279,20 +278,6 @@ def test_a_restarted_triangulation_says_so() -> None:
     solution = adjust(make_oblique(plan).started)
     assert solution.converged
     assert [text for text in solution.warnings if text.endswith("started again from a simultaneous adjustment")]
-
-
-def test_points_reach_the_level_ground_however_flat_their_rays() -> None:
-    """Rays up to the horizon and above it end at the typical height, and not for ever far off."""
-    plan = Oblique(tilt=60.0 * DEGREE, seed=4)
-    job, state = prepared(make_oblique(plan).started, None)
-    raised = replace(state, attitude=state.attitude + np.array([25.0 * DEGREE, 0.0, 0.0]))
-    start = ground.level_start(job.network, raised)
-    network = job.network
-    points = np.unique(network.point[~network.priors.known[network.point, 2]])
-    typical = float(np.nanmedian(network.priors.given[:, 2]))
-    np.testing.assert_allclose(network.frame.height(start.ground[points]), typical, atol=1e-6)  # rounding
-    # ten flying heights at the cosine of 0.1, and the stations are within one of the middle
-    assert np.linalg.norm(start.ground[points], axis=1).max() < 11.0 * plan.height
 
 
 BASES = {

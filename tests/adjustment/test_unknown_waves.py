@@ -11,9 +11,8 @@ import musatpy
 from altered import altered, with_options
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sightings import condition_rays, images
-from musatpy.adjustment.wavy_water import Sea, WorkingSea
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.errors import AdjustmentError
-from musatpy.geometry.geodesy import LocalFrame
 from musatpy.model import (
     Block,
     CoordinateSystem,
@@ -287,20 +286,6 @@ def test_what_cannot_be_told_apart_is_named() -> None:
     waves = adjusted(at, replace(sea, sigma=wide)).water.waves
     assert waves.verdicts[0, 0] == "not determined: not apart from others"
     assert waves.verdicts[1, 0] == "determined"
-
-
-def test_the_same_waves_by_other_numbers() -> None:
-    given = sinusoidal(amplitude=[0.5, 0.2], length=[90.0, 20.0], azimuth=[0.3, 1.0], crest=[4.0, -3.0])
-    sea = Sea(surface=given, time=np.zeros(1), origin=np.zeros(3),
-              sigma=np.array([[0.2, 1.0, 0.1, 9.0], [np.nan, np.nan, np.nan, 2.0]]))  # fmt: skip
-    working = WorkingSea.of(sea, LocalFrame(np.zeros(3)))
-    other = working.waves * [[-1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0]]
-    other[:, 3] += [45.0 - 2 * 90.0, 60.0]
-    np.testing.assert_allclose(working.likeliest(other), working.waves, atol=1e-12)  # rounding
-    np.testing.assert_array_equal(working.likeliest(working.waves), working.waves)
-    # the height of the second is known: half a length is no way for it
-    other = working.waves + np.array([[0.0] * 4, [0.0, 0.0, 0.0, 10.0]])
-    np.testing.assert_array_equal(working.likeliest(other), other)
 
 
 def test_observed_parameters_are_observations() -> None:

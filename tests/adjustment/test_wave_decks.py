@@ -16,7 +16,7 @@ from musatpy.errors import AdjustmentError
 from musatpy.formats import musat
 from musatpy.jobs.punch import Content, Punch, punched
 from musatpy.listings import compare_texts, parse_rules
-from musatpy.model.tables import empty, taken
+from musatpy.model.tables import empty
 from musatpy.model.water import WAVE_SIGMAS
 from musatpy.refraction.waves import LENGTH, sinusoidal
 from musatpy.reports.record import dumps, record
@@ -26,7 +26,7 @@ from musatpy.simulation.simulation_spec import load_spec
 from musatpy.units import DEGREE, AngleUnit
 from record_rows import with_rows
 from reference import compare
-from wave_strip import CREST, FOLDER, strip, true_waves, truth_text
+from wave_strip import FOLDER, strip, true_waves, truth_text
 
 DECK = FOLDER / "strip.crd"
 UTM = "+proj=utm +zone=17 +ellps=clrk66"
@@ -107,14 +107,6 @@ def test_a_deck_in_other_words_gives_the_same_answer(spec: model.SystemSpec | No
     assert next(cards) == next(cards)
 
 
-def test_cards_and_library_say_the_same_waves() -> None:
-    block, _ = strip(model.CoordinateSystem.LOCAL)
-    sea = Sea(surface=true_waves(), time=block.photos.time, origin=np.array(block.wave_origin.position))
-    bare = replace(block, waves=empty(model.Waves), wave_origin=None)
-    one, other = musatpy.adjust(block), musatpy.adjust(bare, sea=sea)
-    np.testing.assert_allclose(one.points.position, other.points.position, atol=1e-9)  # rounding
-
-
 @pytest.mark.slow
 def test_a_blunder_is_found_through_waves() -> None:
     """Of 0.2 mm in a submerged point on three photos; with level water waves would drown it."""
@@ -157,29 +149,6 @@ def test_waves_are_given_once() -> None:
     sea = Sea(surface=true_waves(), time=block.photos.time, origin=np.array(block.wave_origin.position))
     with pytest.raises(AdjustmentError, match="stand on the cards of the job, and others are given beside it"):
         musatpy.adjust(block, sea=sea)
-
-
-@pytest.mark.slow
-def test_where_crests_count_from_and_when_does_not_matter() -> None:
-    """The origin moved along a wave's direction, or the clock put forward, with the crests to match."""
-    block, _ = strip(model.CoordinateSystem.LOCAL)
-    chop = taken(block.waves, np.array([1]))
-    first = replace(block, waves=chop)
-    direction = np.array([np.sin(chop.azimuth[0]), np.cos(chop.azimuth[0]), 0.0])
-    place = np.array(block.wave_origin.position) + 40.0 * direction
-    moved = replace(
-        first,
-        waves=replace(chop, crest=[CREST[1] - 40.0]),
-        wave_origin=model.WaveOrigin(position=tuple(place.tolist())),
-    )
-    later = replace(
-        first,
-        photos=replace(block.photos, time=block.photos.time + 100.0),
-        waves=replace(chop, crest=chop.crest - 100.0 * chop.speed),
-    )
-    want = musatpy.adjust(first).points.position
-    for same in (moved, later):
-        np.testing.assert_allclose(musatpy.adjust(same).points.position, want, atol=1e-8)  # rounding
 
 
 UNKNOWN = FOLDER / "unknown.crd"

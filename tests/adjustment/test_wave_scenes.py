@@ -15,15 +15,12 @@ import musatpy
 from altered import altered
 from drivers import wave_scenes_study as study
 from musatpy.adjustment import wave_search
-from musatpy.adjustment.collinear import safe_curvature, wave_curvature
+from musatpy.adjustment.collinear import wave_curvature
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.sightings import images
-from musatpy.adjustment.wave_search import CrestSearch, Level, WaveTrials
-from musatpy.adjustment.wavy_water import Sea, WorkingSea
-from musatpy.model import ObservationKind, Solution
-from musatpy.refraction.waves import superposed
+from musatpy.adjustment.wave_search import WaveTrials
+from musatpy.model import Solution
 from reference import wave_scenes
 from reference.wave_scenes import Scene, TrueWaves, entries, optical_path
 
@@ -165,44 +162,6 @@ def test_curvature_is_that_of_the_sum_of_squares() -> None:
     want = (np.array(gradients) / (2.0 * unit[:, None]) - plain) / scale
     assert np.abs(want).max() > 0.1  # else nothing is tested
     np.testing.assert_allclose(wave_curvature(network, state) / scale, want, atol=0.05 * np.abs(want).max())
-
-
-def test_steps_go_down_where_the_sum_of_squares_curves_down() -> None:
-    rng = np.random.default_rng(3)
-    A, B = rng.normal(size=(2, 4, 4))
-    N = A @ A.T + np.eye(4)
-    small, large = 0.01 * (B + B.T), 50.0 * (B + B.T)
-    np.testing.assert_allclose(safe_curvature(small, np.linalg.inv(N)), small, atol=1e-12)  # rounding
-    whole = N + safe_curvature(large, np.linalg.inv(N))
-    sizes = np.abs(np.linalg.eigvals(np.linalg.solve(N, N + large)))
-    got = np.linalg.eigvals(np.linalg.solve(N, whole)).real
-    np.testing.assert_allclose(np.sort(got), np.sort(np.maximum(sizes, 0.1)), rtol=1e-9)
-
-
-def test_the_spectrum_is_what_waves_lower_the_sum_of_squares_by() -> None:
-    """One iteration with height and crest unknown does what the spectrum says, for waves of any length."""
-    trials, outcome = at_start(LEVEL_GUESS)
-    search, level = CrestSearch(trials, outcome), trials.level(0, outcome.state)
-    nodes, _, _ = search.nodes(0)
-    some = nodes[:: len(nodes) // 3]
-    for S, g, values in zip(*search.spectrum(0, level, some), some, strict=True):
-        want = _lowered(trials, level, values)
-        assert g @ np.linalg.solve(S, g) == pytest.approx(want, rel=1e-4)  # the priors of _lowered: 1e3 m
-
-
-def _lowered(trials: WaveTrials, level: Level, values: np.ndarray) -> float:
-    """Return by how much two waves of one length, crests a quarter apart, lower the linearised sum of squares."""
-    trains, given = trials.network.sea.trains, trials.network.sea.sea
-    pair = [trains.with_values(np.array([[0.0, *values[1:3], crest]])).surface for crest in (0.0, 0.25 * values[1])]
-    sigma = np.array([[1e3, np.nan, np.nan, np.nan]] * 2)
-    sea = Sea(surface=superposed(*pair), time=given.time, origin=given.origin, sigma=sigma)
-    network = replace(
-        trials.network,
-        sea=WorkingSea.of(sea, trials.network.frame),
-        border=trials.network.border.having(ObservationKind.WAVE, ("a", "b")),
-    )
-    line = trials.problem(network).linearise(replace(level.state, waves=network.sea.waves))
-    return float(line.rhs @ factorised(line.matrix).solve(line.rhs))
 
 
 @pytest.mark.slow

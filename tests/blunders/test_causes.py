@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from altered import added, altered
 from blocks import FIXTURES
@@ -16,7 +14,6 @@ from drivers.causes_study import edited, fault, strip
 from drivers.common_mistakes import MISTAKES, outcome, simulated
 from musatpy import adjust, read_deck
 from musatpy.blunders.causes import first_look
-from musatpy.cli.main import main
 from musatpy.formats.musat import check_deck
 from musatpy.model import Cause, CauseKind, CauseSearch, Initial, PointStatus
 from musatpy.pipeline import causes_of, doubtful
@@ -228,17 +225,6 @@ def test_more_than_a_fifth_of_a_kind_is_not_edited() -> None:
     np.testing.assert_array_equal(answer.edited.photos.position_sigma, block.photos.position_sigma)
 
 
-@pytest.mark.slow
-def test_the_listing_and_the_record_have_the_causes(tmp_path: Path) -> None:
-    deck = tmp_path / "job.crd"
-    deck.write_bytes((FINDS / "cameras_underground.crd").read_bytes())
-    CliRunner().invoke(main, ["run", str(deck)])
-    text = deck.with_suffix(".lst").read_text()
-    assert "Blunders: Causes" in text
-    assert "axes" in text
-    assert CliRunner().invoke(main, ["audit", str(deck.with_suffix(".lst"))]).exit_code == 0
-
-
 def test_unknown_waves_are_not_searched() -> None:
     """The search does not exist for them; a run that fails says so by itself."""
     path = next((FIXTURES / "waves").glob("unknown*.crd"))
@@ -254,14 +240,6 @@ def test_a_wrong_check_point_has_its_card_and_its_images_named() -> None:
     assert (card.kind, card.points, card.cards, card.group, card.rank) == (_K.CONTROL, ("106",), ("CTG",), 1, 1)
     assert card.size[2] == pytest.approx(30.0, abs=1.0)  # the check point was 0.34 m off before
     assert (images.kind, images.points, images.cards, images.rank) == (_K.IMAGES, ("106",), ("PLT",), 1)
-
-
-def test_no_causes_are_looked_for_where_none_are_asked_for(tmp_path: Path) -> None:
-    deck = tmp_path / "job.crd"
-    deck.write_bytes((FINDS / "control_in_feet.crd").read_bytes())
-    result = CliRunner().invoke(main, ["run", "--causes", "none", str(deck)])
-    assert "possible cause" not in result.stderr
-    assert "Likely Causes" not in deck.with_suffix(".lst").read_text()
 
 
 @pytest.mark.slow

@@ -18,7 +18,6 @@ from musatpy.model import (
     Editing,
     Finding,
     ObservationKind,
-    PointStatus,
     Program,
     Refraction,
     Solution,
@@ -346,20 +345,6 @@ def test_jobs_of_program_iia_are_searched_too(program: Program, refraction: Refr
     assert image_of(block, row) in {(one.photo, one.point) for one in found}
     assert solution.block.options.program is program
     assert not of(solution, CauseKind.TIDE) or refraction is not Refraction.NONE
-
-
-@pytest.mark.slow
-def test_what_is_listed_only_stays_in() -> None:
-    block, _ = clean()
-    row = int(well_seen(block)[10])
-    spoilt = altered(block, plates={"xy": added(row, 0.5)})
-    plain = adjust(spoilt)
-    listed = adjust(altered(spoilt, options={"editing": Editing.LIST}))
-    assert len(listed.findings) == 1
-    np.testing.assert_array_equal(listed.stations.position, plain.stations.position)
-    assert listed.block.plates.triangulated.all()
-    assert listed.edited is not None and not listed.edited.plates.triangulated[row]
-    assert listed.points.status[block.plates.point[row]] == PointStatus.TRIANGULATED
 
 
 @pytest.mark.slow

@@ -224,13 +224,6 @@ def test_reading_takes_at_most_four_times_the_file(family, tmp_path, make):
 # --- writing ---
 
 
-def test_every_sample_is_written_byte_for_byte(family):
-    data = numbered([spec.sample[:72] for spec in family.cards.values()])
-    deck = read_cards(data, family)
-    assert deck.problems == ()
-    assert write_cards((spec, deck.tables[name]) for name, spec in family.cards.items()) == data
-
-
 def test_values_that_cannot_be_written_are_all_named(family):
     columns = {
         "photo": np.array(["841", "LONGER THAN 8"]),

@@ -19,40 +19,7 @@ from musatpy.formats.job_tables import card_family
 from musatpy.fortran import FieldError, parse_edit
 from musatpy.specs import keys
 
-CARD = """
-mnemonic = "TID"
-title = "Tide"
-doc = "The height of the water surface at an exposure."
-order = 10
-repeat = "many"
-required = false
-sample = "TID 841          -0.4100  0.0500                                        00000001"
-
-[[field]]
-name = "photo"
-columns = [5, 12]
-edit = "A8"
-target = "photos.ids"
-doc = "Photo."
-
-[[field]]
-name = "height"
-columns = [14, 24]
-edit = "F11.4"
-unit = "m"
-target = "photos.tide"
-doc = "Height."
-
-[[field]]
-name = "sigma"
-columns = [25, 32]
-edit = "F8.4"
-unit = "m"
-target = "photos.tide_sigma[0]:deg"
-blank = "missing"
-asterisks = true
-doc = "Its standard deviation."
-"""
+CARD = (card_formats_folder() / "musat" / "tid.toml").read_text(encoding="utf-8")
 
 
 def write_family(folder, *cards):
@@ -62,12 +29,12 @@ def write_family(folder, *cards):
 
 
 def test_a_family_is_loaded_in_canonical_order(tmp_path):
-    water = CARD.replace("TID", "WTR").replace("order = 10", "order = 5")
+    water = CARD.replace("TID", "WTR").replace("order = 110", "order = 5")
     family = load_family(write_family(tmp_path, CARD, water))
     assert family.name == tmp_path.name
     assert list(family.cards) == ["WTR", "TID"]
     tide = family.cards["TID"]
-    assert [field.name for field in tide.fields] == ["photo", "height", "sigma"]
+    assert [field.name for field in tide.fields] == ["photo", "height", "sigma", "group", "day", "time"]
     sigma = tide.field("sigma")
     assert (sigma.first, sigma.last, str(sigma.edit)) == (25, 32, "F8.4")
     assert (sigma.blank, sigma.asterisks, sigma.unit) == ("missing", True, "m")
@@ -82,11 +49,11 @@ def test_a_family_is_loaded_in_canonical_order(tmp_path):
         ('mnemonic = "TID"', 'mnemonic = "Tide"', "mnemonic: 'Tide' is not three capitals"),
         ('title = "Tide"', 'titel = "Tide"', "titel: is no key here; there are mnemonic, title,"),
         ('title = "Tide"\n', "", "title: is missing: what the card is called"),
-        ("order = 10", 'order = "10"', "order: a whole number is expected, not '10'"),
-        ("order = 10", "order = ", "Invalid value"),
+        ("order = 110", 'order = "110"', "order: a whole number is expected, not '110'"),
+        ("order = 110", "order = ", "Invalid value"),
         ('name = "sigma"', 'name = "height"', "field height: a second field"),
         ('name = "sigma"', 'name = "Sigma"', "'Sigma' is not a lower case identifier"),
-        ("columns = [25, 32]", "columns = [24, 31]", "field sigma: columns: overlap those of height"),
+        ("columns = [25, 32]", "columns = [23, 30]", "field sigma: columns: overlap those of height"),
         ("columns = [5, 12]", "columns = [3, 10]", "columns: 3-10 is not within 4-72"),
         ("columns = [25, 32]", "columns = [25, 33]", "columns: 25-33 is 9 wide, F8.4 is 8"),
         ('edit = "F8.4"', 'edit = "8X"', "edit: '8X' is not an edit descriptor"),
@@ -96,7 +63,7 @@ def test_a_family_is_loaded_in_canonical_order(tmp_path):
         ('edit = "A8"', 'edit = "A8"\nallowed = ["LONGER THAN 8"]', "allowed: values that do not fit A8"),
         ('edit = "A8"', 'edit = "A8"\nasterisks = true', "asterisks: only for numbers"),
         ('edit = "A8"', 'edit = "A8"\nallowed = ["842"]', "sample: '841' is not A8 (one of 842)"),
-        ("0.0500    ", "0.0500   X", "sample: does not encode to itself"),
+        ("0.0500 STRIP2", "0.0500XSTRIP2", "sample: does not encode to itself"),
     ],
 )
 def test_what_is_wrong_in_a_format_is_named(tmp_path, old, new, message):

@@ -4,10 +4,7 @@ import re
 import warnings
 from functools import cache
 
-import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
 
 from formats import bad_system_cases, bad_wave_cases
 from formats.bad_deck_cases import CASES as DECK_CASES
@@ -154,42 +151,6 @@ def check_quietly(data: bytes) -> None:
         block, problems = musat.check_deck(data)
     assert (block is None) == any(problem.severity == "error" for problem in problems)
     assert all(isinstance(problem, Problem) and problem.render() for problem in problems)
-
-
-@settings(max_examples=80, deadline=None)
-@given(st.lists(st.tuples(st.integers(0, len(deck()) - 1), st.binary(max_size=3)), min_size=1, max_size=20))
-@pytest.mark.slow
-def test_any_bytes_in_a_deck_give_problems_only(changes: list[tuple[int, bytes]]) -> None:
-    data = deck()
-    for place, new in changes:
-        data = data[:place] + new + data[place + max(len(new), 1) :]
-    check_quietly(data)
-
-
-@settings(max_examples=80, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-@pytest.mark.slow
-def test_any_values_in_a_deck_give_problems_only(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    family = card_family()
-    lines = list(GOOD)
-    texts = ["", "*", "0", "-0", "-1", "1", "9" * 16, "1E30", "-1E30", "1E-30", "B", "841", "1101", "RC8"]
-    for row in rng.choice(len(lines) - 1, 8, replace=False):
-        fields = family.cards[lines[row][:3]].fields
-        field = fields[rng.integers(len(fields))]
-        width = field.last - field.first + 1
-        text = rng.choice(texts)[:width]
-        lines[row] = lines[row][: field.first - 1] + text.ljust(width) + lines[row][field.last :]
-    check_quietly(deck(lines=lines))
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.sets(st.integers(0, len(GOOD) - 1), max_size=len(GOOD)))
-@example(set(range(len(GOOD))))
-@example(set(range(1, len(GOOD))))
-@pytest.mark.slow
-def test_any_missing_cards_give_problems_only(missing: set[int]) -> None:
-    check_quietly(deck(lines=[line for row, line in enumerate(GOOD) if row not in missing]))
 
 
 @pytest.mark.parametrize("mnemonic", sorted({line[:3] for line in GOOD}))

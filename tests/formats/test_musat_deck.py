@@ -18,7 +18,6 @@ from musatpy.formats.draft import draft_of
 from musatpy.formats.job_tables import card_family
 from musatpy.formats.mapping import Slot, factor, slots
 from musatpy.model import CoordinateSystem
-from musatpy.model.block import linking
 from musatpy.units import ARC_SECOND, DEGREE
 
 SYSTEMS = list(CoordinateSystem)
@@ -86,36 +85,6 @@ def assert_same(one: object, other: object, written: dict[str, list[Slot]], name
             assert np.all(np.abs(back - values) <= rounding * (1 + 1e-6) + 1e-14 * np.abs(values)), name
     else:
         np.testing.assert_array_equal(one, other, err_msg=name)
-
-
-def with_one_camera(block: model.Block) -> model.Block:
-    """Return the block with its first camera in the place of all."""
-    cameras = replace(
-        block.cameras, **{one.name: getattr(block.cameras, one.name)[:1] for one in fields(block.cameras)}
-    )
-    tables = {name: getattr(block, name) for name in linking(block, "cameras")}
-    linked = {name: replace(table, camera=0 * table.camera) for name, table in tables.items()}
-    return replace(block, cameras=cameras, **linked)
-
-
-@pytest.mark.slow
-@settings(max_examples=30, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), system=st.sampled_from(SYSTEMS))
-def test_photos_without_station_or_attitude_are_written_again_to_the_byte(
-    seed: int, system: CoordinateSystem
-) -> None:
-    block, rng = with_one_camera(random_block(seed, system)), np.random.default_rng(seed)
-    photos = block.photos
-    missing = rng.random((2, len(photos.ids), 1)) < 0.5
-    photos = replace(
-        photos,
-        position=np.where(missing[0], np.nan, photos.position),
-        attitude=np.where(missing[1], np.nan, photos.attitude),
-    )
-    options = replace(block.options, initial=model.Initial.COMPUTE)
-    data = musat.deck_bytes(replace(block, options=options, photos=photos))
-    assert data.count(b"OP2 COMPUTE ") == 1
-    assert musat.deck_bytes(unchecked(data)) == data
 
 
 def test_a_deck_needs_no_stations_where_they_are_computed() -> None:

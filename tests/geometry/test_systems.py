@@ -307,10 +307,6 @@ class TestGeoids:
         assert system.coordinates(level)[2] == pytest.approx(100.0 - 12.61, abs=2e-6)
         assert "a geoid.gtx" in system.text
 
-    def test_a_grid_that_is_absent_is_told_with_the_folders(self):
-        with pytest.raises(SystemsError, match=r"no such file, nor is it in .*proj"):
-            Geoid("us_nga_egm96_15.tif")
-
     def test_nothing_is_downloaded_when_the_network_is_on(self):
         before = is_network_enabled()
         set_network_enabled(True)
@@ -321,16 +317,6 @@ class TestGeoids:
             assert is_network_enabled()
         finally:
             set_network_enabled(before)
-
-    def test_a_grid_in_the_folders_of_proj(self, tmp_path, monkeypatch):
-        write_geoid(tmp_path / "mine.gtx")
-        monkeypatch.setenv("PROJ_DATA", str(tmp_path))
-        assert np.isfinite(Geoid("mine.gtx").undulation(18.0 * DEGREE, -80.0 * DEGREE))
-
-    def test_a_file_that_is_no_grid(self, tmp_path):
-        (tmp_path / "bad.gtx").write_bytes(b"not a grid")
-        with pytest.raises(SystemsError, match="PROJ cannot read"):
-            Geoid(str(tmp_path / "bad.gtx"))
 
     def test_places_outside_the_grid(self, tmp_path):
         with pytest.raises(SystemsError, match=r"geoid model a geoid\.gtx does not reach "):

@@ -115,19 +115,6 @@ def test_a_camera_that_took_none_of_the_photos_stays_behind() -> None:
 # --- which photos ---
 
 
-@pytest.mark.parametrize(
-    ("wanted", "found"),
-    [
-        (["837"], ["837"]),
-        (["840-842", "837"], ["837", "840", "841", "842"]),
-        (["800-838"], ["837", "838"]),
-    ],
-)
-def test_names_and_ranges(wanted: list[str], found: list[str]) -> None:
-    block = cayman()
-    assert block.photos.ids[photos_named(block, wanted)].tolist() == found
-
-
 def test_ranges_of_names_with_letters_and_hyphens() -> None:
     block = st_thomas()
     named = replace(block, photos=replace(block.photos, ids=np.array(["4-A9", "4-A10", "4-B10"])))

@@ -5,17 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from altered import added, altered
 from jobs.decks import cards, cayman, complaints, merge, photos, reread, rich, st_thomas, with_options
 from musatpy import model
 from musatpy.errors import DeckError
-from musatpy.formats.musat import deck_bytes
-from musatpy.jobs.extract import extracted, photos_named
-from musatpy.jobs.merge import MergeOptions
-from musatpy.jobs.naming import NamedKind, assigned, deck_number, new_names, prefixed, renamed
-from musatpy.jobs.plan_positions import near_control
-
-JOIN = MergeOptions(join_photos=True)
+from musatpy.jobs.extract import extracted
+from musatpy.jobs.naming import NamedKind, assigned, deck_number, new_names, renamed
 
 
 def strips() -> tuple[model.Block, model.Block]:
@@ -25,17 +19,6 @@ def strips() -> tuple[model.Block, model.Block]:
 
 
 # --- nothing lost, nothing twice ---
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("order", [1, -1])
-@pytest.mark.parametrize("cut", [("837-840", "841-846"), ("837-842", "840-846"), ("837-846", "837-846")])
-def test_parts_of_a_strip_make_the_strip(cut: tuple[str, str], order: int) -> None:
-    block = cayman()
-    parts = [extracted(block, photos_named(block, [one])).block for one in cut[::order]]
-    found = merge(*parts, join_photos=True)
-    assert cards(found.block) == cards(block)
-    assert deck_bytes(reread(found.block)) == deck_bytes(found.block)
 
 
 def test_everything_in_a_deck_is_carried() -> None:
@@ -112,17 +95,6 @@ def test_fiducials_and_distortion_are_part_of_a_camera() -> None:
     bent = replace(east, distortion=replace(east.distortion, kind=["RADL", "RADL"]))
     assert "camera RC8: fiducials " in complaints(west, marks)[0]
     assert "camera RC8: kinds of distortion " in complaints(west, bent)[0]
-
-
-def test_options_agree_or_come_from_one_deck() -> None:
-    west, east = strips()
-    other = with_options(east, refraction=model.Refraction.RIGOROUS, max_passes=7)
-    assert complaints(west, other) == [
-        "option refraction is WATPT in a.crd, RIGOROUS in b.crd",
-        "option max_passes is 20 in a.crd, 7 in b.crd",
-    ]
-    assert merge(west, other, options_from=1).block.options == other.options
-    assert merge(west, other, options_from=0).block.options == west.options
 
 
 def test_plate_sigmas_mean_what_they_meant() -> None:
@@ -229,25 +201,6 @@ def test_tides_with_a_correction_in_common_are_noted() -> None:
 # --- names ---
 
 
-def test_renamed_photos_and_points_stand_side_by_side() -> None:
-    block = cayman()
-    second = renamed(
-        block,
-        {
-            NamedKind.PHOTO: prefixed(block, NamedKind.PHOTO, "X", {}),
-            NamedKind.POINT: prefixed(block, NamedKind.POINT, "X", {}, ["1101", "1103"]),
-        },
-        "b.crd",
-    )
-    found = merge(block, second)
-    assert len(found.block.photos.ids) == 20
-    assert len(found.block.points.ids) == 2 * 98 - 2
-    assert [name for name, _ in found.shared[NamedKind.POINT]] == ["1103", "1101"]
-    assert len(found.block.control.point) == 2 * 42 - 2
-    west = extracted(found.block, photos_named(found.block, ["837-846"])).block
-    assert cards(west) == cards(block)
-
-
 def test_names_are_given_all_at_once() -> None:
     block = st_thomas()
     turned = renamed(block, {NamedKind.PHOTO: {"21": "23", "23": "21"}}, "a.crd")
@@ -304,17 +257,3 @@ def test_which_deck_is_meant() -> None:
     assert [deck_number(one, decks) for one in ("x/a.crd", "b.crd", "b")] == [0, 2, 3]
     with pytest.raises(DeckError, match=r"'a' may be any of x/a\.crd, y/a\.crd"):
         deck_number("a", decks)
-
-
-# --- hints ---
-
-
-def test_control_of_two_names_at_one_place_is_found() -> None:
-    block = st_thomas()
-    other = renamed(block, {NamedKind.POINT: {"101": "7"}}, "b.crd")
-    # half a metre north: not the same name, but one of its own
-    other = altered(other, control={"position": added((1, 0), 0.5 / 6.37e6)})
-    ((first, one, second, same, distance),) = near_control([block, other], 1.0)
-    assert (first, one, second, same) == (0, "101", 1, "7")
-    assert distance < 1e-6
-    assert near_control([block, block], 1.0) == []

@@ -18,7 +18,7 @@ from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import extracted, photos_named
 from musatpy.jobs.merge import MergeOptions, merged
 from musatpy.jobs.plan_positions import frame_of
-from musatpy.jobs.punch import Content, Punch, PunchedPoints, punched, restart, result
+from musatpy.jobs.punch import Content, Punch, PunchedPoints, punched, restart
 from musatpy.model import Block, ControlKind, CoordinateSystem, Program, Refraction, Solution, Treatment, WaterLevel
 from musatpy.pipeline import adjust
 from musatpy.units import ARC_SECOND
@@ -269,15 +269,6 @@ def test_a_result_has_the_adjusted_values_and_their_sigmas() -> None:
     assert (took_part == (again.control.kind == ControlKind.FULL)).all()
     assert 90 < took_part.sum() < len(took_part) == np.isfinite(solution.points.position).all(axis=1).sum()
     assert again.points.bathymetric.sum() == 12
-
-
-@pytest.mark.parametrize(
-    ("points", "kind", "count"),
-    [(PunchedPoints.NONE, ControlKind.FULL, 0), (PunchedPoints.CONTROL, ControlKind.VERTICAL, 42)],
-)
-def test_points_of_a_result(points: PunchedPoints, kind: ControlKind, count: int) -> None:
-    block, _ = result(cayman_solved(), points, kind)
-    assert block.control.kind.tolist() == [kind] * count
 
 
 def test_control_that_is_fixed_or_only_checks_keeps_its_card() -> None:

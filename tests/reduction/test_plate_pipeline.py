@@ -11,7 +11,7 @@ from musatpy.reduction.displacements import Curvature, Model, Refraction
 from musatpy.reduction.distortion import Side
 from musatpy.reduction.fiducials import FiducialLimits, Reason, Scales
 from musatpy.reduction.planar import PlanarKind, PlanarTransformation
-from musatpy.reduction.plate_steps import PlateReduction, reduce_plate, restore, transformation_covariance
+from musatpy.reduction.plate_steps import PlateReduction, reduce_plate
 from musatpy.reduction.readings import Calibration, Grid, MarkDistances, PlateReadings, ReductionPlan
 from musatpy.reduction.readings_job import quantities
 from reduction import plates
@@ -77,34 +77,6 @@ def _done() -> PlateReduction:
     return reduce_plate(_plate(XY), _camera(), PLAN)
 
 
-def test_everything_undone_is_reduced():
-    done = _done()
-    assert done.refusal is None
-    assert tuple(one.name for one in done.steps) == STEPS
-    np.testing.assert_allclose(done.xy, XY, rtol=0.0, atol=1e-8)  # six inverses of 1e-9
-    assert done.ids.tolist() == [f"P{i}" for i in range(len(XY))]
-    assert done.beyond_reseau == ()
-    assert done.beyond_table == ()
-    np.testing.assert_allclose(restore(done, done.xy), _plate(XY).points, rtol=0.0, atol=1e-8)  # as above
-
-
-def test_every_step_says_what_it_did():
-    done = _done()
-    for name in ("comparator", "fiducials"):
-        assert np.isnan(done.step(name).largest)
-    for name, low, high in (
-        ("reseau", 0.01, 0.08),
-        ("lens", 0.01, 0.2),
-        ("refraction", 0.005, 0.02),
-        ("curvature", 0.005, 0.06),
-    ):
-        one = done.step(name)
-        assert low < one.largest < high
-        assert one.largest == np.linalg.norm(one.after - one.before, axis=1).max()
-    np.testing.assert_allclose(done.marks.residuals, 0.0, atol=1e-10)  # rounding
-    assert done.marks.fit.freedom == 10
-
-
 def test_derivatives_by_the_readings():
     plate = _plate(XY)
     done = reduce_plate(plate, _camera(), PLAN)
@@ -117,25 +89,6 @@ def test_derivatives_by_the_readings():
     np.testing.assert_allclose(done.by_reading, np.stack(columns, axis=-1), rtol=0.0, atol=1e-8)  # 1e-12 / 1e-4
     want = PLAN.reading_sigma * np.linalg.norm(done.by_reading, axis=2)
     np.testing.assert_allclose(done.sigma, want, rtol=1e-12)
-
-
-def test_covariance_of_the_marks_is_taken_through_the_later_steps():
-    done = _done()
-    applied, fit = done.step("fiducials"), done.marks.fit
-    columns = []
-    for i, size in enumerate(1e-5 / np.abs(applied.step.by_parameters(applied.before)).max(axis=(0, 1))):
-        moved = []
-        for sign in (1, -1):
-            xy = applied.after + sign * size * applied.step.by_parameters(applied.before)[..., i]
-            for later in done.steps[2:]:
-                xy = later.step.apply(xy)
-            moved.append(xy)
-        columns.append((moved[0] - moved[1]) / (2.0 * size))
-    J = np.stack(columns, axis=-1)
-    want = J @ fit.covariance @ np.swapaxes(J, 1, 2)
-    np.testing.assert_allclose(transformation_covariance(done), want, rtol=0.0, atol=1e-6 * np.abs(want).max())
-    with pytest.raises(ValueError, match="no fit"):
-        transformation_covariance(reduce_plate(_plate(XY), _camera(), replace(PLAN, fiducials=None)))
 
 
 def test_repeated_readings_are_meaned_and_surer():
@@ -158,36 +111,6 @@ def test_repeated_readings_are_meaned_and_surer():
     assert done.mark_means.probability[1] < 1e-6  # 0.01 mm is more than 0.003
 
 
-@pytest.mark.parametrize("left_out", STEPS)
-def test_each_step_is_optional(left_out):
-    plan, camera, plate = PLAN, _camera(), _plate(XY)
-    if left_out == "comparator":
-        plan = replace(plan, comparator=None)
-        plate = replace(
-            plate,
-            marks=plates.comparator().apply(plate.marks),
-            points=plates.comparator().apply(plate.points),
-            crosses=plates.comparator().apply(plate.crosses),
-        )
-    elif left_out == "fiducials":
-        plan = replace(plan, fiducials=None)
-    elif left_out == "refraction":
-        plan = replace(plan, refraction=None)
-    else:
-        plan = replace(plan, **{left_out: False})
-    done = reduce_plate(plate, camera, plan)
-    assert tuple(one.name for one in done.steps) == tuple(name for name in STEPS if name != left_out)
-    assert done.refusal is None
-
-
-def test_steps_without_calibration_or_readings_are_left_out():
-    camera = replace(_camera(), reseau=None, lens=None)
-    done = reduce_plate(_plate(XY), camera, PLAN)
-    assert tuple(one.name for one in done.steps) == ("comparator", "fiducials", "refraction", "curvature")
-    no_crosses = replace(_plate(XY), cross_ids=np.zeros(0, dtype=str), crosses=np.zeros((0, 2)))
-    assert reduce_plate(no_crosses, _camera(), PLAN).step("reseau") is None
-
-
 def test_crosses_alone_lead_to_the_fiducial_system():
     """Bilinear cells commute with affine transformations: marks before them make no difference."""
     without = replace(_camera(), mark_ids=IDS[:0], marks=MARKS[:0], mark_sigma=MARKS[:0])
@@ -196,11 +119,6 @@ def test_crosses_alone_lead_to_the_fiducial_system():
     assert np.isnan(done.step("reseau").largest)
     assert done.step("lens").largest > 0.01
     np.testing.assert_allclose(done.xy, XY, rtol=0.0, atol=1e-8)  # as with marks
-
-
-def test_a_camera_without_any_calibration_of_its_frame():
-    camera = replace(_camera(), mark_ids=IDS[:0], marks=MARKS[:0], mark_sigma=MARKS[:0], reseau=None)
-    assert reduce_plate(_plate(XY), camera, PLAN).refusal.reason is Reason.MISSING
 
 
 # --- by distances ---
@@ -238,14 +156,6 @@ def test_distances_refuse_too():
     swapped = plate.marks.copy()
     swapped[[4, 6]] = swapped[[6, 4]]  # one axis turned round: a mirrored plate
     assert reduce_plate(replace(plate, marks=swapped), camera, plan).refusal.reason is Reason.DEGENERATE
-
-
-def test_a_plate_without_points():
-    empty = replace(_plate(XY), point_ids=np.zeros(0, dtype=str), points=np.zeros((0, 2)))
-    done = reduce_plate(empty, _camera(), PLAN)
-    assert done.refusal is None
-    assert done.xy.shape == (0, 2)
-    assert np.isnan(done.step("lens").largest)
 
 
 # --- what a listing needs ---

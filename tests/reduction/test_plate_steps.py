@@ -154,13 +154,6 @@ def test_smooth_deformation_is_undone():
     np.testing.assert_allclose(bilinear.apply(xy * 0.999 + 0.01), xy, rtol=0.0, atol=1e-10)  # exact
 
 
-def test_points_beyond_the_crosses_are_told():
-    one = plates.reseau()
-    xy = np.array([[0.0, 0.0], [115.0, 0.0], [0.0, -103.0]])
-    assert one.inside(xy).tolist() == [True, False, False]
-    np.testing.assert_allclose(one.apply(xy), xy, rtol=0.0, atol=0.1)  # the nearest cell goes on
-
-
 def test_a_cross_that_is_missing_takes_its_cells_out():
     one = plates.reseau()
     measured = one.measured.copy()
@@ -185,17 +178,6 @@ def test_table_at_its_radii_and_between():
     got = lens.distortion(at)
     np.testing.assert_allclose(got, want[:, None] * [0.6, 0.8], rtol=0.0, atol=1e-16)
     assert lens.beyond_table(at).tolist() == [False, False, False, False, True]
-
-
-def test_table_of_a_polynomial_is_the_polynomial():
-    """Radii 10 mm apart, of a mapping lens: linear interpolation is within 0.2 um."""
-    k = np.array([8e-5, -1.5e-8, 5e-13, 0.0])
-    smooth = Lens(centre=np.zeros(2), side=Side.MEASURED, k=k)
-    radius = np.arange(10.0, 151.0, 10.0)
-    values = smooth.distortion(np.stack([radius, 0.0 * radius], axis=-1))[:, 0]
-    table = Lens(centre=np.zeros(2), side=Side.MEASURED, radius=radius, radial=values)
-    xy = plates.points()
-    np.testing.assert_allclose(table.apply(xy), smooth.apply(xy), rtol=0.0, atol=2e-4)
 
 
 def test_decentring_is_largest_along_its_axis():

@@ -135,14 +135,6 @@ def test_the_fixture_by_hand(photo):
     np.testing.assert_allclose(block.plates.xy[own], by_hand(given, photo), rtol=0.0, atol=3e-7)
 
 
-def test_refraction_moves_the_fixture_by_its_formula():
-    """So that the test by hand is one of refraction too: without it, images would be 6 um off."""
-    _, reduced = reduce(read_deck(DECK))
-    photo, moved = reduced.largest("refraction")
-    assert photo == "23" and 6.0 * MICROMETRE < moved < 7.0 * MICROMETRE
-    assert reduced.largest("curvature") is None
-
-
 # --- every option of the cards ---
 
 GEOGRAPHIC, LOCAL = model.CoordinateSystem.GEOGRAPHIC, model.CoordinateSystem.LOCAL
@@ -251,11 +243,6 @@ def test_refraction_and_curvature_are_those_of_the_cards():
     assert step_of("curvature", **wanted).height == pytest.approx(1200.0, abs=1e-9)
 
 
-def test_limits_are_those_of_the_cards():
-    _, reduced = reduce(again(raw_block(in_system(LOCAL), comparator=replace(COMPARATOR, repeat_limit=0.001))))
-    assert any(spread.beyond for plate in reduced.plates for spread in plate.spreads)
-
-
 @pytest.mark.parametrize(("um", "told"), [(1.0, "0.0010"), (0.04, "0.00004"), (0.0025, "0.0000025")])
 def test_a_limit_is_told_with_all_its_digits(um, told):
     block = again(raw_block(in_system(LOCAL), **options(residual_limit=um * MICROMETRE)))
@@ -292,30 +279,6 @@ def without_marks(block: model.Block, photo: int, marks: str = "45678") -> model
     kept = ~((table.photo == photo) & np.isin(table.ids, list(marks)))
     rows = {one.name: getattr(table, one.name)[kept] for one in fields(table)}
     return replace(block, fiducial_measurements=replace(table, **rows))
-
-
-def refusing(refused: model.Refused, *photos: int) -> model.Block:
-    """Return the local block with two marks on some photos, and what then."""
-    block = raw_block(in_system(LOCAL))
-    block = replace(block, reduction=replace(block.reduction, refused=refused))
-    for photo in photos:
-        block = without_marks(block, photo, "345678")
-    return block
-
-
-def test_a_job_goes_on_without_a_refused_plate():
-    block, reduced = reduce(refusing(model.Refused.GO_ON, 0))
-    assert reduced.refusals == {PHOTOS[0]: "2 marks measured, 3 needed"}
-    assert block.photos.ids.tolist() == PHOTOS[1:]
-    want = in_system(LOCAL)
-    np.testing.assert_array_equal(block.photos.position, want.photos.position[1:])
-    kept = want.plates.photo > 0
-    np.testing.assert_array_equal(block.plates.photo, want.plates.photo[kept] - 1)
-    np.testing.assert_allclose(block.plates.xy, want.plates.xy[kept], rtol=0.0, atol=LAST_DIGIT)
-    bases = (want.air_bases.photo > 0).all(axis=1)
-    np.testing.assert_array_equal(block.air_bases.photo, want.air_bases.photo[bases] - 1)
-    solution = adjust(refusing(model.Refused.GO_ON, 0))
-    assert solution.converged and solution.reduced.refusals == reduced.refusals
 
 
 def test_a_photo_without_points_is_not_refused():

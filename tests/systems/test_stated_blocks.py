@@ -17,8 +17,6 @@ from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, T
 from musatpy.systems import Axes, Sigmas, Stated, Statement, entered, stated, stated_solution
 from musatpy.systems.statement import attitudes_in, attitudes_out
 from musatpy.units import DEGREE
-from reference.networks import Plan
-from reference.networks import simulate as network
 from systems.stated_jobs import CLARKE, ORIGIN, coordinates, job, level_geoid, statements, told
 
 UTM = Projected("EPSG:26717", CLARKE)
@@ -55,17 +53,6 @@ class TestSigmas:
         # the rates of a map are differences, good to some 1e-12
         np.testing.assert_allclose(back.photos.position_sigma, job().photos.position_sigma, rtol=2e-11)
         np.testing.assert_allclose(back.control.sigma, job().control.sigma, rtol=2e-11)
-
-    def test_geographic_ones_are_angles(self):
-        statement = Statement(system=Geographic(CLARKE), sigmas=Sigmas.SYSTEM)
-        out = stated(
-            with_control(job(), sigma=np.full(job().control.sigma.shape, 0.5) * [1.0, 2.0, 3.0]), statement
-        )
-        sigma = out.block.control.sigma
-        latitude = job().control.position[:, 0]
-        np.testing.assert_allclose(sigma[:, 0], 1.0 / 6.345e6, rtol=1e-3)  # radii of curvature at 19 degrees
-        np.testing.assert_allclose(sigma[:, 1], 0.5 / 6.381e6 / np.cos(latitude), rtol=1e-3)
-        np.testing.assert_array_equal(sigma[:, 2], 1.5)
 
     def test_equal_ones_stay_in_a_plane_and_unequal_lean_a_little(self):
         statement = Statement(system=PLANE, sigmas=Sigmas.SYSTEM)
@@ -256,25 +243,6 @@ class TestRefused:
             stated(other, Statement(system=UTM))
         numbers = model.EllipsoidSpec(semi_major_axis=6378206.4, inverse_flattening=294.978698214)
         stated(replace(job(), ellipsoid=numbers), Statement(system=UTM))
-
-    def test_an_ellipsoid_that_nobody_knows(self):
-        with pytest.raises(SystemsError, match="is not an ellipsoid"):
-            stated(replace(job(), ellipsoid=model.EllipsoidSpec(name="potato")), Statement(system=UTM))
-        with pytest.raises(SystemsError, match="needs an ellipsoid"):
-            stated(replace(job(), ellipsoid=None), Statement(system=UTM))
-
-    def test_local_jobs_stand_nowhere(self):
-        local = network(Plan(photos_per_strip=2)).block
-        with pytest.raises(SystemsError, match="stands nowhere on the ellipsoid"):
-            stated(local, Statement(system=UTM))
-        with pytest.raises(SystemsError, match="the job is on the ellipsoid"):
-            stated(job(), Statement(system=LocalRectangular()))
-
-    def test_axes_that_are_none(self):
-        with pytest.raises(SystemsError, match="cannot refer to axes of the system"):
-            Statement(system=Geographic(CLARKE), axes=Axes.SYSTEM)
-        with pytest.raises(SystemsError, match="geocentric axes"):
-            Statement(system=LocalRectangular(), axes=Axes.GEOCENTRIC)
 
     def test_matrices_that_are_none(self):
         statement = Statement(system=UTM, form=None)

@@ -109,20 +109,6 @@ def restore(reduction: PlateReduction, xy: FloatArray) -> FloatArray:
     return xy
 
 
-def transformation_covariance(reduction: PlateReduction) -> FloatArray:
-    """Return what the fiducial transformation adds to the covariances (m, 2, 2) mm^2 of the refined coordinates.
-
-    It is common to all points of the plate. Raises `ValueError` without a fit to calibrated marks.
-    """
-    fit, applied = reduction.marks.fit if reduction.marks else None, reduction.step("fiducials")
-    if fit is None or applied is None:
-        raise ValueError(f"photo {reduction.photo} has no fit to calibrated marks")
-    J = fit.plane.by_parameters(applied.before)
-    for later in reduction.steps[reduction.steps.index(applied) + 1 :]:
-        J = later.step.partials(later.before) @ J
-    return J @ fit.covariance @ np.swapaxes(J, 1, 2)
-
-
 class _Reducer:
     """One plate on its way: each step takes the points, and the marks and crosses as long as they are needed."""
 

@@ -36,7 +36,6 @@ from musatpy.statistics.verdict import verdict_of
 if TYPE_CHECKING:
     from musatpy.systems import StatedSolution, Statement
 
-LARGE_RESIDUAL = 3.0  # sigmas
 PLATE_KINDS = ("triangulated", "not triangulated", "all")
 NOT_GIVEN = -1
 _NAMED = 8  # photos: of more, the first ones are named
@@ -128,14 +127,6 @@ class Statistics(Quality):
         return analysis_of(metric_components(block), ids, self.control_difference[check])
 
     @cached_property
-    def control_residuals(self) -> Analysis:
-        """Adjusted minus given of the control that took part, in metres; control without error left out."""
-        control = self.block.control
-        ids = self.block.points.ids[control.point]
-        used = control.known & ~control.fixed[:, None]
-        return analysis_of(metric_components(self.block), ids, np.where(used, self.control_difference, np.nan))
-
-    @cached_property
     def verdict(self) -> Verdict:
         """What the solution is worth."""
         return verdict_of(self)
@@ -144,12 +135,6 @@ class Statistics(Quality):
     def plates(self) -> PlateStatistics:
         """Plate Residuals: the RMS of each photo and of the job, by kind of point."""
         return _plate_statistics(self.solution)
-
-    @cached_property
-    def large_residuals(self) -> BoolArray:
-        """(m,) True where a plate residual in x or y is larger than `LARGE_RESIDUAL` of its a priori sigmas."""
-        residual = np.abs(self.solution.plates.residual)
-        return np.asarray((residual > LARGE_RESIDUAL * self.block.plate_sigmas).any(axis=1))
 
     @cached_property
     def plate_order(self) -> IntArray:
