@@ -198,27 +198,25 @@ def test_a_length_scales_a_block_without_stations(kind: Any, off: float) -> None
 
 
 @pytest.mark.slow
-def test_control_too_weak_to_place_a_block_places_what_it_can() -> None:
-    """One full control point holds the three shifts; scale and turns are free."""
-    truth = flown()
-    solution = placed(unplaced(truth.block, (3,)), 4)
-    assert_same_shape(solution, truth.X, 5.0)
-    point = truth.block.control.point[3]
-    np.testing.assert_allclose(solution.points.position[point], truth.X[point], atol=0.01)  # nothing contradicts it
-
-
-@pytest.mark.slow
-def test_heights_alone_do_not_place_a_block() -> None:
-    """Four known heights hold height and tilts; the scale, which relief would hold, the nominal one replaces."""
+@pytest.mark.parametrize(
+    ("rows", "kind", "motions", "known", "off"),
+    [
+        ((3,), model.ControlKind.FULL, 4, slice(0, 3), 0.01),  # the three shifts: nothing contradicts it
+        # height and tilts; the scale, which relief would hold, the nominal one replaces: sigmas of 0.1 m
+        ((0, 1, 2, 3), model.ControlKind.VERTICAL, 3, slice(2, 3), 0.5),
+    ],
+    ids=["one point", "four heights"],
+)
+def test_control_too_weak_to_place_a_block_places_what_it_can(
+    rows: tuple[int, ...], kind: model.ControlKind, motions: int, known: slice, off: float
+) -> None:
     truth = flown()
     control = truth.block.control
-    block = replace(
-        truth.block, control=replace(control, kind=np.full(len(control.kind), model.ControlKind.VERTICAL))
-    )
-    solution = converged(unplaced(block, (0, 1, 2, 3)))
+    block = altered(truth.block, control={"kind": np.full(len(control.kind), kind)})
+    solution = placed(unplaced(block, rows), motions)
     assert_same_shape(solution, truth.X, 5.0)
-    used = control.point[:4]
-    np.testing.assert_allclose(solution.points.position[used, 2], truth.X[used, 2], atol=0.5)  # sigmas of 0.1 m
+    used = control.point[list(rows)]
+    np.testing.assert_allclose(solution.points.position[used, known], truth.X[used, known], atol=off)
 
 
 @pytest.mark.slow

@@ -21,7 +21,6 @@ from musatpy.adjustment.musat2a import GeodeticRestraint, fully_weighted
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.sightings import image_coordinates
-from musatpy.units import DEGREE
 from reference import compare, dense_bundle
 from reference.networks import Plan
 
@@ -187,20 +186,6 @@ def test_unknown_water_of_curved_jobs_finds_the_truth(system: model.CoordinateSy
 
 
 # --- convergence ---
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("seed", "submerged", "heading"), [(0, False, 0.0), (0, True, 1.2), (1, False, 2.9), (2, True, 2.9)]
-)
-def test_starts_of_500_m_and_5_degrees(seed: int, submerged: bool, heading: float) -> None:
-    """One sigma off in every component, in any direction of flight: the minimum is that of a good start."""
-    plan = Plan(submerged=submerged, photos_per_strip=4, heading=heading, seed=60 + seed)
-    poor = replace(plan, start_error=(500.0, 5.0 * DEGREE))
-    good, found = solved(plan), solved(poor)
-    assert found.sum_of_squares == pytest.approx(good.sum_of_squares, rel=1e-6)
-    metres = found.stations.position - good.stations.position
-    assert np.abs(metres / compare.sigmas(good.stations.covariance)[:, :3]).max() < 1e-4
 
 
 @pytest.mark.parametrize("start", [-40.0, 60.0])

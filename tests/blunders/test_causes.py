@@ -11,7 +11,7 @@ from altered import added, altered
 from blocks import FIXTURES
 from drivers import causes_study as study
 from drivers.causes_study import edited, fault, strip
-from drivers.common_mistakes import MISTAKES, outcome, simulated
+from drivers.common_mistakes import simulated
 from musatpy import adjust, read_deck
 from musatpy.blunders.causes import first_look
 from musatpy.formats.musat import check_deck
@@ -71,20 +71,18 @@ def test_a_doubtful_run_names_the_cause_and_changes_nothing() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("deck", "kind", "photos"),
+    ("deck", "expected"),
     [
-        ("cameras_underground", _K.AXES, ()),
-        ("control_in_feet", _K.UNIT, ()),
-        ("point_at_4e15_converged", _K.EXCHANGED_IMAGES, ("1", "2")),
-        ("linalg_svd_resection", _K.START, ("1",)),
+        ("cameras_underground", {"kind": _K.AXES, "photos": ()}),
+        ("control_in_feet", {"kind": _K.UNIT, "photos": ()}),
+        ("point_at_4e15_converged", {"kind": _K.EXCHANGED_IMAGES, "photos": ("1", "2")}),
+        ("linalg_svd_resection", {"kind": _K.START, "photos": ("1",)}),
+        ("linalg_one_digit_control_edit", {"points": ("103",), "cards": ("CTG",)}),  # a tenth of a degree off
     ],
 )
-def test_decks_that_showed_a_defect_have_their_cause_named(
-    deck: str, kind: CauseKind, photos: tuple[str, ...]
-) -> None:
-    causes = causes_of(read_deck(FINDS / f"{deck}.crd"))
-    assert causes[0].kind is kind
-    assert causes[0].photos == photos
+def test_decks_that_showed_a_defect_have_their_cause_named(deck: str, expected: dict[str, object]) -> None:
+    first = causes_of(read_deck(FINDS / f"{deck}.crd"))[0]
+    assert {name: getattr(first, name) for name in expected} == expected
 
 
 @pytest.mark.slow
@@ -121,13 +119,6 @@ def test_the_size_of_a_focal_length_is_that_at_rest(factor: float) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["focal a tenth", "control in km"])
-def test_a_factor_is_named_first_with_observed_stations(name: str) -> None:
-    """Trials that lead nowhere leave effort for the search from the one that fits."""
-    assert outcome("iiia", 1, next(one for one in MISTAKES if one.name == name)).named
-
-
-@pytest.mark.slow
 def test_one_wrong_image_is_not_told_as_a_unit_of_length() -> None:
     """Photo 21 sees little control: heights times 1.0936 bend the block to it, and leave control 103 wrong."""
     deck = FIXTURES / "st_thomas/st_thomas.crd"
@@ -140,12 +131,6 @@ def test_one_wrong_image_is_not_told_as_a_unit_of_length() -> None:
     assert {cause.points for cause in causes if cause.group == 1} == {("103",)}
     image = next(cause for cause in causes if cause.kind is CauseKind.IMAGE)
     assert image.size[0] == pytest.approx(-1000.0, abs=4.0 * image.sigma[0])
-
-
-def test_an_offset_of_all_tides_is_named_alone() -> None:
-    """Flags that contradict the heights because two datums are mixed are no cause of their own."""
-    deck = FIXTURES / "trust/tides_msl_control_ellipsoidal.crd"
-    assert [cause.kind for cause in adjust(read_deck(deck)).causes] == [CauseKind.TIDES]
 
 
 def test_a_cause_of_many_points_names_five() -> None:
@@ -177,13 +162,6 @@ def test_plates_turned_by_a_right_angle_are_no_cause() -> None:
     )
     assert not doubtful(Statistics(adjust(turned)))
     assert not causes_of(turned)
-
-
-@pytest.mark.slow
-def test_a_control_point_a_tenth_of_a_degree_off_is_named() -> None:
-    causes = causes_of(read_deck(FINDS / "linalg_one_digit_control_edit.crd"))
-    assert causes[0].points == ("103",)
-    assert causes[0].cards == ("CTG",)
 
 
 @pytest.mark.slow

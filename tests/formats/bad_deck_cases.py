@@ -102,7 +102,7 @@ CAM = GOOD[4].replace("RC8 ", "RC9 ")
 CASES: list[Case] = [
     case(
         deck(add("BAS 842      841          702.8513   0.2000")),
-        "49 BAS [842      841] between photos 841 and 842 is already given on line 48",
+        "49 BAS [842      841] already given on line 48",
     ),
     # --- references ---
     case(
@@ -133,10 +133,7 @@ CASES: list[Case] = [
     ),
     case(deck(drop(6, 7, 8)), "- - [] the deck has no exposure stations (no STA or STX card)"),
     case(deck(drop(9, 10, 11)), "- - [] the deck has no attitudes (no ATT card)"),
-    case(
-        deck(drop(6), add(COMPUTE, CAM)),
-        "14 PLT.photo [841] photo 841 has no station card, and any of 2 cameras may have taken it",
-    ),
+    case(deck(drop(6), add(COMPUTE, CAM)), "14 PLT.photo [841] any of 2 cameras may have taken it"),
     case(deck(drop(10)), "7 STA.photo [842] photo 842 has no attitude card (ATT)"),
     # --- values: many on one deck, of which none hides another ---
     case(
@@ -215,14 +212,8 @@ CASES: list[Case] = [
         "3 ELL.name [clrk66] an ellipsoid has a name or an axis, not both",
         "3 ELL.inverse_flattening [] blank, where an axis is given",
     ),
-    case(
-        deck(replace(3, "clrk66", " " * 6)),
-        "3 ELL.name [] an ellipsoid needs a name, or an axis and an inverse flattening",
-    ),
-    case(
-        deck(plates_a_thousandth),
-        "~15 PLT [-0.0045140  -0.0719650] lie within a hundredth of its format: are they in millimetres?",
-    ),
+    case(deck(replace(3, "clrk66", " " * 6)), "3 ELL.name [] an ellipsoid needs a name, or an axis"),
+    case(deck(plates_a_thousandth), "~15 PLT [-0.0045140  -0.0719650] are they in millimetres?"),
     case(
         deck(replace(5, "230.00   230.00", "               "), replace(15, " -71.9650000", "-971.9650000")),
         "15 PLT.y [-971.9650000] mm lies 5 focal lengths off the axis of camera RC8, which has no",
@@ -241,10 +232,7 @@ CASES: list[Case] = [
         "49 FID [0.0000000   0.0000000] x = y = 0, and so has another one",
         "50 FID [0.0000000   0.0000000] x = y = 0, and so has another one",
     ),
-    case(
-        deck(replace(43, "  909576.9971", " " * 13), lines=GEOCENTRIC),
-        "43 CTX.x [] X, Y and Z hold a point only together, and X is blank",
-    ),
+    case(deck(replace(43, "  909576.9971", " " * 13), lines=GEOCENTRIC), "43 CTX.x [] hold a point only together"),
     # --- systems ---
     case(
         deck(replace(2, "GEOG", "LOCL"), drop(3)),
@@ -274,24 +262,15 @@ CASES: list[Case] = [
         "44 CTG.bathymetric [B] point 1105 is flagged bathymetric here, and is not on its first card",
         "~44 CTG.height [14.0384] 14.0384 m: 13.74 m (137.4 sigmas) above the water of all its photos, and",
     ),
-    case(
-        deck(replace(43, "   17.0386", "   -0.2010")),
-        "~43 CTG.height [-0.2010] point 1103, -0.201 m: 0.40 m (4.0 sigmas) below the water of all its photos,",
-    ),
+    case(deck(replace(43, "   17.0386", "   -0.2010")), "~43 CTG.height [-0.2010] 0.40 m (4.0 sigmas) below"),
     case(
         deck(replace(33, " B ", " D "), replace(44, "F  ", "F D")),
         "33 PLT.bathymetric [D] point 1047 is flagged dry here, and bathymetric on its first card",
         "44 CTG.bathymetric [D] point 1105 is flagged dry here, and is not on its first card",
     ),
     case(deck(drop(4)), "20 PLT.bathymetric [B] 2 bathymetric points, but no WTR card with the refractive index"),
-    case(
-        deck(add(conditions("12.50", "35.00"))),
-        "4 WTR.index [1.340000] given here, and on WTC what it comes from: one or the other",
-    ),
-    case(
-        deck(replace(4, "1.340000", "        ")),
-        "4 WTR.index [] blank, and no WTC card says what the index comes from",
-    ),
+    case(deck(add(conditions("12.50", "35.00"))), "4 WTR.index [1.340000] given here, and on WTC what it"),
+    case(deck(replace(4, "1.340000", "        ")), "4 WTR.index [] blank, and no WTC card says"),
     case(
         deck(drop(4), add(conditions("30.50", "42.10", wavelength="399.00", air=("-41.00", "99.00")))),
         "48 WTC.temperature [30.50] 30.5 degrees Celsius: the formula quan-fry holds for 0 to 30",
@@ -315,10 +294,7 @@ CASES: list[Case] = [
         "48 WTC.wavelength [250.00] 250 nm: the formula iapws holds for 300 to 1100",
     ),
     case(deck(drop(13)), "31 PLT.photo [842] photo 842 has submerged points but no TID card"),
-    case(
-        deck(replace(12, "    0.2000", " 1500.0000")),
-        "12 TID.height [1500.0000] the water at 1500 m is not below its exposure station",
-    ),
+    case(deck(replace(12, "    0.2000", " 1500.0000")), "12 TID.height [1500.0000] is not below its exposure"),
     # --- datum ---
     case(
         deck(drop(*range(36, 42))),
@@ -344,10 +320,7 @@ CASES: list[Case] = [
         "49 OP2.datum [FREE] 'FREE' needs program IIIA",
         "~50 DIS [] the distances take no part: program IIA does not use them, IIIA does",
     ),
-    case(
-        deck(replace(2, "OPT IIA ", "OPT IIIA")),
-        "~2 OPT.refraction [WATPT] 'WATPT' is not for program IIIA: it has RIGOROUS only",
-    ),
+    case(deck(replace(2, "OPT IIA ", "OPT IIIA")), "~2 OPT.refraction [WATPT] 'WATPT' is not for program IIIA"),
     case(
         deck(IIIA, add(water_options("DAY"))),
         "~12 TID.sigma [] no sigma: the measurements alone have to determine this unknown",

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from musatpy import BlockBuilder, read_deck
+from musatpy import BlockBuilder, adjust, read_deck
 from musatpy.errors import DeckError
 from musatpy.formats import system_rows
 from musatpy.formats.parts import parts_of
-from musatpy.model import ControlKind, Options, WaterConditions
+from musatpy.model import Options, WaterConditions
 from musatpy.model.tables import Table, columns
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
@@ -48,39 +48,19 @@ def test_a_block_can_be_made_again_of_what_it_says(deck):
     assert_same(block, of_parts(block).build())
 
 
-def st_thomas():
-    """Return the builder of the strip of three photos, by the calls that people use."""
-    block = read_deck(FIXTURES / "st_thomas/st_thomas.crd")
-    names, photos = block.points.ids, block.photos
-    options = {field.name: getattr(block.options, field.name) for field in fields(Options)}
-    builder = BlockBuilder(*block.titles, ellipsoid="clrk66", **options)
+def test_a_pair_is_made_by_calls():
+    """Its images are exact: what a call would put elsewhere would leave residuals."""
+    builder = small(photos={"1": {"tide": 0.5}, "2": {"tide": -0.5}})
     builder.water(1.34)
-    builder.add_camera("RC8", 152.25, principal_point=(0.01, -0.005), format_size=(228.6, 228.6))
-    for row, photo in enumerate(photos.ids.tolist()):
-        builder.add_photo(photo, "RC8", photos.position[row], photos.attitude[row], tide=photos.tide[row])
-    for row, photo in enumerate(photos.ids.tolist()):
-        on = block.plates.photo == row
-        point = block.plates.point[on]
-        builder.add_images(
-            photo,
-            names[point],
-            block.plates.xy[on],
-            triangulated=block.plates.triangulated[on],
-            submerged=block.points.bathymetric[point],
-        )
-    control = block.control
-    for point, kind, position, sigma in zip(
-        control.point, control.kind, control.position, control.sigma, strict=True
-    ):
-        builder.add_control(names[point], position, ControlKind(kind), sigma=sigma)
-    builder.add_equal_elevations("SHORE", ["202", "205", "208"], 0.1)
-    return builder, block
-
-
-def test_a_strip_is_made_by_calls():
-    builder, block = st_thomas()
-    assert builder.check() == ()
-    assert_same(block, builder.build())
+    for photo in "12":
+        builder.add_images(photo, ["Y"], [[5.0, 6.0]], triangulated=[False], submerged=[True])
+    block = builder.build()
+    assert block.points.ids[block.points.bathymetric].tolist() == ["Y"]
+    assert (~block.plates.triangulated).sum() == 2 and block.photos.tide.tolist() == [0.5, -0.5]
+    solution = adjust(block)
+    taken = solution.plates.triangulated
+    assert solution.converged and np.abs(solution.plates.residual[taken]).max() < 1e-9  # mm, rounding
+    assert taken.sum() == 18 and len(block.control.point) == 4
 
 
 def test_all_else_that_is_measured_has_its_call():
@@ -100,15 +80,15 @@ def test_all_else_that_is_measured_has_its_call():
     assert groups.group.tolist() == [0, 0, 1, 1, 1, 1, 1, 1, 1]
 
 
-def small(**options):
+def small(photos=None, **options):
     """Return the builder of a stereopair of nine points."""
     builder = BlockBuilder("pair", **{"system": "LOCL", "program": "IIIA", "refraction": "RIGOROUS", **options})
-    builder.add_camera("K", 150.0)
+    builder.add_camera("K", 150.0, principal_point=(0.01, -0.005), format_size=(300.0, 300.0))
     ground = np.array([(x, y, 3.0 * x % 7) for x in (-40.0, 40.0, 120.0) for y in (-60.0, 0.0, 60.0)])
     for photo, station in (("1", [0.0, 0.0, 150.0]), ("2", [80.0, 0.0, 150.0])):
         away = ground - station
-        builder.add_photo(photo, "K", station, [0.0, 0.0, 0.0])
-        builder.add_images(photo, list("ABCDEFGHI"), 150.0 * away[:, :2] / -away[:, 2:])
+        builder.add_photo(photo, "K", station, [0.0, 0.0, 0.0], **(photos or {}).get(photo, {}))
+        builder.add_images(photo, list("ABCDEFGHI"), [0.01, -0.005] + 150.0 * away[:, :2] / -away[:, 2:])
     for row, name in ((0, "A"), (2, "C"), (6, "G"), (8, "I")):
         builder.add_control(name, ground[row], sigma=0.1)
     return builder

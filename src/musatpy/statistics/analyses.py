@@ -36,6 +36,7 @@ from musatpy.statistics.verdict import verdict_of
 if TYPE_CHECKING:
     from musatpy.systems import StatedSolution, Statement
 
+LARGE_RESIDUAL = 3.0  # sigmas
 PLATE_KINDS = ("triangulated", "not triangulated", "all")
 NOT_GIVEN = -1
 _NAMED = 8  # photos: of more, the first ones are named
