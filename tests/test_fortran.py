@@ -289,17 +289,6 @@ def test_points_are_read_as_python_does_and_implied_ones_exactly(text, decimals,
     assert same(read_number(" " * before + text, edit), expected)
 
 
-@given(st.text(st.sampled_from("0123456789+-.ED *"), min_size=6, max_size=6))
-def test_any_field_reads_or_is_refused(field):
-    for descriptor in ("I6", "F6.2", "E6.1"):
-        try:
-            value = read_number(field, parse_edit(descriptor), blank="missing", asterisks=True)
-        except FieldError as error:
-            assert error.found == field
-        else:
-            assert math.isfinite(value) or not field.strip(" *")
-
-
 @pytest.mark.parametrize(
     ("value", "decimals"),
     [(30.0, 2), (0.25, 2), (0.04, 2), (0.004, 3), (-0.0125, 4), (1e-9, 9), (0.0, 2), (1e6, 2), (0.1 + 0.2, 2)],

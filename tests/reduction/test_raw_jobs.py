@@ -6,13 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from altered import added, altered, put
 from formats.deck_edits import in_system
 from musatpy import adjust, listing, model, read_deck
 from musatpy.errors import DeckError, PlatesError
 from musatpy.formats.musat import deck_bytes
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model.tables import empty
-from musatpy.reduction.readings_job import reduce
+from musatpy.reduction import displacements
+from musatpy.reduction.readings_job import quantities, reduce
 from musatpy.reduction.refined_block import reduction_of
 from musatpy.units import MICROMETRE
 from raw_plates import (
@@ -268,6 +270,65 @@ def test_readings_in_a_job_of_another_system():
     np.testing.assert_allclose(block.plates.xy, refined_block().plates.xy, rtol=0.0, atol=LAST_DIGIT)
     solution = adjust(stated)
     assert solution.block.answer_in == utm.stated_in and "Plate Reduction" in listing(solution)
+
+
+# --- what a plate says of itself ---
+
+BY_CROSSES = options(atmosphere=model.Atmosphere.US1976, ground_height=3.0) | CROSSES
+
+
+def test_errors_of_readings_become_those_of_refined_coordinates():
+    """Derivatives by all steps against differences; a point that is read twice is as much surer."""
+    block = raw_block(in_system(LOCAL), **BY_CROSSES)
+    ends = [
+        [reduction_of(altered(block, plates={"xy": added(..., sign * axis)})) for sign in (1.0, -1.0)]
+        for axis in 1e-4 * np.eye(2)
+    ]
+    for photo, plate in enumerate(reduction_of(block)):
+        columns = [(there[photo].xy - back[photo].xy) / 2e-4 for there, back in ends]
+        np.testing.assert_allclose(
+            plate.by_reading, np.stack(columns, axis=-1), rtol=0.0, atol=1e-8
+        )  # 1e-12 / 1e-4
+        sigma = COMPARATOR.reading_sigma * np.linalg.norm(plate.by_reading, axis=2)
+        np.testing.assert_allclose(plate.sigma, sigma / np.sqrt(plate.point_means.count)[:, None], rtol=1e-12)
+        assert plate.point_means.count.tolist() == [2] + [1] * (len(plate.xy) - 1)
+
+
+def test_a_reading_of_its_own_sigma_counts_by_it():
+    block = raw_block(in_system(LOCAL), **options(residual_limit=0.1))
+    sigma = put(1, [0.001, np.nan])(np.full_like(block.plates.sigma, np.nan))
+    marks = np.full_like(block.fiducial_measurements.sigma, 0.004)
+    marks[[0, 8]] = 5.0  # both readings of the first mark, which is off by 0.05 mm
+    off = {"xy": added(([0, 8], 0), 0.05), "sigma": marks}
+    plate = reduction_of(altered(block, plates={"sigma": sigma}, fiducial_measurements=off))[0]
+    variance = np.square([0.001, COMPARATOR.reading_sigma]) @ np.square(plate.by_reading[1]).T
+    np.testing.assert_allclose(plate.sigma[1], np.sqrt(variance), rtol=1e-12)
+    assert np.abs(plate.marks.residuals[0]).max() == pytest.approx(0.05, abs=0.01)  # the others pay nothing for it
+    assert np.abs(plate.marks.residuals[1:]).max() < 0.012  # as they are read
+
+
+def test_parameters_of_every_step_have_names():
+    plate = reduction_of(raw_block(in_system(LOCAL), **(BY_CROSSES | GROUND)))[0]
+    named = {step.name: {one.name: one for one in quantities(plate, step.name)} for step in plate.steps}
+    assert named["comparator"]["scale u"].value == COMPARATOR.scale_u
+    fit = plate.marks.fit
+    assert named["fiducials"]["tx"].value == fit.plane.parameters[4]
+    assert named["fiducials"]["tx"].sigma == pytest.approx(np.sqrt(fit.covariance[4, 4]), rel=1e-15)
+    of_u = fit.plane.matrix()[:2, 0]  # the u rail
+    assert named["fiducials"]["rotation"].value == pytest.approx(np.arctan2(of_u[1], of_u[0]), abs=1e-12)
+    assert named["reseau"]["crosses measured"].value == 49
+    assert named["reseau"]["largest deformation"].value == pytest.approx(0.03, abs=0.002)  # of `crosses`
+    assert named["lens"]["distortion at 50.000 mm"].value == 0.002
+    height = float(in_system(LOCAL).photos.position[0, 2])
+    assert named["refraction"]["K"].value == displacements.constant(displacements.Model.ARDC, height, 3.0)
+    assert named["curvature"]["height above ground"].value == height - 3.0
+
+
+def test_distances_of_a_mirrored_plate_are_refused():
+    wanted = options(transformation=model.Transformation.DISTANCES) | {"mark_distances": distances()}
+    block = raw_block(in_system(LOCAL), **wanted)
+    with pytest.raises(PlatesError, match="too few, in one direction, or a mirrored plate"):
+        reduce(altered(block, comparator={"left_handed": False}))
 
 
 # --- refused plates ---
