@@ -19,9 +19,10 @@ import pandas as pd
 from scipy.optimize import least_squares
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from depth.lagoon import by_photographs
+from musatpy.correction.files import correct_table
+from musatpy.correction.photographs import ByPhotographs
 from musatpy.depth.cameras import CameraStations, read_cameras
-from musatpy.depth.corrected_files import correct_csv
-from musatpy.depth.correction import Correction
 from reference.rays import incidence_distance
 
 INDEX = 1.34
@@ -55,8 +56,8 @@ def survey(folder: Path, count: int) -> tuple[Path, Path]:
     return cameras, points
 
 
-def correction(path: Path) -> Correction:
-    return Correction(cameras=read_cameras(path, camera=CAMERA), index=INDEX)
+def correction(path: Path) -> ByPhotographs:
+    return by_photographs(read_cameras(path, camera=CAMERA), INDEX)
 
 
 def by_means(cameras: CameraStations, points: Path, target: Path) -> None:
@@ -117,13 +118,13 @@ def ratios(folder: Path) -> tuple[float, float]:
     """Return how many times as fast as the accurate peer, and as slow as the fast one, the correction is."""
     stations, points = survey(folder, SOME)
     work = correction(stations)
-    own = seconds(lambda: correct_csv(points, folder / "own.csv", work))
-    means = seconds(lambda: by_means(work.cameras, points, folder / "means.csv"))
+    own = seconds(lambda: correct_table(points, folder / "own.csv", work))
+    means = seconds(lambda: by_means(work.photographs.cameras, points, folder / "means.csv"))
     xyz = pd.read_csv(points)[["x", "y", "z"]].to_numpy()
     few = xyz[xyz[:, 2] < -1.0][:FEW]
     found: list[np.ndarray] = []
-    slow = seconds(lambda: found.extend(by_least_squares(work.cameras, A) for A in few))
-    true, _ = work(few)
+    slow = seconds(lambda: found.extend(by_least_squares(work.photographs.cameras, A) for A in few))
+    true, _ = work.correction(few)
     # the peer's rays end at 1e-7 m, its derivatives are differences; the correction ends at 1e-6 m
     np.testing.assert_allclose(np.array(found), true.position, atol=1e-4)
     return (slow / FEW) / (own / SOME), own / means
@@ -138,7 +139,7 @@ def main() -> None:
         )
         print(f"    {fast:.1f} times the time of the mean of single cameras")
         stations, points = survey(folder, MANY)
-        time_2 = seconds(lambda: correct_csv(points, folder / "true.csv", correction(stations), jobs=2))
+        time_2 = seconds(lambda: correct_table(points, folder / "true.csv", correction(stations), jobs=2))
         largest = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
         print(f"file of {MANY:,} points, {STRIPS * PHOTOS} photographs, 2 processes: {time_2:.0f} s,")
         print(f"    largest process {largest / 1024:.0f} MB")

@@ -187,29 +187,14 @@ def test_sigmas_from_a_table_of_stations(tmp_path: Path) -> None:
         ]  # fmt: skip
         assert all(row["true_x"] == "" and row["x"] for row in rows[2:])
         depths[name] = [float(row.get("sigma_depth", "nan")) for row in rows[:2]]
+    options = ("--stations", stations, "--index", "1.34", "-j", "1", "-q", "--photos")
+    assert musat("correct", points, "-o", str(tmp_path / "pair.csv"), *options, "1,3").exit_code == 0
+    assert rows_of(tmp_path / "pair.csv")[0]["cameras"] == "1 3"
+    result = musat("correct", points, "-o", str(tmp_path / "pair.csv"), *options, "1,9")
+    assert result.exit_code == 1 and "there is no photo 9" in result.stderr
     # of two vertical images of 6 um, a base of 500 m and a depth that refraction magnifies by a third
     assert np.all(np.array(depths["exact"]) > 0.05) and np.all(np.array(depths["exact"]) < 0.12)
     assert np.all(np.array(depths["sigmas"]) > depths["exact"]) and np.isnan(depths["none"]).all()
-
-
-def test_a_cloud_has_the_points_of_a_table(tmp_path: Path) -> None:
-    """Of the same sigmas and the same faults; lost points stay where they are."""
-    stations, points = written(tmp_path, ".05,.05,.08,.002,.002,.002,.1")
-    las = laspy.LasData(laspy.LasHeader(version="1.4", point_format=6))
-    las.header.scales, las.header.offsets = np.full(3, 1e-5), np.zeros(3)
-    las.x, las.y, las.z = POINTS.T
-    las.write(tmp_path / "points.las")
-    options = ("--stations", stations, "--index", "1.34", "--pointing", "6", "-j", "1", "-q")
-    assert musat("correct", points, "-o", str(tmp_path / "true.csv"), *options).exit_code == 0
-    assert musat("correct", str(tmp_path / "points.las"), "-o", str(tmp_path / "true.las"), *options).exit_code == 0
-    found, rows = laspy.read(tmp_path / "true.las"), rows_of(tmp_path / "true.csv")
-    np.testing.assert_array_equal(found.reason == 0, [row["reason"] == "" for row in rows])
-    np.testing.assert_allclose(np.asarray(found.xyz)[2:], POINTS[2:], atol=1e-9)
-    apparent_xyz = np.column_stack([found.apparent_x, found.apparent_y, found.apparent_z])
-    np.testing.assert_allclose(apparent_xyz, POINTS, atol=1e-9)
-    of_table = [[float(row[f"sigma_{name}"]) for name in ("east", "north", "height", "depth")] for row in rows[:2]]
-    of_cloud = np.column_stack([found[f"sigma_{name}"][:2] for name in ("east", "north", "height", "depth")])
-    np.testing.assert_allclose(of_cloud, of_table, atol=6e-5)  # half a unit of the table
 
 
 def test_a_raster_has_the_points_of_its_posts(tmp_path: Path) -> None:
@@ -281,26 +266,6 @@ def test_a_point_has_one_true_place(tmp_path: Path, method: Method) -> None:
     assert vector.columns["sigma_height"].values[0] == pytest.approx(sigma, rel=1e-12)
     assert vector.columns["apparent_z"].values[0] == cloud["apparent_z"][0] == bands["apparent"][0, 0] == z
     assert (row["reason"], cloud["reason"][0], bands["reason"][0, 0]) == ("", 0, 0)
-
-
-def test_one_model_of_many_photographs(tmp_path: Path) -> None:
-    stations, points = written(tmp_path)
-    options = ("--stations", stations, "--index", "1.34", "-j", "1", "-q")
-    target = tmp_path / "true.csv"
-    assert musat("correct", points, "-o", str(target), *options, "--photos", "1,3").exit_code == 0
-    assert rows_of(target)[0]["cameras"] == "1 3"
-    result = musat("correct", points, "-o", str(target), *options, "--photos", "1,9")
-    assert result.exit_code == 1 and "there is no photo 9" in result.stderr
-
-
-def test_nothing_corrected_is_no_success(tmp_path: Path) -> None:
-    stations, points = written(tmp_path)
-    (tmp_path / "points.csv").write_text("x,y,z\n100,50,7\n120,50,8\n")
-    result = musat(
-        "correct", points, "-o", str(tmp_path / "t.csv"), "--stations", stations, "--index", "1.34", "-j", "1"
-    )
-    assert result.exit_code == 4
-    assert "2 not: not below the water" in result.stdout and "no point is corrected" in result.stderr
 
 
 def test_points_below_waves_are_those_of_their_model(tmp_path: Path) -> None:

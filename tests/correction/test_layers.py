@@ -17,13 +17,13 @@ from click.testing import Result
 from scipy.interpolate import LinearNDInterpolator
 
 from cli.commands import musat
-from compilation.scenes import at_depth, flat_images, grid, pair, readings_at
+from compilation.scenes import grid, readings_at
 from musatpy.arrays import FloatArray
 from musatpy.compilation.loop import Loop
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import of_record
-from musatpy.compilation.true_points import PointSigmas, true_points
-from musatpy.correction import surfaces
+from musatpy.compilation.true_points import true_points
+from musatpy.correction import rasters
 from musatpy.geometry.crs import LongitudeLatitude, system_of
 from musatpy.geometry.projected import crs_of
 from musatpy.geometry.systems import System
@@ -49,21 +49,8 @@ def stations(tmp_path: Path) -> Path:
 
 
 def by_stations(stations: Path, source: Path, target: Path, *options: str) -> Result:
-    return musat(
-        "correct",
-        source,
-        "-o",
-        target,
-        "--stations",
-        stations,
-        "--index",
-        INDEX,
-        "--pointing",
-        5,
-        "-j",
-        1,
-        *options,
-    )
+    given = ("--stations", stations, "--index", INDEX, "--pointing", 5, "-j", 1)
+    return musat("correct", source, "-o", target, *given, *options)
 
 
 def by_model(record: Path, source: Path, target: Path, *options: str) -> Result:
@@ -109,16 +96,6 @@ def test_points_of_a_model_are_those_of_its_compilation(run_record: Path, tmp_pa
     sigmas = np.column_stack([rows[f"sigma_{name}"].values for name in ("east", "north", "height")])
     np.testing.assert_allclose(sigmas, expected, rtol=0.0, atol=6e-5)
     np.testing.assert_allclose(rows["sigma_depth"].values, points.depth_sigma, rtol=0.0, atol=6e-5)
-
-
-def test_sigmas_of_two_photographs_are_those_of_a_compilation() -> None:
-    """By the network of many rays as by that of a stereopair, without the digits of a table."""
-    run, true = pair(3000.0, 1810.0), at_depth(grid((200.0, 1600.0), 1700.0, 5), 12.0)
-    points = true_points(run, (0, 1), readings_at(flat_images(run, true), sigma=0.005))
-    errors = PointSigmas(run=run, photos=np.arange(2), pointing=0.005)
-    sigma, depth_sigma = errors(true, np.ones((len(true), 2), dtype=bool))
-    np.testing.assert_allclose(sigma, np.sqrt(np.diagonal(points.covariance, axis1=1, axis2=2)), rtol=1e-6)
-    np.testing.assert_allclose(depth_sigma, points.depth_sigma, rtol=1e-6)
 
 
 def test_contours_of_a_map_go_through_a_geopackage(run_record: Path, tmp_path: Path) -> None:
@@ -199,21 +176,6 @@ def test_results_state_the_system_that_was_named(run_record: Path, tmp_path: Pat
         assert true.crs == pyproj.CRS("EPSG:26720")
 
 
-def test_formats_hold_what_they_can(run_record: Path, tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("x,y,z,remark\n-64.936,18.33,-3.0,ü\n")
-    for name, said in (
-        ("true.tif", "a .tif file does not hold points"),
-        ("true.las", "columns remark: texts; expected: numbers"),
-        ("true.doc", "no suffix of a known format"),
-    ):
-        result = by_model(run_record, tmp_path / "a.csv", tmp_path / name)
-        assert result.exit_code == 1 and said in result.output and not (tmp_path / name).exists()
-    assert by_model(run_record, tmp_path / "a.csv", tmp_path / "true.dxf").exit_code == 0
-    assert "+proj=longlat" in (tmp_path / "true.dxf").read_text()
-    result = by_model(run_record, tmp_path / "a.csv", tmp_path / "true.csv", "--surface")
-    assert result.exit_code == 1 and "a surface is that of a raster" in result.output
-
-
 @pytest.mark.parametrize(
     ("points", "words"),
     [
@@ -234,33 +196,47 @@ def test_points_elsewhere_are_told_what_would_bring_them(
         assert not (tmp_path / f"t.{suffix}").exists()
 
 
+LON_LAT = "x,y,z\n-64.936,18.33,-3.0\n"
+
+
 @pytest.mark.parametrize(
-    ("text", "options", "said"),
+    ("text", "target", "options", "said"),
     [
-        ("x,y,z\n294994.9,2029326.2,-3.0\n", (), 'They are seen as UTM, zone 20 north (--crs "+proj=utm +z'),
-        ("x,y,z\n-64.936,18.33,-3.0\n", ("--crs", "EPSG:26720"), "as longitude and latitude in degrees"),
-        ("lon,lat,depth\n-64.94,18.33,3.0\n", (), "no column z [m] among lon, lat, depth"),
-        ("x,y,z\n-64.94,18.33\n", (), "2 values"),
+        (
+            "x,y,z\n294994.9,2029326.2,-3.0\n",
+            "t.csv",
+            (),
+            'They are seen as UTM, zone 20 north (--crs "+proj=utm +z',
+        ),
+        (LON_LAT, "t.csv", ("--crs", "EPSG:26720"), "as longitude and latitude in degrees"),
+        ("lon,lat,depth\n-64.94,18.33,3.0\n", "t.csv", (), "no column z [m] among lon, lat, depth"),
+        ("x,y,z\n-64.94,18.33\n", "t.csv", (), "2 values"),
+        (LON_LAT, "t.tif", (), "a .tif file does not hold points"),
+        ("x,y,z,remark\n-64.936,18.33,-3.0,ü\n", "t.las", (), "columns remark: texts; expected: numbers"),
+        (LON_LAT, "t.doc", (), "no suffix of a known format"),
+        (LON_LAT, "t.csv", ("--surface",), "a surface is that of a raster"),
+        ("x,y,z\n-64.936,18.330,9.5\n", "t.csv", (), "nothing is under water: heights are positive up"),
+        (
+            "x,y,z\n-64.936,18.330,-9.5\n-64.936,18.331,-999\n",
+            "t.csv",
+            ("--strict",),
+            "values of empty posts or points",
+        ),
     ],
 )
-def test_files_that_cannot_be_used_are_refused(
-    run_record: Path, tmp_path: Path, text: str, options: tuple[str, ...], said: str
+def test_what_cannot_be_used_is_refused_or_doubted(
+    run_record: Path, tmp_path: Path, text: str, target: str, options: tuple[str, ...], said: str
 ) -> None:
     (tmp_path / "a.csv").write_text(text)
-    result = by_model(run_record, tmp_path / "a.csv", tmp_path / "true.csv", *options)
-    assert result.exit_code == 1 and said in result.output, result.output
-    assert not (tmp_path / "true.csv").exists()
-
-
-def test_what_is_no_depth_is_told(run_record: Path, tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("x,y,z\n-64.936,18.330,9.5\n")
-    result = by_model(run_record, tmp_path / "a.csv", tmp_path / "true.csv")
-    assert result.exit_code == 4
-    assert "no point is corrected: nothing is under water: heights are positive up" in result.stderr
-    (tmp_path / "a.csv").write_text("x,y,z\n-64.936,18.330,-9.5\n-64.936,18.331,-999\n")
-    result = by_model(run_record, tmp_path / "a.csv", tmp_path / "true.csv")
-    assert result.exit_code == 0 and "are there values of empty posts or points among the heights" in result.stderr
-    assert by_model(run_record, tmp_path / "a.csv", tmp_path / "true.csv", "--strict").exit_code == 4
+    result = by_model(run_record, tmp_path / "a.csv", tmp_path / target, *options)
+    rejected = "heights" in said or "empty" in said
+    assert result.exit_code == (4 if rejected else 1) and said in result.output, result.output
+    assert (tmp_path / target).exists() == rejected
+    if options == ("--strict",):
+        assert by_model(run_record, tmp_path / "a.csv", tmp_path / target).exit_code == 0
+    if target == "t.doc":
+        assert by_model(run_record, tmp_path / "a.csv", tmp_path / "t.dxf").exit_code == 0
+        assert "+proj=longlat" in (tmp_path / "t.dxf").read_text()
 
 
 # --- surfaces ---
@@ -309,7 +285,7 @@ def test_as_many_rows_are_read_as_posts_move_over(
     given = Grid(west=1500.0, south=south, spacing=0.02, bands={"z": height}, crs=crs_of(LOCAL))
     geotiff.write(tmp_path / "a.tif", given)
     assert by_stations(stations, tmp_path / "a.tif", tmp_path / "whole.tif", "--surface").exit_code == 0
-    monkeypatch.setattr(surfaces, "POSTS", 6)
+    monkeypatch.setattr(rasters, "POSTS", 6)
     assert by_stations(stations, tmp_path / "a.tif", tmp_path / "parts.tif", "--surface").exit_code == 0
     whole, parts = (geotiff.read(tmp_path / f"{name}.tif") for name in ("whole", "parts"))
     assert np.isfinite(whole.bands["height"]).sum() > 10

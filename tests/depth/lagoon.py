@@ -11,6 +11,9 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
+from musatpy.correction.photographs import ByPhotographs, Photographs
+from musatpy.depth.cameras import CameraStations, read_cameras
+
 FOLDER = Path(__file__).parents[2] / "fixtures" / "lagoon"
 INDEX, FOCAL, FORMAT = 1.3398, 152.4, 228.6
 HEIGHT, BASE, INTERVAL = 900.0, 540.0, 900.0  # 60 % forward, 33 % side overlap
@@ -108,6 +111,13 @@ def files() -> dict[str, str]:
         truth.append(f"{name},{','.join(f'{v:.3f}' for v in place)},{' '.join(photos)}")
     named = {"cameras.csv": cameras, "points.csv": points, "truth.csv": truth}
     return {name: "\n".join(lines) + "\n" for name, lines in named.items()}
+
+
+def by_photographs(cameras: CameraStations | None = None, index: float = INDEX) -> ByPhotographs:
+    """Return what corrects points by cameras, those of the lagoon where none are given."""
+    seen_by = cameras or read_cameras(FOLDER / "cameras.csv", camera=(FOCAL, FORMAT, FORMAT))
+    photographs = Photographs(cameras=seen_by, errors=None)
+    return ByPhotographs(system=seen_by.system, photographs=photographs, index=index)
 
 
 def rows(path: Path) -> list[dict[str, str]]:

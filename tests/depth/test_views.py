@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cli.commands import musat
-from musatpy.refraction.depth_factor import model_factor
+from refraction.test_apparent import model_factor
 
 PAPER = ("--height", 2500, "--base", 1126, "--index", 1.35)  # feet
 # The model of Figure 3: as wide as the flight lines of 40 % side overlap are apart

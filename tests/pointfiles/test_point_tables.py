@@ -6,15 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from musatpy.depth.cameras import read_cameras
-from musatpy.depth.corrected_files import ADDED, correct_csv
-from musatpy.depth.correction import Correction
+from depth.lagoon import by_photographs
+from musatpy.correction.files import correct_table
+from musatpy.correction.methods import TRUE
 from musatpy.errors import DepthError
 from musatpy.pointfiles import point_tables
 from musatpy.pointfiles.columns import AXES, MAP_PLACES, PLAN, FileColumn, Wanted, place_columns
 from musatpy.pointfiles.point_tables import PointTable, read_chunks, read_table
 
-LAGOON = Path(__file__).parents[2] / "fixtures" / "lagoon"
 POINTS = Wanted(columns=place_columns(), bare=AXES)
 STATIONS = Wanted(
     columns=(
@@ -187,17 +186,18 @@ def test_files_of_any_size_come_in_chunks(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_a_row_comes_out_as_it_stands_with_decimal_commas_behind_it(tmp_path: Path) -> None:
     """What is corrected is the same whatever parts the values, to the digit."""
-    correction = Correction(cameras=read_cameras(LAGOON / "cameras.csv", camera=(152.0, 230.0, 230.0)), index=1.34)
+    method = by_photographs()
+    added = [*TRUE, *method.in_table]
     plain, semicolons, bare = tmp_path / "a.csv", tmp_path / "b.csv", tmp_path / "c.xyz"
     plain.write_text("name,x,y,z\nA.1,500.5,400,-3\nB,500,,-3\n")
     semicolons.write_bytes(b"name;x;y;z\r\nA.1;500,5;400;-3\r\nB;500;;-3,0\r\n")
     bare.write_text("500,5 400 -3\n")
     rows = {}
     for source, delimiter in ((plain, ","), (semicolons, ";"), (bare, ",")):
-        correct_csv(source, tmp_path / "out.csv", correction)
+        correct_table(source, tmp_path / "out.csv", method)
         assert b"\r" not in (tmp_path / "out.csv").read_bytes()  # of the line, not of its last value
         rows[source] = list(csv.reader((tmp_path / "out.csv").open(), delimiter=delimiter))
-    assert rows[plain][0] == ["name", "x", "y", "z", *ADDED] and rows[bare][0] == ["x", "y", "z", *ADDED]
+    assert rows[plain][0] == ["name", "x", "y", "z", *added] and rows[bare][0] == ["x", "y", "z", *added]
     assert rows[semicolons][1][:4] == ["A.1", "500,5", "400", "-3"]
     assert [cell.replace(",", ".") for cell in rows[semicolons][1]] == rows[plain][1]
     assert rows[plain][1][1:] == rows[bare][1] and float(rows[plain][1][7]) > 3.0

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from musatpy.refraction import bending, flat
+from musatpy.refraction import bending
 from musatpy.refraction.all_refraction_points import disc, search
 from musatpy.refraction.stationary import RayEnds, path, stationary
-from musatpy.refraction.surface import Gridded, PlanarSurface, Surface
-from musatpy.refraction.waves import LENGTH, Trains, Trochoid, about, sinusoidal, stokes
+from musatpy.refraction.surface import Gridded, Surface
+from musatpy.refraction.waves import LENGTH, Trains, Trochoid, sinusoidal, stokes
 from musatpy.sea.theory import linear_wave
 from refraction.seas import CHOP, SEAS, SWELL
 
@@ -19,21 +19,6 @@ N = 1.34
 
 def _direction(*vector: float) -> np.ndarray:
     return np.array(vector) / np.linalg.norm(vector)
-
-
-def test_calm_water_is_the_flat_surface() -> None:
-    u = np.array([_direction(0.3, -0.4, -1.0), _direction(0.0, 0.0, -1.0)])
-    bent = bending.refracted_ray(PlanarSurface(level=2.0), CAMERA, u, N)
-    level = flat.refracted_ray(np.broadcast_to(CAMERA, (2, 3)), u, np.array([0.0, 0.0, 1.0]), 298.0, N)
-    for name in ("origin", "direction", "origin_by_camera", "direction_by_index", "origin_by_level"):
-        # rounding of 300 m
-        np.testing.assert_allclose(getattr(bent, name), getattr(level, name), atol=1e-12, err_msg=name)
-    # they differ along the ray, where the length of a unit vector does not change: compare across it
-    across = np.eye(3) - u[:, :, None] * u[:, None, :]
-    np.testing.assert_allclose(
-        bent.direction_by_direction @ across, level.direction_by_direction @ across, atol=1e-12
-    )
-    assert not bent.direction_by_camera.any() and not bent.direction_by_level.any()
 
 
 @pytest.mark.parametrize("fall", [1.0, 0.3, 0.1, 0.05])
@@ -141,6 +126,17 @@ def test_to_200_m_all_are_found_and_are_refraction_points(name: str) -> None:
     assert disc(surface, rays).has(found.xy, found.ray).all()
 
 
+def test_what_is_no_wave_is_told() -> None:
+    with pytest.raises(ValueError, match="positive"):
+        Trains.of(SWELL, 0.0)
+    trains = Trains.of(CHOP)
+    assert trains.sensible
+    for column, value in ((LENGTH, -1.0), (LENGTH, 0.3), (0, np.nan), (0, 10.0)):
+        values = trains.values.copy()
+        values[1, column] = value
+        assert not trains.with_values(values).sensible
+
+
 PLACES = np.array([[0.0, 0.0], [37.0, -80.0], [-400.0, 250.0]])
 
 
@@ -164,25 +160,3 @@ def test_the_speed_follows_the_length_as_in_linear_theory(depth: float) -> None:
     assert trains.with_values(values).speed[0] == pytest.approx(float(of[1].speed), rel=1e-12)
     kept = Trains.of(sea).with_values(values)
     assert kept.speed[0] == pytest.approx(float(of[0].speed), rel=1e-12)
-
-
-def test_another_place_and_moment_leave_the_waves_where_they_are() -> None:
-    moved = about(CHOP, (120.0, -35.0), 7.0)
-    got, want = moved.relief(PLACES, 1.0), CHOP.relief(PLACES + np.array([120.0, -35.0]), 8.0)
-    np.testing.assert_allclose(got.height, want.height, atol=1e-13)  # rounding
-    np.testing.assert_allclose(got.gradient, want.gradient, atol=1e-13)
-
-
-@pytest.mark.parametrize("depth", [0.0, -3.0])
-def test_water_has_a_depth(depth: float) -> None:
-    with pytest.raises(ValueError, match="positive"):
-        Trains.of(SWELL, depth)
-
-
-def test_what_is_no_wave_is_told() -> None:
-    trains = Trains.of(CHOP)
-    assert trains.sensible
-    for column, value in ((LENGTH, -1.0), (LENGTH, 0.3), (0, np.nan), (0, 10.0)):
-        values = trains.values.copy()
-        values[1, column] = value
-        assert not trains.with_values(values).sensible

@@ -55,13 +55,6 @@ def test_the_shape_moves_with_the_phase_speed(name: str, velocity: np.ndarray) -
     np.testing.assert_allclose(later.hessian, now.hessian, atol=1e-12)
 
 
-def test_components_of_a_sum_each_move_at_their_own_speed() -> None:
-    both = superposed(SWELL, CHOP)
-    parts = SWELL.relief(PLACES, 4.0).height + CHOP.relief(PLACES, 4.0).height
-    np.testing.assert_allclose(both.relief(PLACES, 4.0).height, parts, atol=1e-14)  # rounding of metres
-    assert both.amplitude.shape == (3,)
-
-
 @pytest.mark.parametrize("name", SEAS)
 def test_limits_are_kept(name: str) -> None:
     sea = SEAS[name]
@@ -84,13 +77,6 @@ def test_the_limit_of_third_derivatives_is_kept_and_near(name: str) -> None:
     # differences leave 1e-16 of a second derivative over h; components are rarely at their worst together
     assert third <= sea.limits.third * (1.0 + 1e-9) + 1e-10
     assert third >= sea.limits.third / 4.0 - 1e-10
-
-
-def test_crests_stand_where_they_were_put() -> None:
-    wave = sinusoidal(amplitude=0.5, length=40.0, azimuth=0.0, crest=6.0, speed=2.0, level=1.0)
-    x = np.array([6.0, 16.0, 26.0, 46.0])
-    height = wave.relief(np.stack([x, np.full(4, 5.0)], axis=1)).height
-    np.testing.assert_allclose(height, [1.5, 1.0, 0.5, 1.5], atol=1e-14)  # rounding
 
 
 def _surface_conditions(amplitude: float, k: float, depth: float) -> float:

@@ -11,7 +11,8 @@ from musatpy.sea.stereo.estimate import SurfaceFit, fit_fourier, fit_grid
 from musatpy.sea.stereo.fourier import FourierSurface, shape_partials
 from musatpy.sea.stereo.grid import GridSurface, estimate, mesh
 from musatpy.sea.stereo.spectrum import band, spectrum
-from musatpy.sea.stereo.surface_points import SurfacePoints, height_sigma, intersected, intersection_covariance
+from musatpy.sea.stereo.surface_points import SurfacePoints, height_sigma, intersection_covariance
+from studies.stereo import intersected
 
 CAMERAS = np.array([[0.0, 0.0, 490.0], [264.0, 0.0, 490.0]])
 SEA = sinusoidal(amplitude=[0.49, 0.15], length=[92.0, 40.0], azimuth=[0.5, 1.2], crest=[3.0, 4.0], level=0.1)
@@ -47,6 +48,10 @@ def errors_and_sigmas(fit: SurfaceFit, sea: Harmonic, xy: np.ndarray) -> tuple[n
 
 
 def test_waves_are_found_without_any_knowledge() -> None:
+    """k and -k cannot be told apart by one exposure: the azimuth lies within a right angle of x."""
+    back = fit_fourier(points_on(sinusoidal(amplitude=0.3, length=60.0, azimuth=2.5, crest=7.0), 120)).fitted
+    assert isinstance(back, FourierSurface)
+    assert back.described[0][0, 2] == pytest.approx(2.5 - np.pi, abs=1e-9)
     fit = fit_fourier(points_on(SEA, 150))
     assert isinstance(fit.fitted, FourierSurface) and fit.fitted.count == 2
     error, _ = errors_and_sigmas(fit, SEA, places(50, 9))
@@ -55,15 +60,6 @@ def test_waves_are_found_without_any_knowledge() -> None:
     np.testing.assert_allclose(described[:, 0], [0.49, 0.15], atol=1e-9)
     np.testing.assert_allclose(described[:, 1], [92.0, 40.0], rtol=1e-9)
     np.testing.assert_allclose(described[:, 2], [0.5, 1.2], atol=1e-9)
-
-
-def test_a_wave_that_runs_to_the_other_side_is_the_same_surface() -> None:
-    """k and -k cannot be told apart by one exposure: the azimuth lies within a right angle of x."""
-    back = sinusoidal(amplitude=0.3, length=60.0, azimuth=2.5, crest=7.0)
-    fit = fit_fourier(points_on(back, 120))
-    assert isinstance(fit.fitted, FourierSurface)
-    assert fit.fitted.described[0][0, 2] == pytest.approx(2.5 - np.pi, abs=1e-9)
-    assert np.abs(errors_and_sigmas(fit, back, places(50, 9))[0]).max() < 1e-9
 
 
 def test_noise_alone_is_no_wave() -> None:
@@ -262,8 +258,10 @@ def test_a_height_of_no_water_goes_before_the_fit(model, height: float) -> None:
     assert f"{height - np.median(position[:, 2]):.6g} m off the median height: no water" in reasons[0]
 
 
-def test_high_seas_and_coarse_heights_stay() -> None:
+def test_good_points_high_seas_and_coarse_heights_stay() -> None:
     """What could be water goes to the fit, however unlikely: waves near breaking, and heights of 40 m sigma."""
+    fit = fit_fourier(points_on(SEA, 300, noise=1.0))
+    assert fit.kept.mean() > 0.98 and fit.sigma0 == pytest.approx(1.0, abs=0.15)  # 3 deviations of 1/(2 x 290)^1/2
     breaking = sinusoidal(amplitude=22.0, length=310.0, azimuth=0.5, crest=3.0)  # a seventh of the length high
     assert fit_fourier(points_on(breaking, 120), longest=600.0).impossible == {}
     good = points_on(SEA, 120)
@@ -271,36 +269,6 @@ def test_high_seas_and_coarse_heights_stay() -> None:
     noise = np.random.default_rng(5).normal(0.0, 40.0, 120)
     coarse = SurfacePoints(ids=good.ids, position=good.position + noise[:, None] * [0, 0, 1], covariance=wide)
     assert fit_fourier(coarse, most=0).rejected == ()
-
-
-def test_good_points_stay() -> None:
-    fit = fit_fourier(points_on(SEA, 300, noise=1.0))
-    assert fit.kept.mean() > 0.98 and fit.sigma0 == pytest.approx(1.0, abs=0.15)  # 3 deviations of 1/(2 x 290)^1/2
-
-
-@pytest.mark.parametrize(
-    ("points", "message"),
-    [
-        (points_on(SEA, 7), "7 surface points: at least 8 are needed"),
-        (
-            SurfacePoints(
-                ids=tuple("abcdefghi"),
-                position=np.column_stack([np.arange(9.0), 5.0 - 2.0 * np.arange(9.0), np.zeros(9)]),
-                covariance=np.tile(np.eye(3), (9, 1, 1)),
-            ),
-            "the surface points lie in a line",
-        ),
-    ],
-)
-def test_too_few_points_are_an_error(points: SurfacePoints, message: str) -> None:
-    for model in (fit_fourier, fit_grid):
-        with pytest.raises(ValueError, match=message):
-            model(points)
-
-
-def test_a_grid_of_too_many_nodes_is_an_error() -> None:
-    with pytest.raises(ValueError, match="at most 3000 are estimated"):
-        fit_grid(points_on(SEA, 50), spacing=2.0)
 
 
 # --- the points themselves ---
@@ -320,10 +288,31 @@ def test_covariance_of_intersected_points_is_that_of_repeated_measurement() -> N
     np.testing.assert_allclose(np.cov(found.T) / unit, expected / unit, atol=0.1)
 
 
-def test_bad_surface_points_are_refused() -> None:
-    with pytest.raises(ValueError, match="not positive"):
-        SurfacePoints(ids=("a",), position=np.zeros((1, 3)), covariance=np.zeros((1, 3, 3)))
-    with pytest.raises(ValueError, match="not finite"):
-        SurfacePoints(ids=("a",), position=np.full((1, 3), np.nan), covariance=np.eye(3)[None])
-    with pytest.raises(ValueError, match="one id"):
-        SurfacePoints(ids=("a", "b"), position=np.zeros((1, 3)), covariance=np.eye(3)[None])
+LINE = np.column_stack([np.arange(9.0), 5.0 - 2.0 * np.arange(9.0), np.zeros(9)])
+
+
+def bare(position: np.ndarray, covariance: np.ndarray | None = None) -> SurfacePoints:
+    ids = tuple(map(str, range(len(position))))
+    return SurfacePoints(
+        ids=ids,
+        position=position,
+        covariance=np.tile(np.eye(3), (len(ids), 1, 1)) if covariance is None else covariance,
+    )
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        (lambda: fit_fourier(points_on(SEA, 7)), "7 surface points: at least 8 are needed"),
+        (lambda: fit_grid(points_on(SEA, 7)), "7 surface points: at least 8 are needed"),
+        (lambda: fit_fourier(bare(LINE)), "the surface points lie in a line"),
+        (lambda: fit_grid(bare(LINE)), "the surface points lie in a line"),
+        (lambda: fit_grid(points_on(SEA, 50), spacing=2.0), "at most 3000 are estimated"),
+        (lambda: bare(np.zeros((1, 3)), np.zeros((1, 3, 3))), "not positive"),
+        (lambda: bare(np.full((1, 3), np.nan)), "not finite"),
+        (lambda: bare(np.zeros((2, 3)), np.eye(3)[None]), "one id"),
+    ],
+)
+def test_points_that_make_no_surface(asked, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        asked()

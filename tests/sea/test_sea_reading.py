@@ -13,8 +13,7 @@ from depth import restated
 from depth.lagoon import rows
 from depth.test_run_cameras import run_on_the_ellipsoid
 from musatpy import read_deck
-from musatpy.depth.cameras import read_cameras
-from musatpy.errors import CollocationError, DepthError, SeaError
+from musatpy.errors import CollocationError, SeaError
 from musatpy.geometry.collinearity import nearest_point
 from musatpy.geometry.systems import LocalRectangular, geographic
 from musatpy.model import ControlKind, CoordinateSystem
@@ -34,11 +33,9 @@ def test_points_of_a_run_with_their_covariances(tmp_path: Path) -> None:
     solution = sample_solution(CoordinateSystem.LOCAL)
     path = tmp_path / "job.json"
     path.write_text(dumps(record(solution)))
-    read = read_points(path, PointPrecision())
-    points, block = solution.points, solution.block
+    read, points = read_points(path, PointPrecision()), solution.points
     whole = np.isfinite(points.position).all(axis=1) & np.isfinite(points.covariance).all(axis=(1, 2))
-    assert whole.any()
-    assert read.points.ids == tuple(block.points.ids[whole].tolist())
+    assert whole.any() and read.points.ids == tuple(solution.block.points.ids[whole].tolist())
     np.testing.assert_array_equal(read.points.position, points.position[whole])
     np.testing.assert_array_equal(read.points.covariance, points.covariance[whole])
     assert len(read.left) == (~whole).sum()
@@ -97,24 +94,9 @@ def test_points_without_their_own_sigmas_take_those_given(tmp_path: Path) -> Non
     path.write_text("id,x,y,z,sx,sy,sz\nb,-10,5,0.25,1,,1\n")
     with pytest.raises(SeaError, match="col 16 sy: sx, sy, sz go together"):
         read_points(path, PointPrecision(sigma=(0.1, 0.2, 0.3)))
-
-
-def test_a_column_of_sigmas_is_none_of_coordinates(tmp_path: Path) -> None:
-    path = tmp_path / "points.csv"
     path.write_text("id,NORTH,East,Up,sx,sy,sz\na,20,10,0.5,1,2,3\n")
     with pytest.raises(SeaError, match="column sx is none of coordinates"):
         read_points(path, PointPrecision(), columns=("east", "north", "sx"))
-
-
-def test_stations_do_without_a_tide_where_the_surface_has_its_level(tmp_path: Path) -> None:
-    path = sea_fixtures.SEA / "cameras.csv"
-    np.testing.assert_array_equal(read_cameras(path, water=False).stations.level, [-np.inf, -np.inf])
-    with pytest.raises(DepthError, match="no column tide"):
-        read_cameras(path)
-    tides = tmp_path / "tides.csv"
-    lines = path.read_text().splitlines()
-    tides.write_text("\n".join([f"{lines[0]},tide", *(f"{line},0.5" for line in lines[1:])]))
-    np.testing.assert_array_equal(read_cameras(tides, water=False).stations.level, [0.5, 0.5])
 
 
 DECK = Path(__file__).parents[2] / "fixtures" / "cayman" / "cayman_modified.crd"
@@ -143,8 +125,8 @@ def test_the_check_points_under_water_of_a_deck_are_control() -> None:
     assert found.needs_mapped
     assert (found.values["z_true"][0], found.values["sigma"][0]) == (11.0, 0.5)
     control = control_of(found, dict.fromkeys(ids, (1.0, 2.0, 10.0)), "mapped.csv", default_sigma=0.2)
-    assert control.observed.value[0] == -1.0
-    assert control.observed.sigma.tolist() == [0.5, *[0.2] * (len(ids) - 4)]
+    assert control.value[0] == -1.0
+    assert control.sigma.tolist() == [0.5, *[0.2] * (len(ids) - 4)]
     block = replace(block, control=replace(block.control, kind=np.full(count, ControlKind.FULL)))
     with pytest.raises(CollocationError, match="no check point under water has a height"):
         deck_control(block, "job.crd", LocalRectangular())

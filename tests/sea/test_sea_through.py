@@ -7,11 +7,11 @@ import pytest
 
 from musatpy.geometry.collinearity import nearest_point
 from musatpy.refraction import fermat
-from musatpy.refraction.apparent import Stations, true_points
+from musatpy.refraction.apparent import REASONS, Fault, Stations, true_points
 from musatpy.refraction.surface import PlanarSurface, Surface
 from musatpy.sea.stereo.estimate import fit_fourier, fit_grid
 from musatpy.sea.stereo.surface_points import intersection_covariance
-from musatpy.sea.stereo.through import REASONS, WaterFault, correct, true_points_of_apparent
+from musatpy.sea.stereo.through import correct, true_points_of_apparent
 from refraction.seas import CHOP, SEAS, Tilted
 from studies.stereo import METHODS, Setup, run, simulate, through
 
@@ -117,16 +117,6 @@ def test_covariance_of_apparent_points_through_the_surface() -> None:
     np.testing.assert_allclose(scatter, size, rtol=0.05)
 
 
-def test_sigmas_of_surface_and_images_add_up() -> None:
-    C, A = np.diag([0.01, 1e-4, 1e-4] * 2), apparent_of(image_rays(CHOP))
-    images = intersection_covariance(CAMERAS, A, 1e-5)
-    alone = true_points_of_apparent(Known(CHOP), CAMERAS, A, images, N)
-    both = true_points_of_apparent(Known(CHOP, C), CAMERAS, A, images, N)
-    assert (alone.surface_covariance == 0.0).all()
-    np.testing.assert_allclose(both.covariance, alone.covariance + both.surface_covariance, rtol=1e-12)  # rounding
-    assert (both.sigma > alone.sigma).all()
-
-
 # --- files of points ---
 
 
@@ -139,27 +129,24 @@ def test_corrected_points_or_reasons() -> None:
     position = np.concatenate([apparent, odd])
     covariance = np.tile(1e-4 * np.eye(3), (len(position), 1, 1))
     found = correct(fitted, setup.cameras, position, covariance, setup.index)
-    assert [REASONS[WaterFault(fault)] for fault in found.fault[20:]] == [
+    assert [REASONS[Fault(fault)] for fault in found.fault[20:]] == [
         "not below the water",
         "the surface is not known where its rays meet the water",
         "not below both cameras",
         "no parallax makes its rays meet under water",
     ]
-    assert (found.fault[:20] == WaterFault.NONE).all()
+    assert (found.fault[:20] == Fault.NONE).all()
     assert np.isnan(found.position[20:]).all() and np.isnan(found.sigma[20:]).all()
     error = found.position[:20] - pair.bottom
     assert np.sqrt(np.mean(error[:, 2] ** 2)) < 0.02  # of 0.11 m that the waves make
     assert (found.surface_sigma[:20] < found.sigma[:20, 2]).all()
-
-
-def test_a_camera_in_the_water_is_an_error() -> None:
-    pair = simulate(Setup(bottom_points=3))
-    fitted = fit_fourier(pair.surface_points).fitted
-    given = pair.surface_points.position, pair.surface_points.covariance
-    with pytest.raises(ValueError, match="a camera is not above the water"):
-        correct(fitted, np.array([[0.0, 0.0, 0.2], [264.0, 0.0, 490.0]]), *given, N)
-    with pytest.raises(ValueError, match="both cameras are at one place"):
-        correct(fitted, np.array([[0.0, 0.0, 490.0], [0.0, 0.0, 490.0]]), *given, N)
+    for x, z, message in (
+        (264.0, 0.2, "a camera is not above the water"),
+        (0.0, 490.0, "both cameras are at one place"),
+    ):
+        cameras = np.array([[0.0, 0.0, z], [x, 0.0, 490.0]])
+        with pytest.raises(ValueError, match=message):
+            correct(fitted, cameras, position, covariance, N)
 
 
 # --- the study ---

@@ -46,15 +46,7 @@ def spec(system: str, *waves: dict[str, Any], **tables: Any) -> Any:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("system", "program"),
-    [
-        ("LOCL", Program.IIA),
-        ("GEOG", Program.IIIA),
-        pytest.param("LOCL", Program.IIIA, marks=pytest.mark.slow),
-        pytest.param("GEOG", Program.IIA, marks=pytest.mark.slow),
-        pytest.param("GEOC", Program.IIA, marks=pytest.mark.slow),
-        pytest.param("GEOC", Program.IIIA, marks=pytest.mark.slow),
-    ],
+    ("system", "program"), [(system, program) for system in ("LOCL", "GEOG", "GEOC") for program in Program]
 )
 def test_the_adjustment_finds_the_truth_behind_a_simulated_deck(system: str, program: Program) -> None:
     made = simulate(spec(system, SWELL, STOKES, options={"program": program.value}))
@@ -70,17 +62,13 @@ def test_the_adjustment_finds_the_truth_behind_a_simulated_deck(system: str, pro
     assert np.sqrt(np.mean(wrong[:, 2] ** 2)) > 0.1
 
 
-def test_the_deck_says_what_the_spec_does() -> None:
-    block = simulate(spec("LOCL", SWELL, STOKES)).block
-    np.testing.assert_array_equal(block.photos.time, [0.0, 12.5, 25.0, 37.5])
-    assert block.wave_origin is not None and block.wave_origin.position == (5040.0, 6975.0, 0.0)
-    assert block.waves.ids.tolist() == ["SW", "ST"] and block.waves.height.tolist() == [1.1, 0.6]
-
-
 def test_errors_and_sigmas_stand_on_the_cards_and_not_in_the_images() -> None:
     wrong = {"height_error": -0.2, "length_error": 3.0, "azimuth_error": 5.0, "crest_error": 4.0}
     sigmas = {"height_sigma": 0.3, "length_sigma": 4.0, "azimuth_sigma": 6.0, "crest_sigma": 5.0}
     right, made = (simulate(spec("LOCL", one)) for one in (SWELL, {**SWELL, **wrong, **sigmas}))
+    assert right.block.photos.time.tolist() == [0.0, 12.5, 25.0, 37.5]
+    assert right.block.wave_origin is not None and right.block.wave_origin.position == (5040.0, 6975.0, 0.0)
+    assert right.block.waves.ids.tolist() == ["SW"] and right.block.waves.height.tolist() == [1.1]
     waves = musat.read_deck(musat.deck_bytes(made.block)).waves
     length = float(linear_wave(10.0, 12.0).length)
     assert waves.period[0] == 10.0 and waves.length[0] == pytest.approx(length + 3.0, abs=5.1e-4)  # last decimal
@@ -106,12 +94,8 @@ def test_errors_and_sigmas_stand_on_the_cards_and_not_in_the_images() -> None:
 def test_waves_that_cannot_be_are_said(waves: list[dict[str, Any]], tables: dict[str, Any], message: str) -> None:
     with pytest.raises(SpecError, match=message):
         simulate(spec("LOCL", *waves, **tables))
-
-
-def test_waves_deeper_than_a_point_are_said() -> None:
-    """A step that led to infinity ended in singular equations."""
     with pytest.raises(RayTraceError, match="no incidence point on the water surface"):
-        simulate(spec_from_table(specs.spec(286)))
+        simulate(spec_from_table(specs.spec(286)))  # waves deeper than a point: a step led to infinity
 
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"

@@ -26,12 +26,6 @@ def conditions(**keys):
     return {"water": {"conditions": keys}}
 
 
-def test_empty_spec_is_the_default_strip():
-    spec = spec_from_table({})
-    assert (spec.flight.strips, spec.flight.photos, spec.job.system) == (1, 3, "GEOG")
-    assert spec.water is None
-
-
 def test_every_problem_is_reported_at_once():
     found = problems_of(
         {
@@ -92,11 +86,10 @@ def test_contradictions_are_refused(table, what):
         spec_from_table(table)
 
 
-def test_one_number_stands_for_three():
-    assert spec_from_table({"stations": {"position_error": 5}}).stations.position_error == (5.0, 5.0, 5.0)
-
-
 def test_extends_merges_tables_and_replaces_lists(tmp_path):
+    spec = spec_from_table({"stations": {"position_error": 5}})  # one number stands for three
+    assert spec.stations.position_error == (5.0, 5.0, 5.0)
+    assert (spec.flight.strips, spec.flight.photos, spec.job.system, spec.water) == (1, 3, "GEOG", None)
     (tmp_path / "base.toml").write_text('title = ["A", "B"]\nseed = 3\n[flight]\nphotos = 7\nheight = 900.0\n')
     (tmp_path / "more.toml").write_text('extends = "base.toml"\ntitle = ["C"]\n[flight]\nheight = 800.0\n')
     spec = load_spec(tmp_path / "more.toml")
@@ -119,19 +112,15 @@ def test_files_that_cannot_be_read_are_named(tmp_path, text, what):
     assert str(tmp_path) in str(caught.value)
 
 
-def test_examples_of_the_manual_run():
+def test_examples_of_the_manual_run_and_it_has_all_tables():
     text = (DOCS / "simulation.md").read_text(encoding="utf-8")
+    tables = re.findall(r"^### (`\[.*\]`)$", key_tables(SimulationSpec), re.MULTILINE)
+    assert len(tables) > 20 and not [table for table in tables if table not in text]
     examples = [part.partition("```")[0] for part in text.split("```toml\n")[1:]]
     first, wrong = (simulate(spec_from_table(tomllib.loads(example))) for example in examples)
     assert first.block.points.bathymetric.any() and len(first.block.control.point) == 8
     record = truth_record(wrong)
     assert {"water", "tides", "swapped", "misnamed", "wrong_control"} <= set(record) and record["blunders"]
-
-
-def test_all_tables_of_the_spec_are_in_the_manual():
-    manual = (DOCS / "simulation.md").read_text(encoding="utf-8")
-    tables = re.findall(r"^### (`\[.*\]`)$", key_tables(SimulationSpec), re.MULTILINE)
-    assert len(tables) > 20 and not [table for table in tables if table not in manual]
 
 
 def test_the_keys_of_a_spec_at_the_shell():

@@ -1,6 +1,5 @@
 """Decks that say the wrong thing of the water: program IIIA finds index, tides and tilt as they are."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +9,8 @@ from altered import added, altered
 from musatpy.adjustment import adjust
 from musatpy.formats.musat import deck_bytes, read_deck
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.model import PointStatus, WaterLevel
-from musatpy.simulation import Simulation, simulate, spec_from_table, truth_json, truth_record
+from musatpy.model import PointStatus
+from musatpy.simulation import Simulation, simulate, spec_from_table, truth_record
 from musatpy.units import ARC_SECOND
 
 CENTRES = {"GEOG": [18.0, -65.0], "GEOC": [18.0, -65.0], "LOCL": [5000.0, 7000.0]}
@@ -109,44 +108,6 @@ def test_what_is_wrong_and_held_goes_into_the_depths(water):
     assert largest_error(simulation, solution.points.position, known) > 0.05  # of 0.2 m that both make at 30 m
 
 
-class TestCards:
-    def test_index_and_tilt(self):
-        water = {"index": 1.34, "index_error": -0.0031234567, "tilt_on_card": [1.23456, -2.0], "tilt_sigma": 5.0}
-        simulation = simulated(water=water)
-        card = simulation.block.water
-        assert card is not None
-        assert card.index == 1.336877 and simulation.truth.index == 1.34
-        np.testing.assert_allclose([card.tilt_east, card.tilt_north], np.array([1.235, -2.0]) * ARC_SECOND)
-        assert card.tilt_sigma == pytest.approx(5.0 * ARC_SECOND)
-        assert deck_bytes(read_deck(deck_bytes(simulation.block))) == deck_bytes(simulation.block)
-
-    def test_groups_days_and_sizes_of_errors(self):
-        """Errors of 0.4 m of 400 photos about 2 m."""
-        water = {"group_size": 4, "day_size": 200, "photo_level_error": 0.4, "level_error": 2.0}
-        simulation = simulated("LOCL", flight={"strips": 4, "photos": 100}, water=water)
-        photos, error = simulation.block.photos, simulation.truth.tide_error
-        assert photos.tide_group[[0, 3, 4, 399]].tolist() == ["G1", "G1", "G2", "G100"]
-        assert photos.tide_day[[0, 199, 200]].tolist() == ["D1", "D1", "D2"]
-        np.testing.assert_allclose(photos.tide, simulation.truth.tide + error, atol=1e-9)
-        assert abs(error.mean() - 2.0) < 4.0 * 0.4 / 20.0  # four sigmas of the mean
-        assert abs(error.std() - 0.4) < 4.0 * 0.4 / np.sqrt(800.0)
-
-
-class TestTruth:
-    def test_record_has_what_the_deck_has_not(self):
-        simulation = simulated(water={"tilt": TILT, "index_error": 0.002, "level_error": 0.5})
-        record = truth_record(simulation)
-        assert record["index"] == 1.34
-        assert record["water"]["index_on_card"] == 1.342
-        assert record["water"]["tilt"] == TILT and record["water"]["tilt_on_card"] == [0.0, 0.0]
-        assert record["water"]["tilted_about"] == simulation.truth.middle.tolist()
-        assert record["tides"]["1"] == 0.5
-        true = [station["tide"] for station in record["stations"].values()]
-        np.testing.assert_allclose(simulation.block.photos.tide, true + simulation.truth.tide_error, atol=1e-9)
-        assert record["spec"]["water"]["tilt"] == TILT
-        assert json.loads(truth_json(simulation)) == record
-
-
 CHANGES = [
     {"water": {"level_error": 0.5}},
     {"water": {"index_error": 0.01, "tilt_on_card": [5.0, 5.0]}},
@@ -162,24 +123,23 @@ CHANGES = [
 NOISY = {"noise": 5.0, "sigma": 5.0}
 
 
-class TestIndependence:
-    @pytest.mark.parametrize("change", CHANGES)
-    def test_plates_control_and_stations_stay_as_they_are(self, change):
-        keys = {"measurement": NOISY, "stations": {"position_error": 10.0, "attitude_error": 0.1}}
-        plain, other = simulated(**keys), simulated(**keys, **change)
-        np.testing.assert_array_equal(other.block.plates.xy, plain.block.plates.xy)
-        np.testing.assert_array_equal(other.block.photos.position, plain.block.photos.position)
-        np.testing.assert_array_equal(other.truth.tide, plain.truth.tide)
-        np.testing.assert_array_equal(other.truth.control_error, plain.truth.control_error)
-        assert deck_bytes(other.block) != deck_bytes(plain.block)
+@pytest.mark.parametrize("change", CHANGES)
+def test_plates_control_and_stations_stay_as_they_are(change):
+    keys = {"measurement": NOISY, "stations": {"position_error": 10.0, "attitude_error": 0.1}}
+    plain, other = simulated(**keys), simulated(**keys, **change)
+    np.testing.assert_array_equal(other.block.plates.xy, plain.block.plates.xy)
+    np.testing.assert_array_equal(other.block.photos.position, plain.block.photos.position)
+    np.testing.assert_array_equal(other.truth.tide, plain.truth.tide)
+    np.testing.assert_array_equal(other.truth.control_error, plain.truth.control_error)
+    assert deck_bytes(other.block) != deck_bytes(plain.block)
 
-    def test_tilt_moves_the_images_and_not_their_noise(self):
-        plain = simulated(measurement=NOISY)
-        tilted = simulated(measurement=NOISY, water={"tilt": TILT})
-        noise = [one.block.plates.xy - one.truth.images for one in (plain, tilted)]
-        np.testing.assert_allclose(noise[1], noise[0], rtol=0, atol=1.1e-6)  # plates are rounded to 1e-6 mm
-        moved = np.abs(tilted.truth.images - plain.truth.images).max(axis=1)
-        assert np.all(moved[~plain.truth.refracted] == 0.0) and np.all(moved[plain.truth.refracted] > 0.0)
+
+def test_tilt_moves_the_images_and_not_their_noise():
+    plain, tilted = simulated(measurement=NOISY), simulated(measurement=NOISY, water={"tilt": TILT})
+    noise = [one.block.plates.xy - one.truth.images for one in (plain, tilted)]
+    np.testing.assert_allclose(noise[1], noise[0], rtol=0, atol=1.1e-6)  # plates are rounded to 1e-6 mm
+    moved = np.abs(tilted.truth.images - plain.truth.images).max(axis=1)
+    assert np.all(moved[~plain.truth.refracted] == 0.0) and np.all(moved[plain.truth.refracted] > 0.0)
 
 
 def test_a_deck_without_station_cards_is_adjusted_all_the_same():
@@ -192,17 +152,6 @@ def test_a_deck_without_station_cards_is_adjusted_all_the_same():
     solution = adjust(block)
     known = solution.points.status == PointStatus.TRIANGULATED
     assert solution.converged and largest_error(simulation, solution.points.position, known) < POINTS
-
-
-def test_options_go_into_the_deck():
-    keys = {
-        "program": "IIIA", "initial": "CHECK", "submerged_factor": 1.75, "water_level": "GROUP",
-        "water_tilt": "ADJUST", "water_index": "ADJUST", "datum": "FREE", "editing": "LIST",
-        "refraction": "RIGOROUS",
-    }  # fmt: skip
-    options = read_deck(deck_bytes(simulated(options=keys, water={"group_size": 2}).block)).options
-    assert {name: getattr(options, name) for name in keys} == keys
-    assert options.water_level is WaterLevel.GROUP
 
 
 # --- water by its conditions ---

@@ -38,20 +38,14 @@ def test_pieces_that_join_are_one_line() -> None:
     np.testing.assert_array_equal(forward.beyond, (forward.xy[:, 0] < 20.0) | (forward.xy[:, 0] > 80.0))
     np.testing.assert_allclose(forward.part(~forward.beyond).distance, 7.0, atol=ROUNDING)
 
-
-@pytest.mark.parametrize(
-    "others",
-    [
+    for others in (
         [line((0, 0), (10, 0), (10, 10))],
         [line((0, 0), (10, 0)), line((10, 0), (10, 10))],
         [line((10, 0), (10, 10), (0, 10), (0, 0), (10, 0))],
-    ],
-)
-def test_a_corner_is_no_end(others: list[FloatArray]) -> None:
-    """Neither within a line, nor where two meet, nor where a closed one begins."""
-    corner = offsets([line((12.9, -4), (13.1, -4))], others)
-    np.testing.assert_allclose(corner.nearest, [[10.0, 0.0]], atol=ROUNDING)
-    assert corner.distance[0] == pytest.approx(5.0) and not corner.beyond[0]
+    ):  # nor is a corner, within a line, where two meet, or where a closed one begins
+        corner = offsets([line((12.9, -4), (13.1, -4))], others)
+        np.testing.assert_allclose(corner.nearest, [[10.0, 0.0]], atol=ROUNDING)
+        assert corner.distance[0] == pytest.approx(5.0) and not corner.beyond[0]
 
 
 @pytest.mark.parametrize("inner", [88.0, 100.0])
@@ -103,19 +97,6 @@ PATHS = (
 )
 
 
-def test_a_path_there_and_back_is_no_ring() -> None:
-    """A ring has an area, three places at least; it is drawn to where it begins."""
-    there_and_back, triangle = (
-        np.array([[*place, 0.0] for place in places])
-        for places in ([(0, 0), (1, 0), (0, 0)], [(0, 0), (1, 0), (0, 1), (0, 0)])
-    )
-    layer = Lines.of_paths([there_and_back, triangle, triangle[:3]])
-    assert layer.closed.tolist() == [False, True, False]
-    assert [len(line) for line in layer.vertices] == [3, 3, 3]
-    for drawn, path in zip(layer.paths(), (there_and_back, triangle, triangle[:3]), strict=True):
-        np.testing.assert_array_equal(drawn, path)
-
-
 def lines(crs: str = "", depth: bool = False) -> Lines:
     shift = [EAST, NORTH, 0.0] if crs else np.zeros(3)
     columns = {"depth": LayerColumn.of([5.2, 7.7])} if depth else {}
@@ -165,13 +146,13 @@ def test_lines_on_a_map_become_latitudes_and_longitudes(tmp_path: Path) -> None:
         np.testing.assert_allclose(contours.depth, [5.2, 7.7] if name == "a.gpkg" else [5.0, 7.5], atol=1e-4)
 
 
-def test_degrees_of_a_csv_file(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text(
-        "line,model,depth,latitude,longitude,height\n1,M,2,18.3,-64.9,-2.15\n1,M,2,18.4,-64.9,-2.15\n"
-    )
-    contours = read_contours(tmp_path / "a.csv", WGS84)
-    assert contours.angular and contours.depth.tolist() == [2.0]
-    np.testing.assert_allclose(contours.places[0] / DEGREE, [[18.3, -64.9], [18.4, -64.9]])
+DEGREES = "line,model,depth,latitude,longitude,height\n1,M,2,18.3,-64.9,-2.15\n1,M,2,18.4,-64.9,-2.15\n"
+CLARKE = Ellipsoid("", 6378206.4, 294.978698214)
+LAYERS = {
+    "b.gpkg": Points(xyz=PATHS[0]),
+    "c.gpkg": Lines.of_paths(PATHS, columns={"depth": LayerColumn.of([1.0, np.nan])}),
+    "d.gpkg": lines("EPSG:32620"),
+}
 
 
 @pytest.mark.parametrize(
@@ -182,28 +163,25 @@ def test_degrees_of_a_csv_file(tmp_path: Path) -> None:
         ("a.csv", "line,x,y,depth\n1,0,0,2\n2,9,9,2\n2,9,8,2\n", None, "line 1 has one vertex"),
         ("a.csv", csv_of("line,x,y,depth"), WGS84, "no coordinate system is given"),
         ("a.shp", "x", None, "contours are read from .gpkg, .geojson"),
+        ("b.gpkg", "", None, "it has points"),
+        ("c.gpkg", "", None, "line 2: it has no depth"),
+        ("d.gpkg", "", None, "the job in a local one"),
+        ("d.gpkg", "", CLARKE, "ellipsoid"),
     ],
 )  # fmt: skip
 def test_files_that_cannot_be_used(
     name: str, text: str, job: Ellipsoid | None, message: str, tmp_path: Path
 ) -> None:
-    (tmp_path / name).write_text(text)
+    if name in LAYERS:
+        geopackage.write(tmp_path / name, {"contours": LAYERS[name]})
+    else:
+        (tmp_path / name).write_text(text)
     with pytest.raises(ProblemsError, match=message):
         read_contours(tmp_path / name, job)
 
 
-def test_systems_and_layers_that_do_not_fit(tmp_path: Path) -> None:
-    file = tmp_path / "a.gpkg"
-    geopackage.write(file, {"contours": lines("EPSG:32620")})
-    with pytest.raises(ProblemsError, match="the job in a local one"):
-        read_contours(file, None)
-    with pytest.raises(ProblemsError, match="ellipsoid"):
-        read_contours(file, Ellipsoid("", 6378206.4, 294.978698214))
-    geopackage.write(tmp_path / "b.gpkg", {"points": Points(xyz=PATHS[0])})
-    with pytest.raises(ProblemsError, match="it has points"):
-        read_contours(tmp_path / "b.gpkg", None)
-    geopackage.write(
-        tmp_path / "c.gpkg", {"contours": Lines.of_paths(PATHS, columns={"depth": LayerColumn.of([1.0, np.nan])})}
-    )
-    with pytest.raises(ProblemsError, match="line 2: it has no depth"):
-        read_contours(tmp_path / "c.gpkg", None)
+def test_degrees_of_a_csv_file(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(DEGREES)
+    contours = read_contours(tmp_path / "a.csv", WGS84)
+    assert contours.angular and contours.depth.tolist() == [2.0]
+    np.testing.assert_allclose(contours.places[0] / DEGREE, [[18.3, -64.9], [18.4, -64.9]])

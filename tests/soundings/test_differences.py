@@ -38,13 +38,6 @@ def soundings(number: int = 400, noise: float = 0.1) -> tuple[FloatArray, FloatA
     return depth, depth + noise * draws.normal(size=number)
 
 
-def test_the_median_and_its_spread() -> None:
-    middle, spread = median_and_spread(np.array([1.0, 2.0, 3.0, 4.0, 100.0]))
-    assert middle == 3.0 and spread == pytest.approx(1.4826)
-    normal = np.random.default_rng(1).normal(size=20000)
-    assert median_and_spread(normal)[1] == pytest.approx(1.0, abs=0.03)
-
-
 def test_bands_and_blunders() -> None:
     """Two soundings of a wrong digit are blunders; the bands are without them."""
     sounded, compiled = soundings()
@@ -60,11 +53,9 @@ def test_bands_and_blunders() -> None:
     assert sum(of_bands) == rows["without blunders"].statistics.size == 400 - shifted.blunders.sum()
     assert rows["without blunders"].statistics.rms == pytest.approx(0.1, rel=0.1)
 
-
-def test_a_depth_on_the_limit_of_two_bands_is_in_the_deeper_one() -> None:
-    depth = np.array([0.0, 1.99, 2.0, 4.99, 5.0, 10.0, 20.0, 25.0])
-    rows = {sample.what: sample.statistics.size for sample in samples(differences(depth, depth))[2:]}
-    assert rows == {"0 to 2 m": 2, "2 to 5 m": 2, "5 to 10 m": 1, "10 to 20 m": 1, "over 20 m": 2}
+    depth = np.array([0.0, 1.99, 2.0, 4.99, 5.0, 10.0, 20.0, 25.0])  # one on a limit is in the deeper band
+    sizes = {sample.what: sample.statistics.size for sample in samples(differences(depth, depth))[2:]}
+    assert sizes == {"0 to 2 m": 2, "2 to 5 m": 2, "5 to 10 m": 1, "10 to 20 m": 1, "over 20 m": 2}
 
 
 def test_every_round_of_blunders_shows_others() -> None:
@@ -110,24 +101,18 @@ def test_refraction_shows_in_the_slope(corrected: bool, low: float, high: float)
     assert line is not None and low < line.b < high
 
 
-def test_orders_of_the_standard() -> None:
+def test_the_orders_of_the_standard() -> None:
     assert source().startswith("IHO") and "6.1.0" in source()
-    special = survey_orders()[1]
-    assert special.vertical(np.array([0.0, 20.0])) == pytest.approx([0.25, np.hypot(0.25, 0.15)])
-    assert survey_orders()[3].horizontal(np.array([50.0])) == pytest.approx([25.0])
-    depth, compiled = soundings(noise=0.12)
-    shares = {share.name: share for share in order_shares(differences(compiled, depth))}
-    assert shares["Special"].met and not shares["Exclusive"].met and shares["2"].share == 1.0
-
-
-def test_the_numbers_of_the_standard() -> None:
-    rows = [(order.name, order.a, order.b, order.c, order.e) for order in survey_orders()]
-    assert rows == [
+    assert [(order.name, order.a, order.b, order.c, order.e) for order in survey_orders()] == [
         ("Exclusive", 0.15, 0.0075, 1.0, 0.0),
         ("Special", 0.25, 0.0075, 2.0, 0.0),
         ("1a/1b", 0.5, 0.013, 5.0, 0.05),
         ("2", 1.0, 0.023, 20.0, 0.1),
     ]
+    for within in (94, 95):  # percent
+        difference = np.concatenate([np.zeros(within), np.full(100 - within, 50.0)])
+        shares = order_shares(differences(difference + 9.0, np.full(100, 9.0)))
+        assert {share.met for share in shares} == {within == 95}
 
 
 def test_differences_without_error_count_alike() -> None:
@@ -149,75 +134,46 @@ def test_the_limits_of_an_order_are_95_percent() -> None:
     assert (orders_met(np.full(4, 10.0), covariance) <= first).tolist() == [True, False, False, True]
 
 
-@pytest.mark.parametrize(("within", "met"), [(94, False), (95, True)])
-def test_an_order_asks_for_95_percent(within: int, met: bool) -> None:
-    difference = np.concatenate([np.zeros(within), np.full(100 - within, 50.0)])
-    assert all(share.met is met for share in order_shares(differences(difference + 9.0, np.full(100, 9.0))))
+RNG = np.random.default_rng(5)
+TRUE = soundings(2000, 0.0)[0]
+LEVEL = 8.0 + 0.1 * RNG.normal(size=2000)  # depths that do not go with each other have no slope
+NOISE = RNG.normal(size=2000)
 
 
 @pytest.mark.parametrize(
-    ("scale", "words"),
+    ("compiled", "sounded", "sigma", "words"),
     [
-        (3.2808, "feet"),
-        (0.5468, "fathoms"),
-        (-1.0, "positive up"),
-        (10.0, "decimetres"),
-        (100.0, "cent"),
-        (1.0, ""),
+        *((TRUE + 0.1 * NOISE, scale * TRUE, 0.1, words) for scale, words in (
+            (3.2808, "feet"), (0.5468, "fathoms"), (-1.0, "positive up"), (10.0, "decimetres"),
+            (100.0, "centimetres"), (1.0, ""),
+        )),
+        (LEVEL, 100.0 * LEVEL[::-1], 0.1, "centimetres"),
+        (LEVEL, LEVEL[::-1], 0.1, ""),
+        # an offset beyond 3.29 times the sigma and the spread of a difference
+        (TRUE + 0.4 + 0.1 * NOISE, TRUE, 0.1, "0.40 m less deep than the bottom"),
+        (TRUE - 0.4 + 0.1 * NOISE, TRUE, 0.1, "0.40 m deeper than the bottom"),
+        (TRUE + 0.25 + 0.1 * NOISE, TRUE, 0.1, ""),
+        (TRUE + 0.4 + 0.1 * NOISE, TRUE, 0.2, ""),
+        (TRUE + 0.4 + 0.2 * NOISE, TRUE, 0.1, ""),
+        # a slope within a twentieth of a unit
+        *((TRUE, share * 3.281 * TRUE, 0.1, words) for share, words in ((0.96, "feet"), (1.04, "feet"))),
+        # correlations of .97 and .85: below .9 a slope says nothing
+        (TRUE, 3.281 * TRUE + 8.0 * NOISE, 0.1, "feet"),
     ],
-)
-def test_soundings_in_another_unit_are_named(scale: float, words: str) -> None:
-    depth, compiled = soundings()
-    warning = likeness_warning(differences(compiled, scale * depth))
+)  # fmt: skip
+def test_what_soundings_look_like(compiled: FloatArray, sounded: FloatArray, sigma: float, words: str) -> None:
+    warning = likeness_warning(differences(compiled, sounded, sigma))
     assert (words in warning) if words else not warning
 
 
-def test_a_unit_is_named_over_a_level_bottom() -> None:
-    """Depths that do not go with each other have no slope, and their ratio is 100."""
-    draws = np.random.default_rng(5)
-    compiled, sounded = 8.0 + 0.1 * draws.normal(size=(2, 60))
-    assert "centimetres" in likeness_warning(differences(compiled, 100.0 * sounded))
-    assert not likeness_warning(differences(compiled, sounded))
-
-
-@pytest.mark.parametrize(
-    ("offset", "spread", "sigma", "named"),
-    [
-        (0.4, 0.1, 0.1, True),
-        (-0.4, 0.1, 0.1, True),
-        (0.25, 0.1, 0.1, False),
-        (0.4, 0.1, 0.2, False),
-        (0.4, 0.2, 0.1, False),
-    ],
-)
-def test_an_offset_is_one_beyond_the_sigma_and_the_spread_of_a_difference(
-    offset: float, spread: float, sigma: float, named: bool
-) -> None:
-    depth, compiled = soundings(2000, spread)
-    warning = likeness_warning(differences(compiled + offset, depth, sigma))
-    assert bool(warning) == named
-    if named:
-        assert ("less deep" if offset > 0.0 else "deeper") in warning and f"add {offset:.1f}"[:-1] in warning
-
-
-@pytest.mark.parametrize(("share", "named"), [(0.96, True), (1.04, True), (0.93, False), (1.07, False)])
-def test_a_unit_is_named_where_the_slope_is_within_a_twentieth_of_it(share: float, named: bool) -> None:
-    depth, _ = soundings()
-    assert bool(likeness_warning(differences(depth, share * 3.281 * depth))) == named
-
-
-@pytest.mark.parametrize(("noise", "named"), [(8.0, True), (18.0, False)])
-def test_a_unit_is_named_where_depths_go_with_each_other(noise: float, named: bool) -> None:
-    """Correlations of .97 and .85: below .9 a slope says nothing."""
-    depth, _ = soundings(4000)
-    sounded = 3.281 * depth + noise * np.random.default_rng(2).normal(size=4000)
-    correlation = np.corrcoef(depth, sounded)[0, 1]
-    assert correlation == pytest.approx(0.963 if named else 0.845, abs=0.015)
-    assert bool(likeness_warning(differences(depth, sounded))) == named
+@pytest.mark.parametrize("sounded", [0.93 * 3.281 * TRUE, 1.07 * 3.281 * TRUE, 3.281 * TRUE + 18.0 * NOISE])
+def test_what_soundings_do_not_look_like(sounded: FloatArray) -> None:
+    assert "feet" not in likeness_warning(differences(TRUE, sounded))
 
 
 WGS84 = Ellipsoid("", 6378137.0, 298.257223563)
 EAST, NORTH = 290000.0, 2030000.0
+IN_DEGREES = pyproj.Transformer.from_crs("EPSG:32620", "EPSG:4326").transform(EAST, NORTH)
 
 
 def test_soundings_are_read_by_their_names(tmp_path: Path) -> None:
@@ -230,6 +186,12 @@ def test_soundings_are_read_by_their_names(tmp_path: Path) -> None:
     file.write_text("x,y,z\n1,2,-3\n")
     assert read_soundings(file).depth.tolist() == [3.0] and not read_soundings(file).angular
 
+    file.write_text(f"x,y,depth\n{EAST},{NORTH},3\n")
+    assert not read_soundings(file, WGS84).angular
+    mapped = read_soundings(file, WGS84, crs="EPSG:32620")
+    assert mapped.angular
+    np.testing.assert_allclose(mapped.place[0] / DEGREE, IN_DEGREES, atol=1e-9)  # 0.1 mm
+
 
 @pytest.mark.parametrize(
     ("text", "message"),
@@ -240,10 +202,9 @@ def test_soundings_are_read_by_their_names(tmp_path: Path) -> None:
     ],
 )
 def test_files_that_cannot_be_used(text: str, message: str, tmp_path: Path) -> None:
-    file = tmp_path / "s.csv"
-    file.write_text(text)
+    (tmp_path / "s.csv").write_text(text)
     with pytest.raises(SoundingError, match=message):
-        read_soundings(file)
+        read_soundings(tmp_path / "s.csv")
 
 
 def test_dates_are_read_where_they_are_asked_for(tmp_path: Path) -> None:
@@ -275,10 +236,7 @@ def test_las_files(tmp_path: Path) -> None:
     assert not plain.angular and np.isnan(plain.sigma).all() and plain.names.tolist() == ["1", "2"]
     las.write(file, cloud("EPSG:32620", depth=[3.1, 0.5], sigma=[0.1, 0.2]))
     mapped = read_soundings(file, WGS84)
-    longitude, latitude = pyproj.Transformer.from_crs("EPSG:32620", "EPSG:4326", always_xy=True).transform(
-        EAST, NORTH
-    )
-    np.testing.assert_allclose(mapped.place[0] / DEGREE, [latitude, longitude], atol=1e-9)  # 0.1 mm
+    np.testing.assert_allclose(mapped.place[0] / DEGREE, IN_DEGREES, atol=1e-9)  # 0.1 mm
     assert mapped.angular and mapped.depth.tolist() == [3.1, 0.5] and mapped.sigma.tolist() == [0.1, 0.2]
     with pytest.raises(SoundingError, match="the job in a local one"):
         read_soundings(file, None)
@@ -290,18 +248,6 @@ def test_las_files(tmp_path: Path) -> None:
     (tmp_path / "t.las").write_text("x")
     with pytest.raises(ProblemsError, match="LAS"):
         read_soundings(tmp_path / "t.las")
-
-
-def test_places_of_a_map_that_is_named(tmp_path: Path) -> None:
-    file = tmp_path / "s.csv"
-    file.write_text(f"x,y,depth\n{EAST},{NORTH},3\n")
-    soundings = read_soundings(file, WGS84, crs="EPSG:32620")
-    longitude, latitude = pyproj.Transformer.from_crs("EPSG:32620", "EPSG:4326", always_xy=True).transform(
-        EAST, NORTH
-    )
-    assert soundings.angular
-    np.testing.assert_allclose(soundings.place[0] / DEGREE, [latitude, longitude], atol=1e-9)  # 0.1 mm
-    assert not read_soundings(file, WGS84).angular
 
 
 def sample(number: int = 60) -> tuple[DepthDifferences, np.ndarray]:
@@ -340,12 +286,6 @@ def test_lines_and_dots_stand_where_the_numbers_say() -> None:
     np.testing.assert_array_equal(deeper.get_offsets(), xy[1:][given.difference[1:] > 0.0])
     assert (shoaler.get_array() <= 0.0).all() and len(shoaler.get_offsets()) + len(deeper.get_offsets()) == 59
     assert all(", m" in axes.get_xlabel() + axes.get_ylabel() for axes in (against, by_size, on_map))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [1, 2, 3])
-def test_few_soundings_are_drawn(number: int) -> None:
-    given, xy = sample()
-    rows = np.arange(len(xy)) < number
-    _, _, on_map = difference_figure(given.part(rows), xy[rows], "few").axes
-    assert len(on_map.child_axes) == 1  # the bar of its colours
+    for number in (1, 2, 3):  # few soundings are drawn too
+        rows = np.arange(len(xy)) < number
+        assert len(difference_figure(given.part(rows), xy[rows], "few").axes[2].child_axes) == 1  # bar of colours

@@ -19,7 +19,7 @@ from musatpy.refraction.surface import PlanarSurface, Surface
 from musatpy.refraction.waves import Harmonic, sinusoidal
 from musatpy.sea.stereo.estimate import SurfaceFit, fit_fourier, fit_grid
 from musatpy.sea.stereo.spectrum import mean_spacing
-from musatpy.sea.stereo.surface_points import SurfacePoints, intersected, intersection_covariance
+from musatpy.sea.stereo.surface_points import SurfacePoints, intersection_covariance
 from musatpy.sea.stereo.through import intersection, true_points_of_apparent
 from musatpy.sea.theory import linear_wave
 from musatpy.units import DEGREE
@@ -103,6 +103,13 @@ class Outcome:
     def removed(self, method: str) -> float:
         """Return the part of the wave error in height that a method takes away: 1 all of it, 0 nothing."""
         return 1.0 - float(self.wave[method][2] / self.wave["level"][2])
+
+
+def intersected(ids: tuple[str, ...], cameras: FloatArray, direction: FloatArray, sigma: float) -> SurfacePoints:
+    """Return the points where unit image rays (k, n, 3) of cameras (k, 3) meet in air; sigma (rad) of an image."""
+    rays = np.swapaxes(direction, 0, 1)
+    position = nearest_point(np.broadcast_to(cameras, rays.shape), rays)
+    return SurfacePoints(ids=ids, position=position, covariance=intersection_covariance(cameras, position, sigma))
 
 
 def simulate(setup: Setup) -> Simulation:

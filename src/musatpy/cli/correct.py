@@ -168,6 +168,7 @@ def correct(
 ) -> None:
     """Correct the points of a file by the stations of a run, or of a table."""
     from musatpy.correction.files import correct_file
+    from musatpy.correction.photographs import ByPhotographs
     from musatpy.runs import ExitStatus
 
     refuse_overwriting([out], [points, source])
@@ -179,18 +180,19 @@ def correct(
     with progress_through(
         points, quiet or not {points.suffix.lower(), out.suffix.lower()} <= {*_TABLES_AND_CLOUDS}
     ) as progress:
-        done = correct_file(
-            points, out, photographs, index, crs=given["crs"], geoid=given["geoid"], columns=names, layer=layer,
-            band=band, surface=surface, jobs=jobs or _cores(), progress=progress,
+        method = ByPhotographs(system=photographs.cameras.system, photographs=photographs, index=index)
+        method, tally = correct_file(
+            points, out, method, crs=given["crs"], geoid=given["geoid"], columns=names, layer=layer, band=band,
+            surface=surface, jobs=jobs or _cores(), progress=progress,
         )  # fmt: skip
     if not quiet:
-        first, *more = done.lines()
+        first, *more = method.lines(tally)
         tell("\n".join([f"{name_of(out)}: {first}", *more]))
-    for doubt in done.doubts:
+    for doubt in (doubts := method.doubts(tally)):
         complain(f"{name_of(points)}: doubtful: {doubt}")
-    if done.rejection:
-        complain(f"{name_of(points)}: {done.rejection}")
-    if done.rejection or (strict and done.doubts):
+    if why := method.rejection(tally):
+        complain(f"{name_of(points)}: {why}")
+    if why or (strict and doubts):
         ctx.exit(ExitStatus.REJECTED)
 
 

@@ -13,7 +13,7 @@ from musatpy.cli.options import NamedPath, columns_of, refuse_overwriting
 from musatpy.cli.sea_options import pair_by, precision_by, precision_options
 
 if TYPE_CHECKING:
-    from musatpy.correction.sea_points import SeaCorrection
+    from musatpy.correction.methods import Method, Tally
     from musatpy.depth.cameras import CameraStations
     from musatpy.sea.stereo.point_records import PointPrecision
 
@@ -47,7 +47,7 @@ def correct_through(
     stations: Path,
 ) -> None:
     """Correct the points of a file through a surface, intersected in air from a pair of stations."""
-    from musatpy.correction.sea_points import ThroughSurface
+    from musatpy.correction.sea_methods import ThroughSurface
     from musatpy.depth.cameras import system_of_points
     from musatpy.errors import Problem, SeaError
     from musatpy.sea.stereo.surface_file import load_map, load_surface
@@ -68,30 +68,30 @@ def correct_through(
         map=surface_map,
         source=str(stations),
     )
-    write_corrected(points, correction, given)
-    if not correction.counts[""]:
+    if not write_corrected(points, correction, given).corrected:
         reject(ctx, points)
 
 
-def write_corrected(points: Path, correction: SeaCorrection, given: dict[str, Any]) -> None:
-    """Correct the points of a file by their sea, and say what has come of them."""
-    from musatpy.correction.sea_points import correct_by_sea
+def write_corrected(points: Path, method: Method, given: dict[str, Any]) -> Tally:
+    """Correct the points of a file by their sea, say what has come of them, and return it."""
+    from musatpy.correction.files import correct_file
 
     with progress_through(points, given["quiet"]) as progress:
-        correct_by_sea(
+        method, tally = correct_file(
             points,
             given["out"],
-            correction,
+            method,
+            crs=given["crs"],
             columns=columns_of(points, given["columns"]),
             only=given.get("only", ()),
-            crs=given["crs"],
             layer=given.get("layer", ""),
             band=given.get("band", ""),
             progress=progress,
         )
     if not given["quiet"]:
-        first, *more = correction.lines()
+        first, *more = method.lines(tally)
         tell("\n".join([f"{name_of(given['out'])}: {first}", *more]))
+    return tally
 
 
 def reject(ctx: click.Context, points: Path, why: str = "no point is corrected") -> None:

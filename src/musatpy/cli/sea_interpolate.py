@@ -73,7 +73,7 @@ def correct_by_control(
     ctx: click.Context, points: Path, control: Path, given: dict[str, Any], unhelpful: int | None = None
 ) -> None:
     """Correct heights of points by what is interpolated between control points; `unhelpful`: status if in vain."""
-    from musatpy.correction.sea_points import ByControl
+    from musatpy.correction.sea_methods import ByControl
     from musatpy.files import write_files
     from musatpy.reports.sea import collocation_text, verdict_line
     from musatpy.sea.interpolation.control_tables import control_of, on_plan
@@ -86,7 +86,7 @@ def correct_by_control(
     _check_outputs([out, report, *([picture] if given["plots"] else [])], [points, control])
     table, system = _control_table(points, control, given)
     mapped = _mapped(points, table, given["columns"], system) if table.needs_mapped else {}
-    known, plan = on_plan(control_of(table, mapped, str(points), given["control_sigma"]), system)
+    observed, plan = on_plan(control_of(table, mapped, str(points), given["control_sigma"]), system)
     options = InterpolationOptions(
         trend=Trend.PLANE if given["trend"] == "plane" else Trend.CONSTANT,
         families=tuple(kind for kind in SignalKind if not given["families"] or kind in given["families"]),
@@ -94,14 +94,14 @@ def correct_by_control(
         reject=not given["keep_outliers"],
         reach=given["reach"],
     )
-    result = interpolate(known.observed, options)
-    files = {report: collocation_text(result, known.ids, (points.name, control.name)).encode()}
+    result = interpolate(observed, options)
+    files = {report: collocation_text(result, table.ids, (points.name, control.name)).encode()}
     if given["plots"]:
         from musatpy.sea.pictures import interpolation_picture
 
         _, files[picture] = interpolation_picture(result, points.name)
     correction = ByControl(system=system, interpolation=result, plan=plan)
-    write_corrected(points, correction, given)
+    tally = write_corrected(points, correction, given)
     write_files(files)
     if not given["quiet"]:
         tell(verdict_line(result))
@@ -109,7 +109,7 @@ def correct_by_control(
         ctx.exit(unhelpful)
     if result.verdict == Benefit.NOT:
         reject(ctx, points, "nothing is gained by its control points")
-    if not correction.counts[""]:
+    if not tally.corrected:
         reject(ctx, points)
 
 

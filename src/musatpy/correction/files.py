@@ -1,129 +1,102 @@
-"""A file of apparent points, lines or heights, written again with the true ones (`musat correct`).
-
-A point that cannot be corrected keeps its apparent place, has no true place, and has a reason.
-"""
+"""A file of apparent points, lines or heights, written again with the true ones (`musat correct`)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from itertools import chain, tee
 from pathlib import Path
+from typing import Any, TypeVar
 
+import numpy as np
 import pyproj
 
-from musatpy.correction.layers import BARE, correct_by_photographs, kind_of, read_heights
-from musatpy.correction.photographs import Photographs
-from musatpy.correction.rasters import band_of, correct_raster
-from musatpy.correction.surfaces import correct_surface
-from musatpy.depth.cameras import system_of_points
-from musatpy.depth.corrected_files import correct_csv, correct_las
-from musatpy.depth.correction import Correction, CorrectionTally, Progress
+from musatpy.arrays import FloatArray
+from musatpy.correction.layers import BARE, correct_layers, kind_of
+from musatpy.correction.methods import APPARENT, TRUE, Method, Tally
+from musatpy.correction.rasters import band_of, correct_raster, only_band
+from musatpy.depth.correction import Progress, in_order
 from musatpy.errors import DepthError, Problem
+from musatpy.files import whole_file
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.projected import crs_of
 from musatpy.geometry.systems import System
 from musatpy.interchange import geotiff
-from musatpy.interchange.any_file import RASTERS, write_layers
-from musatpy.interchange.layers import LOCAL, placed
-from musatpy.pointfiles.las_files import SUFFIXES
-from musatpy.refraction.apparent import Fault
+from musatpy.interchange.any_file import RASTERS, read_layers, write_layers
+from musatpy.interchange.layers import LOCAL, Grid, placed
+from musatpy.pointfiles.columns import AXES, Wanted, place_columns
+from musatpy.pointfiles.las_files import SUFFIXES, coordinates, rewritten
+from musatpy.pointfiles.point_tables import ENCODING, Layout, quoted, read_chunks
+from musatpy.records.json_files import read_record
+from musatpy.records.run_tables import SYSTEM, level_positions
+from musatpy.records.tables import flags, numbers
+from musatpy.sea.stereo.point_records import ID, SIGMA, SIGMA_COLUMNS, is_wanted
 
-_DEEPEST = 80.0  # m, beyond what light comes back from in the clearest water
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CorrectedFile:
-    """What came of the points of a file, as what they were taken, and why they have no sigmas, if so."""
-
-    tally: CorrectionTally
-    system: System
-    photographs: Photographs
-
-    def lines(self) -> Iterator[str]:
-        """Yield this in words."""
-        yield from self.tally.lines()
-        if self.photographs.without and self.tally.corrected:
-            yield f"no sigmas: {self.photographs.without}"
-        if self.system.ellipsoid:
-            yield f"points taken as {self.system.text}"
-
-    @property
-    def doubts(self) -> list[str]:
-        """What speaks against the result."""
-        doubts = [self.photographs.caution] if self.photographs.caution else []
-        if self.tally.deepest > _DEEPEST:
-            doubts.append(
-                f"down to {self.tally.deepest:.0f} m, where no photo shows the bottom: are there values of empty "
-                "posts or points among the heights, or heights in another unit?"
-            )
-        return doubts
-
-    @property
-    def rejection(self) -> str:
-        """Why the result is of no use; empty where a point is corrected."""
-        if self.tally.corrected:
-            return ""
-        dry = 0 < self.tally.faults[Fault.ABOVE_WATER] == self.tally.seen
-        return "no point is corrected" + (": nothing is under water: heights are positive up" if dry else "")
+Chosen = TypeVar("Chosen", bound=Method)
+# Rows of a table, their points (n, 3) and covariances (n, 3, 3), and the bytes of the file that they are
+_Task = tuple[Layout, Sequence[str], FloatArray, FloatArray, int]
 
 
 def correct_file(
     source: Path,
     target: Path,
-    photographs: Photographs,
-    index: float,
+    method: Chosen,
     *,
     crs: str | None = None,
     geoid: str | None = None,
-    columns: Sequence[str] = ("x", "y", "z"),
+    columns: Sequence[str] = AXES,
+    only: Sequence[str] = (),
     layer: str = "",
     band: str = "",
     surface: bool = False,
     jobs: int = 1,
     progress: Progress | None = None,
-) -> CorrectedFile:
+) -> tuple[Chosen, Tally]:
     """Correct the apparent points of a file, and write the true ones in the format that the target's suffix says.
 
-    `crs`, `geoid`: system of the points, as `system_of_points` has it; `columns`: names of coordinates in a table;
-    `layer`: that of a GeoPackage of several, `band`: that of the heights of a raster; `surface`: of a raster the
-    true heights at its posts; `jobs`: processes; `progress` is told of bytes of a table, points of a cloud, posts
-    of a raster. Tables, clouds and rasters that keep their kind may be of any size. Raises `DepthError`,
-    `InterchangeError` and `SystemsError` for what cannot be used, and `OSError`; then nothing is written.
+    Returns the method, in the system that the points were taken in, and what came of them.
+
+    `crs`, `geoid`: system of the points; `columns`: names of coordinates in a table; `only`: patterns of the ids of
+    a table or a record; `layer`: that of a GeoPackage of several, `band`: that of the heights of a raster;
+    `surface`: of a raster the true heights at its posts; `jobs`: processes; `progress` is told of bytes of a table,
+    points of a cloud, posts of a raster. Tables, clouds and rasters that keep their kind may be of any size; the
+    record of a run is written as a table. Raises the error of the method, `InterchangeError` and `SystemsError` for
+    what cannot be used, and `OSError`; then nothing is written.
     """
-    cameras, kind = photographs.cameras, kind_of(source, target)
+    kind = kind_of(source, target)
     if surface and kind != RASTERS:
         raise DepthError([Problem(message="a surface is that of a raster, in another raster")])
-    work = partial(Correction, cameras=cameras, index=index, errors=photographs.errors, through=photographs.through)
-    unstated = LOCAL if cameras.system.ellipsoid is None else crs
+    unstated = LOCAL if method.system.ellipsoid is None else crs
     stand_in = crs_of(unstated) if unstated else None
-
-    def system_of(stated: pyproj.CRS | None) -> System:
-        return system_of_points(source, cameras, crs or (None if stated is None else stated.to_wkt()), geoid)
-
-    if kind == RASTERS:
+    work = partial(method.placed_in, source, crs=crs, geoid=geoid)
+    if source.suffix.lower() == ".json" and method.of_records:
+        tally = correct_record(source, target, method, only)
+    elif kind == RASTERS:
         with geotiff.opened(source, stand_in) as raster:
-            system = system_of(placed(raster.posts.crs))
+            method = work(placed(raster.posts.crs))
             raster = replace(raster, posts=replace(raster.posts, crs=placed(stand_in) or raster.posts.crs))
-            correct = correct_surface if surface else correct_raster
-            tally = correct(
-                raster, target, band_of(raster, band), work(system=system), jobs=jobs, progress=progress
-            )
+            wanted = band_of(source, raster.names, band)
+            tally = correct_raster(raster, target, wanted, method, surface=surface, jobs=jobs, progress=progress)
     elif kind == SUFFIXES:
-        system = system_of_points(source, cameras, crs, geoid)
-        tally = correct_las(source, target, work(system=system), jobs=jobs, progress=progress)
+        method = work(None)
+        tally = correct_cloud(source, target, method, jobs=jobs, progress=progress)
     elif kind:
-        system = system_of_points(source, cameras, crs, geoid)
-        tally = correct_csv(source, target, work(system=system), columns=columns, jobs=jobs, progress=progress)
+        method = work(None)
+        tally = correct_table(source, target, method, columns, only=only, jobs=jobs, progress=progress)
     else:
-        layers, stated = read_heights(source, stand_in, layer, columns, band)
-        system = system_of(stated)
-        written = placed(stand_in) or stated or _crs_of(system)
+        layers = read_layers(source, stand_in, layer, columns)
+        layers = {
+            name: only_band(source, part, band) if isinstance(part, Grid) else part for name, part in layers.items()
+        }
+        stated = placed(next((part.crs for part in layers.values() if part.crs is not None), None))
+        method = work(stated)
+        written = placed(stand_in) or stated or _crs_of(method.system)
         layers = {name: replace(part, crs=written) for name, part in layers.items()}
         numbered = target.suffix.lower() in (*SUFFIXES, *BARE)
-        true, tally = correct_by_photographs(layers, work(system=system), source, numbered=numbered, jobs=jobs)
+        true, tally = correct_layers(layers, method, source, numbered=numbered, jobs=jobs)
         write_layers(target, true)
-    return CorrectedFile(tally=tally, system=system, photographs=photographs)
+    return method, tally
 
 
 def _crs_of(system: System) -> pyproj.CRS | None:
@@ -131,3 +104,125 @@ def _crs_of(system: System) -> pyproj.CRS | None:
     if not isinstance(system, LongitudeLatitude):
         return None
     return pyproj.CRS.from_user_input(f"+proj=longlat {system.ellipsoid.definition} +type=crs")
+
+
+def correct_table(
+    source: Path,
+    target: Path,
+    method: Method,
+    columns: Sequence[str] = AXES,
+    *,
+    only: Sequence[str] = (),
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Tally:
+    """Correct the points of a table with these columns; `progress` is told of bytes. Raises as `correct_file`."""
+    places = place_columns(columns, method.system.units, blank=method.blank)
+    added, sigmas = (*TRUE, *method.in_table), bool(method.inputs)
+    wanted = Wanted(
+        columns=(*(ID,) * bool(only), *places, *SIGMA_COLUMNS * sigmas),
+        together=(SIGMA,) * sigmas,
+        bare=tuple(columns),
+        added=added,
+    )
+    tables = read_chunks(source, wanted, method.error)
+    first, tally, names = next(tables), Tally(), [place.name for place in places]
+
+    def tasks() -> Iterator[_Task]:
+        for table in chain([first], tables):
+            kept = [row for row, name in enumerate(table.texts("id") if only else ()) if is_wanted(name, only)]
+            rows: Any = kept if only else slice(None)
+            covariance = np.square(table.numbers(*SIGMA)[rows])[:, :, None] * np.eye(3)
+            texts = [table.rows[row] for row in kept] if only else table.rows
+            yield table.layout, texts, table.numbers(*names)[rows], covariance, table.size
+
+    with whole_file(target) as out:
+        out.write(first.layout.header_with(added).encode(**ENCODING))
+        for done in in_order(partial(_corrected_rows, method), tasks(), jobs):
+            if isinstance(done, Problem):
+                raise method.error([done])
+            text, part, size = done
+            out.write(text.encode(**ENCODING))
+            tally = tally + part
+            if progress:
+                progress(size)
+        method.require_use(source, tally, first.numbers(*names))
+    return tally
+
+
+def _corrected_rows(method: Method, task: _Task) -> tuple[str, Tally, int] | Problem:
+    """Return rows with what comes of them; a function of the module, because other processes call it."""
+    layout, rows, apparent, covariance, size = task
+    if not rows:
+        return "", Tally(), size
+    points = method(layout.source, apparent, covariance)
+    if isinstance(points, Problem):
+        return points
+    return layout.rows_with(rows, method.texts(points)), Tally.of(points, method.reasons), size
+
+
+def correct_cloud(
+    source: Path, target: Path, method: Method, *, jobs: int = 1, progress: Progress | None = None
+) -> Tally:
+    """Correct the points of a LAS or LAZ file; `progress` is told of points. Raises as `correct_file`.
+
+    A point that is not corrected keeps its coordinates, and has the number of the reason (`Fault`).
+    """
+    added = dict.fromkeys(APPARENT, ("f8", "before the correction"))
+    added |= {name: (column.kind, column.meaning) for name, column in method.columns.items()}
+    tally, some = Tally(), np.empty((0, 3))
+    with rewritten(source, target, added) as (chunks, write):
+        given, waiting = tee(chunks)  # these stay in this process
+        work = in_order(partial(_corrected_values, method, str(source)), map(coordinates, waiting), jobs)
+        for points, done in zip(given, work, strict=True):
+            if isinstance(done, Problem):
+                raise method.error([done])
+            values, part = done
+            some = coordinates(points) if not tally.seen else some
+            write(points, {apparent: points[axis] for apparent, axis in zip(APPARENT, AXES, strict=True)} | values)
+            tally = tally + part
+            if progress:
+                progress(len(points))
+        method.require_use(source, tally, some)
+    return tally
+
+
+def _corrected_values(method: Method, source: str, apparent: FloatArray) -> tuple[dict[str, Any], Tally] | Problem:
+    """Return coordinates and dimensions of some points; a function of the module: other processes call it."""
+    points = method(source, apparent)
+    if isinstance(points, Problem):
+        return points
+    values = {name: points.values[name] for name in method.columns}
+    return {**dict(zip(AXES, points.kept(apparent).T, strict=True)), **values}, Tally.of(points, method.reasons)
+
+
+def correct_record(source: Path, target: Path, method: Method, only: Sequence[str] = ()) -> Tally:
+    """Write a table of the points of a record; where only heights are corrected, of those under water."""
+    system, record = method.system, read_record(source, (*SYSTEM, "points"))
+    table = record["points"]
+    kept = [row for row, name in enumerate(table["point"]) if is_wanted(name, only)]
+    position, covariance = numbers(table, "position", 3)[kept], numbers(table, "covariance", 3, 3)[kept]
+    known = np.isfinite(position).all(axis=1)
+    position[known] = system.coordinates(level_positions(record, position[known]))
+    wet = flags(table, "bathymetric")[kept] | bool(method.inputs)
+    why = {
+        row: f"not determined: {table['reason'][kept[row]] or 'no position'}"
+        for row in np.flatnonzero(~known).tolist()
+    }
+    why |= dict.fromkeys(np.flatnonzero(known & ~wet).tolist(), "not under water")
+    usable = known & wet
+    points = method(str(source), position[usable], covariance[usable])
+    if isinstance(points, Problem):
+        raise method.error([points])
+    tally = Tally.of(points, method.reasons)
+    tally.counts.update(why.values())
+    method.require_use(source, tally, position)
+    columns = (*TRUE, *method.in_table)
+    lines, texts = [",".join(["id", *AXES, *columns])], method.texts(points)
+    for row, place in enumerate(position.tolist()):
+        given = ["" if np.isnan(v) else f"{v:.{d}f}" for v, d in zip(place, system.decimals, strict=True)]
+        lost = ["" if name != "reason" else quoted(why.get(row, "")) for name in columns]
+        lines.append(",".join([quoted(table["point"][kept[row]]), *given, *(lost if row in why else next(texts))]))
+    with whole_file(target) as out:
+        out.write("".join(f"{line}\n" for line in lines).encode(**ENCODING))
+    return tally

@@ -7,24 +7,20 @@ where another vertex has no true place.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pyproj
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.correction.rasters import only_band
-from musatpy.depth.corrected_files import SIGMAS
-from musatpy.depth.correction import NO_POINTS, Correction, CorrectionTally, attempted, in_order, require_sight
-from musatpy.errors import DepthError, Problem
-from musatpy.interchange.any_file import RASTERS, Layers, read_layers
-from musatpy.interchange.layers import Grid, LayerColumn, Lines, Points, placed
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.correction.methods import APPARENT, CorrectedPoints, Method, Tally
+from musatpy.depth.correction import in_order
+from musatpy.errors import Problem
+from musatpy.interchange.any_file import RASTERS, Layers
+from musatpy.interchange.layers import Grid, LayerColumn, Lines, Points
 from musatpy.pointfiles.las_files import SUFFIXES
-from musatpy.refraction.apparent import REASONS, Fault, TruePoints
+from musatpy.refraction.apparent import Fault
 
 DRY = (Fault.ABOVE_WATER, Fault.BETWEEN_TIDES)
 NAMED, BARE = (".csv",), (".xyz", ".txt")  # tables under a line of names, and without
@@ -37,80 +33,33 @@ def kind_of(source: Path, target: Path) -> tuple[str, ...]:
     return next((kind for kind in (NAMED, BARE, SUFFIXES, RASTERS) if suffixes <= {*kind}), ())
 
 
-def read_heights(
-    source: Path, stand_in: pyproj.CRS | None, layer: str, columns: Sequence[str], band: str
-) -> tuple[Layers, pyproj.CRS | None]:
-    """Return the layers of a file, of a grid the band of heights alone, and what system they state."""
-    layers = read_layers(source, stand_in, layer, columns)
-    for name, part in layers.items():
-        layers[name] = only_band(source, part, band) if isinstance(part, Grid) else part
-    return layers, placed(next((part.crs for part in layers.values() if part.crs is not None), None))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CorrectedPoints:
-    """What comes of n points: true places (n, 3), NaN where lost, why (n,), and other columns, m or counts."""
-
-    true: FloatArray
-    fault: IntArray
-    columns: Mapping[str, FloatArray | IntArray]
-
-    @property
-    def good(self) -> BoolArray:
-        """(n,) which points are corrected."""
-        return self.fault == Fault.NONE
-
-
 def correct_layers(
-    layers: Layers,
-    correct: Callable[[FloatArray], CorrectedPoints],
-    reasons: Mapping[Any, str] = REASONS,
-    *,
-    numbered: bool = False,
-) -> Layers:
-    """Return layers with the true places, the posts of a grid as points; reasons are `numbered`, or texts.
+    layers: Layers, method: Method, source: Path, *, numbered: bool = False, jobs: int = 1
+) -> tuple[Layers, Tally]:
+    """Return layers with the true places, and what came of their points; reasons are `numbered`, or texts.
 
-    The heights of a grid are its only band; `correct` is asked once for each layer.
+    The posts of a grid become points, by its only band. Raises the error of the method.
     """
     true: Layers = {}
+    tally, apparent = Tally(), np.empty((0, 3))
     for name, layer in layers.items():
         part = _posts(layer) if isinstance(layer, Grid) else layer
         apparent = part.xyz if isinstance(part, Points) else np.concatenate(part.vertices)
-        points = correct(apparent)
-        place = np.where(points.good[:, None], points.true, apparent)
+        points = _corrected(method, str(source), apparent, jobs)
+        tally = tally + Tally.of(points, method.reasons)
+        place = points.kept(apparent)
         if isinstance(part, Points):
             columns = dict(part.columns) | {
-                f"apparent_{axis}": LayerColumn.of(values) for axis, values in zip("xyz", apparent.T, strict=True)
+                column: LayerColumn.of(values) for column, values in zip(APPARENT, apparent.T, strict=True)
             }
-            for column, values in points.columns.items():
-                columns[column] = LayerColumn.of(values, "m" if values.dtype.kind == "f" else "")
-            faults = points.fault.tolist()
-            columns["reason"] = LayerColumn.of(faults if numbered else [reasons[fault] for fault in faults])
+            for column, unit in method.in_layers.items():
+                columns[column] = LayerColumn.of(points.values[column], unit)
+            if not numbered:
+                columns["reason"] = LayerColumn.of([method.reasons[fault] for fault in points.fault.tolist()])
             true["points" if part is not layer else name] = replace(part, xyz=place, columns=columns)
         else:
             true[name] = _cut(part, place, points.good | np.isin(points.fault, DRY))
-    return true
-
-
-def correct_by_photographs(
-    layers: Layers, correction: Correction, source: Path, *, numbered: bool = False, jobs: int = 1
-) -> tuple[Layers, CorrectionTally]:
-    """Return layers with the true places by all photographs that see their points, and what came of these.
-
-    Raises `DepthError` for points that their system does not reach, and where no camera sees any.
-    """
-    tally, apparent = NO_POINTS, np.empty((0, 3))
-
-    def correct(given: FloatArray) -> CorrectedPoints:
-        nonlocal tally, apparent
-        points = _corrected(correction, str(source), given, jobs)
-        tally, apparent = tally + CorrectionTally.of(points), given
-        sigmas = () if correction.errors is None else (*points.sigma.T, points.depth_sigma)
-        columns = {"depth": points.depth, **dict(zip(SIGMAS, sigmas, strict=False)), "cameras": points.cameras}
-        return CorrectedPoints(true=points.position, fault=points.fault.astype(np.int64), columns=columns)
-
-    true = correct_layers(layers, correct, numbered=numbered)
-    require_sight(correction, tally, source, apparent)
+    method.require_use(source, tally, apparent)
     return true, tally
 
 
@@ -120,14 +69,20 @@ def _posts(grid: Grid) -> Points:
     return Points(xyz=xyz[np.isfinite(xyz[:, 2])], crs=grid.crs, heights=grid.heights)
 
 
-def _corrected(correction: Correction, source: str, apparent: FloatArray, jobs: int) -> TruePoints:
+def _corrected(method: Method, source: str, apparent: FloatArray, jobs: int) -> CorrectedPoints:
     chunks = np.array_split(apparent, max(1, -(-len(apparent) // _CHUNK)))
     parts = []
-    for done in in_order(partial(attempted, correction, source), chunks, jobs if len(chunks) > 1 else 1):
+    for done in in_order(partial(method, source), chunks, jobs if len(chunks) > 1 else 1):
         if isinstance(done, Problem):
-            raise DepthError([done])
-        parts.append(done[0])
-    return TruePoints(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+            raise method.error([done])
+        parts.append(done)
+    return CorrectedPoints(
+        true=np.concatenate([part.true for part in parts]),
+        fault=np.concatenate([part.fault for part in parts]),
+        values={name: np.concatenate([part.values[name] for part in parts]) for name in parts[0].values},
+        seen=None if parts[0].seen is None else np.concatenate([part.seen for part in parts]),
+        lacking=sum(part.lacking for part in parts),
+    )
 
 
 def _cut(lines: Lines, place: FloatArray, kept: BoolArray) -> Lines:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.depth.cameras import CameraStations
 from musatpy.errors import DepthError, Problem, SystemsError
 from musatpy.geometry.collinearity import cross
@@ -25,7 +25,7 @@ from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import Projected
 from musatpy.geometry.systems import Geocentric, System, geographic
-from musatpy.refraction.apparent import REASONS, Fault, Through, TruePoints, Verticals, true_points
+from musatpy.refraction.apparent import Fault, Through, TruePoints, Verticals, true_points
 from musatpy.units import FOOT
 
 if TYPE_CHECKING:
@@ -144,63 +144,6 @@ class Correction:
         return self.coordinates(self.cameras.stations.position.mean(axis=0))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CorrectionTally:
-    """What came of points: how many of each `Fault`, and sums over those that are corrected."""
-
-    faults: IntArray  # by Fault
-    deepest: float = -np.inf  # m
-    factor_sum: float = 0.0
-    largest_spread: float = -np.inf  # m
-    depth_variance: float = 0.0  # m2, a sum; NaN without sigmas
-    seen: int = 0  # points that a camera sees, corrected or not
-
-    @classmethod
-    def of(cls, points: TruePoints) -> CorrectionTally:
-        """Return the tally of some points."""
-        good = points.fault == Fault.NONE
-        return cls(
-            faults=np.bincount(points.fault, minlength=len(Fault)),
-            seen=int(np.count_nonzero(points.cameras)),
-            deepest=float(points.depth[good].max(initial=-np.inf)),
-            factor_sum=float(points.factor[good].sum()),
-            largest_spread=float(points.spread[good].max(initial=-np.inf)),
-            depth_variance=float(np.square(points.depth_sigma[good]).sum()),
-        )
-
-    def __add__(self, other: CorrectionTally) -> CorrectionTally:
-        return CorrectionTally(
-            faults=self.faults + other.faults,
-            deepest=max(self.deepest, other.deepest),
-            factor_sum=self.factor_sum + other.factor_sum,
-            largest_spread=max(self.largest_spread, other.largest_spread),
-            depth_variance=self.depth_variance + other.depth_variance,
-            seen=self.seen + other.seen,
-        )
-
-    @property
-    def corrected(self) -> int:
-        """How many points have a true place."""
-        return int(self.faults[Fault.NONE])
-
-    def lines(self) -> list[str]:
-        """Return the tally in words."""
-        total, good = int(self.faults.sum()), self.corrected
-        lines = [f"{total} points, {good} corrected"]
-        if good:
-            lines.append(
-                f"mean factor {self.factor_sum / good:.4f}, deepest {self.deepest:.3f} m, "
-                f"largest spread among cameras {self.largest_spread:.3f} m"
-            )
-            if not np.isnan(self.depth_variance):
-                lines.append(f"sigma of a depth {np.sqrt(self.depth_variance / good):.3f} m")
-        counts = zip(Fault, self.faults.tolist(), strict=True)
-        return lines + [f"{n} not: {REASONS[fault]}" for fault, n in counts if fault != Fault.NONE and n]
-
-
-NO_POINTS = CorrectionTally(faults=np.zeros(len(Fault), dtype=np.int64))
-
-
 # --- points that no camera sees: what would put them below the cameras ---
 
 
@@ -218,11 +161,8 @@ def attempted(correction: Correction, source: str, apparent: FloatArray) -> tupl
         )
 
 
-def require_sight(correction: Correction, tally: CorrectionTally, source: Path, some: FloatArray) -> None:
-    """Raise `DepthError` where there are points, and no camera sees any, with what would let it see `some`."""
-    count = int(tally.faults.sum() - tally.faults[Fault.NOT_FINITE])
-    if not count or tally.seen:
-        return
+def require_sight(correction: Correction, count: int, source: Path, some: FloatArray) -> None:
+    """Raise `DepthError` of so many points that no camera sees, with what would let it see `some`."""
     message = (
         f"no camera sees any of its {count} points: are they in the system of the job? They were taken as "
         f"{correction.points_in.text}. {_directions(correction, some)}"

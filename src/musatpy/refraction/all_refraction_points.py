@@ -69,10 +69,6 @@ class _Cells(PerRay):
         centre = self.centre[:, None, :] + corner * self.half[:, None, None]
         return _Cells(ray=np.repeat(self.ray, 4), centre=centre.reshape(-1, 2), half=np.repeat(self.half / 2.0, 4))
 
-    def then(self, other: _Cells) -> _Cells:
-        pairs = ((name, getattr(self, name), getattr(other, name)) for name in ("ray", "centre", "half"))
-        return _Cells(**{name: np.concatenate([first, second]) for name, first, second in pairs})
-
 
 def search(surface: Surface, rays: RayEnds) -> RayPoints:
     """Return the refraction points of rays (N,) to ground points below the water.

@@ -10,6 +10,7 @@ axes that all share. The depth is that below the mean of the tides of the statio
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Protocol
@@ -37,9 +38,13 @@ class Fault(IntEnum):
     PARALLEL_RAYS = 5
     NO_CONVERGENCE = 6
     BETWEEN_TIDES = 7
+    UNKNOWN_WATER = 8
+    NO_MEETING = 9
+    CAMERA_BELOW = 10
+    NO_CONTROL = 11
 
 
-REASONS = {
+REASONS: Mapping[int, str] = {
     Fault.NONE: "",
     Fault.NOT_FINITE: "a coordinate is no number",
     Fault.ABOVE_WATER: "not below the water",
@@ -48,6 +53,10 @@ REASONS = {
     Fault.PARALLEL_RAYS: "rays of its cameras are parallel",
     Fault.NO_CONVERGENCE: "no true point found for it",
     Fault.BETWEEN_TIDES: "between the tides of its cameras",
+    Fault.UNKNOWN_WATER: "the surface is not known where its rays meet the water",
+    Fault.NO_MEETING: "no parallax makes its rays meet under water",
+    Fault.CAMERA_BELOW: "not below both cameras",
+    Fault.NO_CONTROL: "no control near it",
 }
 
 
@@ -115,31 +124,6 @@ class Through(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Bends:
-    """What refracts the rays of m points, and the verticals in which these stand."""
-
-    through: Through
-    stations: Stations
-    verticals: Verticals | None
-
-    def only(self, kept: BoolArray) -> _Bends:
-        """Return the same of the points `kept` (m,)."""
-        if self.verticals is None:
-            return self
-        return replace(self, verticals=self.verticals[np.flatnonzero(kept)])
-
-    def slopes(self, G: FloatArray, rays: _Rays) -> tuple[tuple[FloatArray, FloatArray], FloatArray]:
-        """Return what `_slopes` does."""
-        ground, turn = G[rays.point], None
-        if self.verticals is not None:
-            turn = self.verticals.axes[rays.point]
-            ground = self.verticals.origin[rays.point] + np.einsum("pij,pi->pj", turn, ground)
-        v = self.through(rays.station, self.stations.position[rays.station], ground)
-        x, y, z = (v if turn is None else np.einsum("pij,pj->pi", turn, v)).T
-        return (x / -z, y / -z), np.hypot(x, y) / -z
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _Rays:
     """The p rays between m points and the stations that see them, those of a point together."""
 
@@ -149,7 +133,9 @@ class _Rays:
     camera: FloatArray  # (3, p)
     level: FloatArray  # (p,)
     axis: FloatArray | None  # (3, p)
-    bends: _Bends | None = None  # where the water is not level
+    stations: Stations
+    verticals: Verticals | None  # of the points
+    through: Through | None  # where the water is not level
 
     @classmethod
     def of(
@@ -167,7 +153,6 @@ class _Rays:
             axes = np.ascontiguousarray(np.moveaxis(verticals.axes, 0, -1))[:, :, point]
             camera = _turned(axes, camera - verticals.origin.T[:, point])
             axis = None if axis is None else _turned(axes, axis)
-        bends = None if through is None else _Bends(through=through, stations=stations, verticals=verticals)
         return cls(
             point=point,
             first=_starts(point),
@@ -175,21 +160,24 @@ class _Rays:
             camera=camera,
             level=stations.level[station],
             axis=axis,
-            bends=bends,
+            stations=stations,
+            verticals=verticals,
+            through=through,
         )
 
     def only(self, kept: BoolArray) -> _Rays:
         """Return the rays of the points `kept` (m,), which are counted anew."""
         rays = kept[self.point]
         point = (np.cumsum(kept) - 1)[self.point[rays]]
-        return _Rays(
+        return replace(
+            self,
             point=point,
             first=_starts(point),
             station=self.station[rays],
             camera=self.camera[:, rays],
             level=self.level[rays],
             axis=None if self.axis is None else self.axis[:, rays],
-            bends=None if self.bends is None else self.bends.only(kept),
+            verticals=None if self.verticals is None else self.verticals[np.flatnonzero(kept)],
         )
 
     def of_points(self, values: FloatArray) -> FloatArray:
@@ -350,8 +338,14 @@ def _solve(
 
 def _slopes(G: FloatArray, index: float, rays: _Rays) -> tuple[tuple[FloatArray, FloatArray], FloatArray]:
     """Return the horizontal way (p,) along x and y of each ray in air for a metre of fall, and its length tan I."""
-    if rays.bends is not None:
-        return rays.bends.slopes(G, rays)
+    if rays.through is not None:
+        ground, turn = G[rays.point], np.eye(3)[None]
+        if rays.verticals is not None:
+            turn = rays.verticals.axes[rays.point]
+            ground = rays.verticals.origin[rays.point] + np.einsum("pij,pi->pj", turn, ground)
+        v = rays.through(rays.station, rays.stations.position[rays.station], ground)
+        x, y, z = (turn @ v[..., None])[..., 0].T
+        return (x / -z, y / -z), np.hypot(x, y) / -z
     x, y, z = rays.of_points(G) - rays.camera
     D = np.sqrt(x * x + y * y)
     H = rays.camera[2] - rays.level

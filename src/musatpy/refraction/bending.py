@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import FloatArray
-from musatpy.refraction.flat import RefractedRay, shaped
+from musatpy.refraction.flat import RefractedRay, outer, shaped
 from musatpy.refraction.stationary import RayEnds
 from musatpy.refraction.surface import Surface
 
@@ -49,7 +49,7 @@ def refracted_ray(
     if not surface.covers(W[:, :2], rays.time).all():
         raise ValueError("the water surface is not known where a ray meets it")
     relief = surface.relief(W[:, :2], rays.time)
-    p = _normal(relief.gradient)
+    p = np.concatenate([-relief.gradient, np.ones((len(W), 1))], axis=1)
     secant = np.linalg.norm(p, axis=1)[:, None]
     m = p / secant
     c = -np.sum(m * u, axis=1)[:, None]  # cos i
@@ -61,7 +61,7 @@ def refracted_ray(
     du[:, :, _DIRECTION] = np.eye(3)
     dc = -_row(u, dm) - _row(m, du)
     dr = du / n[..., None] + dm * (c / n - cos_theta)[..., None]
-    dr += _outer(m, dc * (1.0 / n - c / (n * n * cos_theta)))
+    dr += outer(m, dc * (1.0 / n - c / (n * n * cos_theta)))
     by_index = -u / n**2 - m * (c / n**2 + (1.0 - c * c) / (n**3 * cos_theta))
 
     rays_below = WaveRay(
@@ -87,7 +87,7 @@ def _meeting_partials(p: FloatArray, u: FloatArray, rho: FloatArray) -> FloatArr
     straight[:, :, _DIRECTION] = rho[..., None] * np.eye(3)
     by_rho = -_row(p, straight)
     by_rho[:, _LEVEL] += 1.0
-    return straight + _outer(u, by_rho / np.sum(p * u, axis=1)[:, None])
+    return straight + outer(u, by_rho / np.sum(p * u, axis=1)[:, None])
 
 
 def _normal_partials(p: FloatArray, secant: FloatArray, hessian: FloatArray, dW: FloatArray) -> FloatArray:
@@ -96,7 +96,7 @@ def _normal_partials(p: FloatArray, secant: FloatArray, hessian: FloatArray, dW:
     dp[:, :2] = -hessian @ dW[:, :2]
     dp[:, :2, _SLOPE] -= np.eye(2)
     m = p / secant
-    return (dp - _outer(m, _row(m, dp))) / secant[..., None]
+    return (dp - outer(m, _row(m, dp))) / secant[..., None]
 
 
 def _first_meeting(surface: Surface, C: FloatArray, u: FloatArray, time: FloatArray) -> FloatArray:
@@ -137,13 +137,5 @@ def _above(
     return place[:, 2] - relief.height, u[:, 2] - np.sum(relief.gradient * u[:, :2], axis=1)
 
 
-def _normal(gradient: FloatArray) -> FloatArray:
-    return np.concatenate([-gradient, np.ones((len(gradient), 1))], axis=1)
-
-
 def _row(a: FloatArray, matrix: FloatArray) -> FloatArray:
     return np.einsum("ni,nij->nj", a, matrix)
-
-
-def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
-    return a[:, :, None] * b[:, None, :]

@@ -46,15 +46,6 @@ def pair_factor(
     return (s + t) / fall / (s / first + t / second)
 
 
-def model_factor(
-    x: ArrayLike, y: ArrayLike, apparent_depth: ArrayLike, height: ArrayLike, base: ArrayLike, index: ArrayLike
-) -> FloatArray:
-    """Return F at x along the base from the first nadir and y across it, eq. (14); shapes broadcast."""
-    s, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    t = np.asarray(base, dtype=float) - s
-    return pair_factor(np.hypot(s, y), np.hypot(t, y), s, t, apparent_depth, height, index)
-
-
 def departure(factor: ArrayLike, other: ArrayLike, apparent_depth: ArrayLike) -> DepthDeparture:
     """Return how far the depths by the `other` factor are from those by `factor`; shapes broadcast.
 

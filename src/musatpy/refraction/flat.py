@@ -258,18 +258,16 @@ def refracted_ray(
     """
     origin, below = ray_below(camera, direction, up, height, index)
     H, n = np.asarray(height, dtype=float)[..., None], np.asarray(index, dtype=float)[..., None]
-    u = direction
-    c = -_dot(up, u)[..., None]  # cos I
+    u, c = direction, -_dot(up, direction)[..., None]  # cos I
     cos_theta = np.sqrt(1.0 - (1.0 - c * c) / (n * n))
-    uu = _outer(up, up)
     along = u + up * c  # horizontal part of the ray in air
     one = np.eye(3)
     return RefractedRay(
         origin=origin,
         direction=below,
-        origin_by_camera=one + _outer(u / c, up),
-        origin_by_direction=(H / c)[..., None] * (one + _outer(u / c, up)),
-        direction_by_direction=one / n[..., None] - (1.0 / n - c / (n * n * cos_theta))[..., None] * uu,
+        origin_by_camera=one + outer(u / c, up),
+        origin_by_direction=(H / c)[..., None] * (one + outer(u / c, up)),
+        direction_by_direction=one / n[..., None] - (1.0 / n - c / (n * n * cos_theta))[..., None] * outer(up, up),
         origin_by_level=-u / c,
         direction_by_index=-along / (n * n) - up * (1.0 - c * c) / (n**3 * cos_theta),
     )
@@ -279,5 +277,6 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.einsum("...i,...i->...", a, b)
 
 
-def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
+def outer(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the products (..., i, j) of vectors (..., i) and (..., j)."""
     return a[..., :, None] * b[..., None, :]

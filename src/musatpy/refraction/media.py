@@ -1,4 +1,4 @@
-"""Refractive indices of water and air: phase and group index by temperature, salinity and wavelength.
+"""Refractive indices of water and air: the phase index by temperature, salinity and wavelength.
 
 Water by one of two formulas:
 
@@ -7,7 +7,7 @@ Water by one of two formulas:
     iapws       IAPWS Release R9-97 on the refractive index of ordinary water substance (1997), eq. 1, with the
                 density of Tanaka et al. (2001), Metrologia 38, 301, eq. 1, at one atmosphere. Absolute, pure water
 
-Air by Birch and Downs (1994), Metrologia 31, 315: dry, or with a partial pressure of water vapour.
+Dry air by Birch and Downs (1994), Metrologia 31, 315.
 
 Wavelengths are those in vacuum, nanometres. (The data behind quan-fry are of wavelengths in air, 0.03 % shorter:
 that is 1e-5 of n, within its own error of 1.5e-5.) Temperatures are degrees Celsius, salinities parts per thousand.
@@ -15,7 +15,6 @@ that is 1e-5 of n, within its own error of 1.5e-5.) Temperatures are degrees Cel
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -24,20 +23,13 @@ from numpy.typing import ArrayLike
 from musatpy.arrays import FloatArray
 
 STANDARD_TEMPERATURE, STANDARD_PRESSURE = 15.0, 101325.0  # of air: degrees Celsius, Pa
-SODIUM_D = 589.3  # nm
 PER_CHLORINITY = 1.80655  # salinity of a chlorinity of one: the definition of 1969 (UNESCO)
 
 _QUAN_FRY = (1.31405, 1.779e-4, -1.05e-6, 1.6e-8, -2.02e-6, 15.868, 0.01155, -0.00423, -4382.0, 1.1455e6)
 _IAPWS = (
-    0.244257733,
-    9.74634476e-3,
-    -3.73234996e-3,
-    2.68678472e-4,
-    1.58920570e-3,
-    2.45934259e-3,
-    0.900704920,
+    0.244257733, 9.74634476e-3, -3.73234996e-3, 2.68678472e-4, 1.58920570e-3, 2.45934259e-3, 0.900704920,
     -1.66626219e-2,
-)
+)  # fmt: skip
 _ULTRAVIOLET, _INFRARED = 0.2292020, 5.432937  # resonances, in units of 589 nm
 _IAPWS_KELVIN, _IAPWS_DENSITY, _IAPWS_WAVELENGTH = 273.15, 1000.0, 589.0  # references: K, kg/m3, nm
 _TANAKA = (-3.983035, 301.797, 522528.9, 69.34881, 999.974950)
@@ -52,24 +44,13 @@ class Formula(StrEnum):
 
 # Formula -> what it holds for: temperature, salinity, wavelength
 RANGES = {
-    Formula.QUAN_FRY: (
-        (0.0, 30.0),
-        (0.0, 42.0),
-        (400.0, 700.0),
-    ),  # extrapolated above a salinity of 35: it is linear
+    # extrapolated above a salinity of 35: it is linear
+    Formula.QUAN_FRY: ((0.0, 30.0), (0.0, 42.0), (400.0, 700.0)),
     Formula.IAPWS: ((0.0, 40.0), (0.0, 0.0), (200.0, 1100.0)),
 }
 AIR_RANGES = ((-40.0, 100.0), (10e3, 140e3), (300.0, 1700.0))  # degrees Celsius, Pa, nm
 _NAMES = (("temperature", "degrees Celsius"), ("salinity", "parts per thousand"), ("wavelength", "nm"))
 _AIR_NAMES = (("temperature of the air", "degrees Celsius"), ("pressure", "Pa"), ("wavelength", "nm"))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Index:
-    """Phase index n and group index n - l dn/dl of wavelengths l, arrays of one shape."""
-
-    phase: FloatArray
-    group: FloatArray
 
 
 def salinity_of_chlorinity(chlorinity: ArrayLike) -> FloatArray:
@@ -91,7 +72,7 @@ def relative_index(
     Raises `ValueError` outside the range of the formula.
     """
     water = water_index(wavelength, temperature, salinity, formula=formula)
-    return water.phase / air_index(wavelength, air_temperature, air_pressure).phase
+    return water / air_index(wavelength, air_temperature, air_pressure)
 
 
 def water_index(
@@ -100,44 +81,34 @@ def water_index(
     salinity: ArrayLike = 0.0,
     *,
     formula: Formula = Formula.QUAN_FRY,
-) -> Index:
-    """Return the absolute indices of water at one atmosphere.
+) -> FloatArray:
+    """Return the absolute phase index of water at one atmosphere.
 
     Raises `ValueError` outside the range of the formula.
     """
     L, T, S = (np.asarray(number, dtype=float) for number in (wavelength, temperature, salinity))
     _within(RANGES[formula], _NAMES, (T, S, L), f"the formula {formula}")
     if formula is Formula.IAPWS:
-        n, slope = _iapws(L, T)
-        return Index(phase=n, group=n - L * slope)
-    n, slope = _quan_fry(L, T, S)
-    air = air_index(L)
-    phase = n * air.phase
-    # the group index of a product: (n a) - l (n a)' = n (a - l a') - l n' a
-    return Index(phase=phase, group=n * air.group - L * slope * air.phase)
+        return iapws_index(L, T, water_density(T))
+    n0, n1, n2, n3, n4, n5, n6, n7, n8, n9 = _QUAN_FRY  # relative to standard air
+    n = n0 + (n1 + n2 * T + n3 * T**2) * S + n4 * T**2 + (n5 + n6 * S + n7 * T) / L + n8 / L**2 + n9 / L**3
+    return n * air_index(L)
 
 
 def air_index(
     wavelength: ArrayLike,
     temperature: ArrayLike = STANDARD_TEMPERATURE,
     pressure: ArrayLike = STANDARD_PRESSURE,
-    vapour: ArrayLike = 0.0,
-) -> Index:
-    """Return the absolute indices of air; `pressure` of all of it and partial one of its water `vapour` in Pa.
+) -> FloatArray:
+    """Return the absolute phase index of dry air at a pressure (Pa).
 
     Raises `ValueError` outside the range of the formula.
     """
-    L, t, p, f = (np.asarray(number, dtype=float) for number in (wavelength, temperature, pressure, vapour))
+    L, t, p = (np.asarray(number, dtype=float) for number in (wavelength, temperature, pressure))
     _within(AIR_RANGES, _AIR_NAMES, (t, p, L), "the formula of air")
-    if not ((f >= 0.0) & (f <= p)).all():
-        raise ValueError("the pressure of water vapour lies from 0 to that of all of the air")
     square = np.square(1e3 / L)  # of the wave number, per micrometre
     standard = 1e-8 * (8342.54 + 2406147.0 / (130.0 - square) + 15998.0 / (38.9 - square))
-    growth = 1e-8 * (2406147.0 / np.square(130.0 - square) + 15998.0 / np.square(38.9 - square))
-    density = p / 96095.43 * (1.0 + 1e-8 * (0.601 - 0.00972 * t) * p) / (1.0 + 0.0036610 * t)
-    refractivity = standard * density - f * (3.7345 - 0.0401 * square) * 1e-10
-    by_square = growth * density + f * 0.0401e-10
-    return Index(phase=1.0 + refractivity, group=1.0 + refractivity + 2.0 * square * by_square)
+    return 1.0 + standard * (p / 96095.43 * (1.0 + 1e-8 * (0.601 - 0.00972 * t) * p) / (1.0 + 0.0036610 * t))
 
 
 def water_density(temperature: ArrayLike) -> FloatArray:
@@ -147,31 +118,15 @@ def water_density(temperature: ArrayLike) -> FloatArray:
     return a5 * (1.0 - np.square(t + a1) * (t + a2) / (a3 * (t + a4)))
 
 
-def _quan_fry(L: FloatArray, T: FloatArray, S: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return n relative to standard air, and dn/dl."""
-    n0, n1, n2, n3, n4, n5, n6, n7, n8, n9 = _QUAN_FRY
-    first = n5 + n6 * S + n7 * T
-    n = n0 + (n1 + n2 * T + n3 * T**2) * S + n4 * T**2 + first / L + n8 / L**2 + n9 / L**3
-    return n, -first / L**2 - 2.0 * n8 / L**3 - 3.0 * n9 / L**4
-
-
-def _iapws(L: FloatArray, T: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the absolute n of pure water, and dn/dl."""
-    n, by_square, square = iapws_index(L, T, water_density(T))
-    return n, by_square * 2.0 * square / L
-
-
-def iapws_index(wavelength: ArrayLike, temperature: ArrayLike, density: ArrayLike) -> tuple[FloatArray, ...]:
-    """Return n of R9-97 for water of any density (kg/m3), dn/d(l^2) and l^2, l in units of 589 nm."""
+def iapws_index(wavelength: ArrayLike, temperature: ArrayLike, density: ArrayLike) -> FloatArray:
+    """Return n of R9-97 for water of any density (kg/m3)."""
     square = np.square(np.asarray(wavelength, dtype=float) / _IAPWS_WAVELENGTH)
     T = (np.asarray(temperature, dtype=float) + _IAPWS_KELVIN) / _IAPWS_KELVIN
     rho = np.asarray(density, dtype=float) / _IAPWS_DENSITY
     a0, a1, a2, a3, a4, a5, a6, a7 = _IAPWS
     ultraviolet, infrared = square - _ULTRAVIOLET**2, square - _INFRARED**2
     A = a0 + a1 * rho + a2 * T + a3 * square * T + a4 / square + a5 / ultraviolet + a6 / infrared + a7 * rho**2
-    slope = a3 * T - a4 / square**2 - a5 / ultraviolet**2 - a6 / infrared**2
-    n = np.sqrt((2.0 * rho * A + 1.0) / (1.0 - rho * A))  # (n^2 - 1) / (n^2 + 2) = rho A
-    return n, rho * slope * np.square(n**2 + 2.0) / (6.0 * n), square
+    return np.asarray(np.sqrt((2.0 * rho * A + 1.0) / (1.0 - rho * A)))  # (n^2 - 1) / (n^2 + 2) = rho A
 
 
 def _within(

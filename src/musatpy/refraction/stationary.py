@@ -26,6 +26,11 @@ class PerRay:
         """Return the rows that a mask, slice or array of rows chooses."""
         return replace(self, **{field.name: getattr(self, field.name)[which] for field in fields(self)})
 
+    def then(self, other: Self) -> Self:
+        """Return the rows of both, one after the other."""
+        names = [field.name for field in fields(self)]
+        return replace(self, **{n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in names})
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RayEnds(PerRay):

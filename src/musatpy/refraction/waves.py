@@ -373,12 +373,6 @@ class Trains:
         return np.where(self.steady, self.frequency, frequency), np.where(self.steady, 0.0, group)
 
 
-def about(wave: Harmonic, place: ArrayLike, time: float = 0.0) -> Harmonic:
-    """Return the same waves with x and y (2,) m counted from another place, and times from another moment (s)."""
-    shift = wave.vector @ np.asarray(place, dtype=float) - wave.frequency * time
-    return replace(wave, phase=wave.phase - shift)
-
-
 def _towards(azimuth: FloatArray) -> FloatArray:
     """Return unit vectors (k, 2) of azimuths (k,), clockwise from y."""
     return np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)

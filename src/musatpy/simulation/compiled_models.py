@@ -13,7 +13,6 @@ from itertools import pairwise
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import (
@@ -26,12 +25,10 @@ from musatpy.model.compilation import (
     StereomodelSpecs,
 )
 from musatpy.model.tables import empty, stacked
-from musatpy.simulation.flight import FlightPlan, TrueFlight
 from musatpy.simulation.scene_keys import CompilationKeys, SurfaceKeys
-from musatpy.simulation.simulation_spec import SimulationSpec
-from musatpy.simulation.terrain import TrueGround
+from musatpy.simulation.terrain import Scene
 from musatpy.simulation.true_images import project
-from musatpy.simulation.world import TruePlaces, World
+from musatpy.simulation.world import TruePlaces
 from musatpy.units import DEGREE, MICROMETRE
 
 _CANDIDATES = 20  # drawn for each point that is wanted: most of a model is in both formats
@@ -66,38 +63,30 @@ class CompiledTruth:
         return out.getvalue()
 
 
-def compile_models(
-    spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, ground: TrueGround, world: World, draws: Draws
-) -> CompiledTruth | None:
+def compile_models(scene: Scene) -> CompiledTruth | None:
     """Return what is compiled in the models of a spec, None where it asks for nothing.
 
     Raises `SpecError` where models do not hold so many points, or the block has no water.
     """
-    keys = spec.compilation
+    keys, water = scene.spec.compilation, scene.spec.water
     if keys is None:
         return None
-    if spec.water is None:
+    if water is None:
         raise SpecError([Problem(field="compilation", message="the block has no water")])
-    scene = _Scene(
-        spec=spec, keys=keys, water=spec.water, plan=plan, flight=flight, ground=ground, world=world, draws=draws
-    )
-    return scene.compiled()
+    return _Models(scene=scene, keys=keys, water=water).compiled()
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Scene:
-    spec: SimulationSpec
+class _Models:
+    """The models of a scene, over water, as keys say it."""
+
+    scene: Scene
     keys: CompilationKeys
     water: SurfaceKeys
-    plan: FlightPlan
-    flight: TrueFlight
-    ground: TrueGround
-    world: World
-    draws: Draws
 
     def compiled(self) -> CompiledTruth:
         """Return the deck with its truth, and soundings. The photos of a model are neighbours of a strip."""
-        strips, photos = self.plan.nadirs.shape[:2]
+        strips, photos = self.scene.plan.nadirs.shape[:2]
         pairs = [pair for strip in range(strips) for pair in pairwise(range(strip * photos, (strip + 1) * photos))]
         if not pairs:
             raise SpecError([Problem(field="compilation", message="no strip has two photos")])
@@ -106,9 +95,9 @@ class _Scene:
         stages, places = stacked([readings for readings, _ in read]), read[0][1]
         for _, more in read[1:]:
             places = places.with_more(more)
-        names, ids = np.array([f"M{number}" for number in range(1, len(pair) + 1)]), np.array(self.flight.ids)
+        names, ids = np.array([f"M{number}" for number in range(1, len(pair) + 1)]), np.array(self.scene.flight.ids)
         deck = Compilation(
-            titles=self.spec.title,
+            titles=self.scene.spec.title,
             models=StereomodelSpecs(
                 ids=names,
                 left=ids[pair[:, 0]],
@@ -121,13 +110,13 @@ class _Scene:
             contours=ContourSpec(interval=_CONTOURS),
             grids=empty(GridSpecs),
         )
-        tide = self.flight.tide[pair].mean(axis=1)[stages.model]
+        tide = self.scene.flight.tide[pair].mean(axis=1)[stages.model]
         return CompiledTruth(
             deck=deck,
             position=places.job,
             depth=np.where(stages.submerged, tide - places.natural[:, 2], np.nan),
             soundings=self._soundings(places),
-            angular=self.spec.job.system == CoordinateSystem.GEOGRAPHIC,
+            angular=self.scene.spec.job.system == CoordinateSystem.GEOGRAPHIC,
         )
 
     def bottom(self, plan: FloatArray) -> FloatArray:
@@ -148,7 +137,7 @@ class _Scene:
         submerged = np.ones(len(ids), dtype=bool)
         submerged[keys.points : generated] = False
         places = self._places(np.concatenate(plan), submerged)
-        error = keys.pointing * MICROMETRE * self.draws.normal(f"{_STREAM}{number} pointing", len(ids), 4)
+        error = keys.pointing * MICROMETRE * self.scene.draws.normal(f"{_STREAM}{number} pointing", len(ids), 4)
         readings = StageReadings(
             model=np.full(len(ids), number),
             ids=np.array(ids),
@@ -161,26 +150,28 @@ class _Scene:
 
     def _places(self, plan: FloatArray, submerged: BoolArray) -> TruePlaces:
         """Return places of the bottom, or of the land, at plan coordinates (k, 2)."""
-        return self.world.at_plan(plan, np.where(submerged, self.bottom(plan), self.spec.terrain.level))
+        return self.scene.world.at_plan(plan, np.where(submerged, self.bottom(plan), self.scene.spec.terrain.level))
 
     def _shown(self, number: int, pair: IntArray, count: int, *, wet: bool) -> FloatArray:
         """Return plan coordinates (count, 2) that both photos of a model show. Raises `SpecError` for too few."""
-        stream, camera = f"{_STREAM}{number} {'wet' if wet else 'dry'}", self.spec.camera
-        offset = (self.draws.uniform(stream, _CANDIDATES * max(count, 1), 2) - 0.5) * 2.0 * self.plan.reach
-        plan = self.world.plan(self.flight.stations[pair]).mean(axis=0) + offset
+        stream, camera = f"{_STREAM}{number} {'wet' if wet else 'dry'}", self.scene.spec.camera
+        offset = (
+            (self.scene.draws.uniform(stream, _CANDIDATES * max(count, 1), 2) - 0.5) * 2.0 * self.scene.plan.reach
+        )
+        plan = self.scene.world.plan(self.scene.flight.stations[pair]).mean(axis=0) + offset
         submerged = np.full(len(plan), wet)
         xy = self._images(self._places(plan, submerged), submerged, pair)
         half = np.array(camera.format) / 2.0 - camera.margin
         inside = np.flatnonzero((np.abs(xy - camera.principal_point) <= half).all(axis=(1, 2)))[:count]
         if len(inside) < count:
-            photos = " and ".join(self.flight.ids[photo] for photo in pair)
+            photos = " and ".join(self.scene.flight.ids[photo] for photo in pair)
             message = f"photos {photos} show {len(inside)} of {len(plan)} places, and {count} points are wanted"
             raise SpecError([Problem(field="compilation.points", message=message)])
         return plan[inside]
 
     def _line(self, pair: IntArray, line: int) -> FloatArray:
         """Return plan coordinates (2 + readings, 2) of the ends of a line along the base, and of its readings."""
-        first, second = self.world.plan(self.flight.stations[pair])
+        first, second = self.scene.world.plan(self.scene.flight.stations[pair])
         along = second - first
         across = np.array([along[1], -along[0]]) * (line - 0.5 * (self.keys.profiles - 1)) * 0.25
         steps = np.concatenate([[0.05, 0.95], np.linspace(0.08, 0.92, self.keys.readings)])
@@ -188,9 +179,9 @@ class _Scene:
 
     def _images(self, places: TruePlaces, submerged: BoolArray, pair: IntArray) -> FloatArray:
         """Return the exact images (k, 2, 2) mm of places on two photos."""
-        ground, point = replace(self.ground, places=places, bathymetric=submerged), np.arange(len(submerged))
-        scene = self.spec.camera, self.flight, ground, self.world, self.water.index
-        return np.stack([project(*scene, np.full(len(point), photo), point).xy for photo in pair], axis=1)
+        ground, point = replace(self.scene.ground, places=places, bathymetric=submerged), np.arange(len(submerged))
+        scene = replace(self.scene, ground=ground)
+        return np.stack([project(scene, np.full(len(point), photo), point).xy for photo in pair], axis=1)
 
     def _profiles(self, models: int) -> ProfileSpecs:
         count = self.keys.profiles
@@ -208,13 +199,13 @@ class _Scene:
 
     def _soundings(self, places: TruePlaces) -> str:
         """Return soundings within the extent of the compiled points, as the text of a file."""
-        keys, plan = self.keys, self.world.plan(places)
+        keys, plan = self.keys, self.scene.world.plan(places)
         low, high = plan.min(axis=0), plan.max(axis=0)
-        at = low + (high - low) * self.draws.uniform(f"{_STREAM}soundings", keys.soundings, 2)
+        at = low + (high - low) * self.scene.draws.uniform(f"{_STREAM}soundings", keys.soundings, 2)
         depth = self.water.level - self.bottom(at)
-        depth += keys.sounding_error * self.draws.normal(f"{_STREAM}sounding errors", keys.soundings)
-        angular = self.spec.job.system != CoordinateSystem.LOCAL
-        plane = self.world.plane(at) / (DEGREE if angular else 1.0)
+        depth += keys.sounding_error * self.scene.draws.normal(f"{_STREAM}sounding errors", keys.soundings)
+        angular = self.scene.spec.job.system != CoordinateSystem.LOCAL
+        plane = self.scene.world.plane(at) / (DEGREE if angular else 1.0)
         lines = ["name,lat,lon,depth,sigma" if angular else "name,x,y,depth,sigma"]
         decimals = 8 if angular else 3
         rows = zip(plane.tolist(), depth.tolist(), strict=True)

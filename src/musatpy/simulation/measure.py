@@ -11,14 +11,15 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
-from musatpy.model import ControlKind, CoordinateSystem
-from musatpy.simulation.flight import TrueFlight
+from musatpy.model import Control, ControlKind, CoordinateSystem, PlateMeasurements
 from musatpy.simulation.mistakes import drawn_sizes, gross_control
-from musatpy.simulation.simulation_spec import AirBaseKeys, ControlKeys, DistanceKeys, SimulationSpec
-from musatpy.simulation.terrain import GIVEN, TrueGround, inside, spread
+from musatpy.simulation.simulation_spec import AirBaseKeys, ControlKeys, DistanceKeys
+from musatpy.simulation.terrain import GIVEN, Scene, TrueGround, inside, spread
 from musatpy.simulation.true_images import TrueImages
-from musatpy.simulation.world import ATTITUDE_DECIMALS, METRE_DECIMALS, World, on_grid
+from musatpy.simulation.world import ATTITUDE_DECIMALS, METRE_DECIMALS, TruePlaces, World, on_grid
 from musatpy.units import DEGREE, MICROMETRE
+
+_NONE = (np.nan,) * 3  # of sigmas that no card has
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,53 +28,35 @@ class Blunder:
 
     photo: str
     point: str
-    added: tuple[float, float]  # mm
+    added: tuple[float, ...]  # x, y mm
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredPlates:
-    """m measurements, row by row the true images."""
+    """m measurements, row by row the true images, of points of the ground, with their gross errors."""
 
-    xy: FloatArray  # (m, 2) mm
-    sigma: FloatArray  # (m, 2) mm, NaN where the job's holds
-    triangulated: BoolArray  # (m,)
+    table: PlateMeasurements
     hit: IntArray  # (b,) rows with gross errors
     blunders: tuple[Blunder, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class GivenControl:
-    """k control points as the deck gives them, and their actual errors."""
+    """k control points of the ground as the deck gives them, and their actual errors."""
 
-    point: IntArray  # (k,) row of the ground
-    kind: IntArray  # (k,) ControlKind
-    fixed: BoolArray  # (k,)
-    position: FloatArray  # (k, 3) in the job's system, NaN where unknown
-    sigma: FloatArray  # (k, 3) m
+    table: Control
     error: FloatArray  # (k, 3) m east north up, given minus true
     gross: FloatArray  # (k, 3) m, the gross errors in it
     names: tuple[str, ...]  # (p,) ids of all ground points, control renamed
 
 
-@dataclass(frozen=True, kw_only=True)
-class GivenStations:
-    """n stations as the deck gives them, NaN where it does not."""
-
-    position: FloatArray  # (n, 3) in the job's system
-    attitude: FloatArray  # (n, 3) rad, in the local vertical frame of the given position
-    position_sigma: FloatArray  # (n, 3) m
-    attitude_sigma: FloatArray  # (n, 3) rad
-
-
-def choose_control(
-    spec: SimulationSpec, ground: TrueGround, images: TrueImages, world: World, draws: Draws
-) -> GivenControl:
+def choose_control(scene: Scene, images: TrueImages) -> GivenControl:
     """Return the control. Raises `SpecError` where a table asks for points that are not there."""
-    names = list(ground.ids)
+    ground, names = scene.ground, list(scene.ground.ids)
     free = images.rays(len(names)) >= 2
     free[ground.shore >= 0] = False
     chosen: list[IntArray] = []
-    for i, table in enumerate(spec.control, start=1):
+    for i, table in enumerate(scene.spec.control, start=1):
         points = _control_points(table, ground, free, f"control[{i}]")
         free[points] = False
         for point, name in zip(points, table.ids, strict=False):
@@ -82,7 +65,7 @@ def choose_control(
     repeated = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     if repeated:
         raise SpecError([Problem(field="point ids", message=f"used more than once: {', '.join(repeated)}")])
-    return _given_control(spec, ground, chosen, tuple(names), world, draws)
+    return _given_control(scene, chosen, tuple(names))
 
 
 def _control_points(table: ControlKeys, ground: TrueGround, free: BoolArray, where: str) -> IntArray:
@@ -98,119 +81,95 @@ def _control_points(table: ControlKeys, ground: TrueGround, free: BoolArray, whe
     candidates = np.flatnonzero(fitting & (ground.origin != GIVEN))
     number = len(table.ids) if table.number is None else table.number
     if number > len(candidates):
-        raise SpecError(
-            [Problem(field=where, message=f"{number} points are asked for, {len(candidates)} are there")]
-        )
+        message = f"{number} points are asked for, {len(candidates)} are there"
+        raise SpecError([Problem(field=where, message=message)])
     return spread(ground.plan, candidates, number)
 
 
-def _given_control(
-    spec: SimulationSpec,
-    ground: TrueGround,
-    chosen: list[IntArray],
-    names: tuple[str, ...],
-    world: World,
-    draws: Draws,
-) -> GivenControl:
+def _given_control(scene: Scene, chosen: list[IntArray], names: tuple[str, ...]) -> GivenControl:
     """Return the control of all tables, one after the other, with its errors."""
-    counts = [len(points) for points in chosen]
+    tables, draws, counts = scene.spec.control, scene.draws, [len(points) for points in chosen]
     point = np.concatenate([*chosen, np.empty(0, dtype=np.int64)])
-    kind = np.repeat([ControlKind[table.kind.upper()] for table in spec.control], counts).astype(int)
+    kind = np.repeat([ControlKind[table.kind.upper()] for table in tables], counts).astype(int)
     horizontal, vertical = kind != ControlKind.VERTICAL, kind != ControlKind.HORIZONTAL
     # components east, north, up that a kind of control knows
     known = np.stack([horizontal, horizontal, vertical], axis=-1) & (kind != ControlKind.CHECK)[:, None]
-    sizes = np.repeat(np.array([table.error for table in spec.control]).reshape(-1, 3), counts, axis=0)
-    if spec.job.system == CoordinateSystem.GEOCENTRIC:
+    sizes = np.repeat(np.array([table.error for table in tables]).reshape(-1, 3), counts, axis=0)
+    if scene.spec.job.system == CoordinateSystem.GEOCENTRIC:
         on_card = np.ones_like(known)  # X, Y, Z are given together; the kind says what is known
     else:
         on_card = known | (kind == ControlKind.CHECK)[:, None]
-    gross = gross_control(spec, known, draws)
+    gross = gross_control(scene.spec, known, draws)
     error = np.round(draws.normal("control errors", len(point), 3) * sizes, 6) * on_card + gross
     error += 0.0  # no -0.0 in the truth
-    true = ground.places[point]
-    given = world.at_xyz(true.xyz + np.einsum("kji,kj->ki", true.vertical, error)).job
-    no_sigma = (np.nan,) * 3
-    sigma = np.array([table.sigma or no_sigma for table in spec.control]).reshape(-1, 3)
-    return GivenControl(
+    given = _shifted(scene.world, scene.ground.places[point], error).job
+    sigma = np.array([table.sigma or _NONE for table in tables]).reshape(-1, 3)
+    table = Control(
         point=point,
         kind=kind,
-        fixed=np.repeat(np.array([table.fixed for table in spec.control], dtype=bool), counts),
+        fixed=np.repeat(np.array([table.fixed for table in tables], dtype=bool), counts),
         position=np.where(on_card, given, np.nan),
         sigma=np.where(known, np.repeat(sigma, counts, axis=0), np.nan),
-        error=error,
-        gross=gross,
-        names=names,
     )
+    return GivenControl(table=table, error=error, gross=gross, names=names)
 
 
-def state_stations(spec: SimulationSpec, flight: TrueFlight, world: World, draws: Draws) -> GivenStations:
-    """Return stations and attitudes as the deck gives them: with errors, on the grid of the cards.
+def _shifted(world: World, places: TruePlaces, shift: FloatArray) -> TruePlaces:
+    """Return places moved east, north and up (k, 3) m."""
+    return world.at_xyz(places.xyz + np.einsum("kji,kj->ki", places.vertical, shift))
+
+
+def state_stations(scene: Scene) -> dict[str, FloatArray]:
+    """Return stations and attitudes as the deck gives them, columns of `Photos`: with errors, as cards have them.
 
     The attitude is turned to the vertical frame of the given position, which is not that of the true one.
     """
-    keys, n = spec.stations, len(flight.ids)
-    draw = draws.normal if keys.error_kind == "normal" else draws.signs
-    shift = draw("station errors", n, 3) * keys.position_error
-    turn = draw("attitude errors", n, 3) * keys.attitude_error * DEGREE
+    keys, flight, n = scene.spec.stations, scene.flight, len(scene.flight.ids)
+    draw = scene.draws.normal if keys.error_kind == "normal" else scene.draws.signs
     true = flight.stations
-    given = world.at_xyz(true.xyz + np.einsum("kji,kj->ki", true.vertical, shift))
+    given = _shifted(scene.world, true, draw("station errors", n, 3) * keys.position_error)
+    turn = draw("attitude errors", n, 3) * keys.attitude_error * DEGREE
     M = attitude_matrix(flight.attitude) @ true.vertical @ np.swapaxes(given.vertical, -1, -2)
-    nan = (np.nan,) * 3
-    return GivenStations(
-        position=given.job,
-        attitude=on_grid(attitude_from_matrix(M) + turn, ATTITUDE_DECIMALS),
-        position_sigma=np.tile(keys.position_sigma or nan, (n, 1)),
-        attitude_sigma=np.tile(keys.attitude_sigma or nan, (n, 1)) * (DEGREE / 3600.0),
-    )
+    return {
+        "position": given.job,
+        "attitude": on_grid(attitude_from_matrix(M) + turn, ATTITUDE_DECIMALS),
+        "position_sigma": np.tile(keys.position_sigma or _NONE, (n, 1)),
+        "attitude_sigma": np.tile(keys.attitude_sigma or _NONE, (n, 1)) * (DEGREE / 3600.0),
+    }
 
 
-def measure_plates(
-    spec: SimulationSpec,
-    flight: TrueFlight,
-    ground: TrueGround,
-    control: GivenControl,
-    images: TrueImages,
-    draws: Draws,
-) -> MeasuredPlates:
-    """Return the measured plate coordinates: noise, then blunders, then the least count."""
-    keys, m = spec.measurement, len(images.photo)
-    submerged = ground.bathymetric[images.point]
-    factor = np.where(submerged, keys.submerged_factor, 1.0)[:, None]
-    noise = draws.normal("plate noise", m, 2) * (factor * keys.noise * MICROMETRE)
-    added = _blunders(spec, flight, control.names, images, draws)
+def measure_plates(scene: Scene, images: TrueImages, control: GivenControl) -> MeasuredPlates:
+    """Return the measured plate coordinates: noise, then blunders, then the least count.
+
+    Raises `SpecError` where a table names a measurement that is not there.
+    """
+    keys, ids, m = scene.spec.measurement, scene.flight.ids, len(images.photo)
+    factor = np.where(scene.ground.bathymetric[images.point], keys.submerged_factor, 1.0)[:, None]
+    noise = scene.draws.normal("plate noise", m, 2) * (factor * keys.noise * MICROMETRE)
+    links = zip(images.photo.tolist(), images.point.tolist(), strict=True)
+    rows = {(ids[photo], control.names[point]): row for row, (photo, point) in enumerate(links)}
+    added = _blunders(scene, m, rows)
     ticks = np.rint((images.xy + noise + added) / (keys.least_count * MICROMETRE))
-    hit = np.flatnonzero(np.any(added != 0.0, axis=1))
     sigma = np.repeat(np.where(factor > 1.0, factor * keys.sigma * MICROMETRE, np.nan), 2, axis=1)
+    names, hit = list(rows), np.flatnonzero(np.any(added != 0.0, axis=1))
     return MeasuredPlates(
-        xy=np.round(ticks * (keys.least_count * MICROMETRE), 6),
-        sigma=np.round(sigma, 5).astype(float),
-        triangulated=~_kept_out(spec, flight, ground, control, images, draws),
+        table=PlateMeasurements(
+            photo=images.photo,
+            point=images.point,
+            xy=np.round(ticks * (keys.least_count * MICROMETRE), 6),
+            sigma=np.round(sigma, 5).astype(float),
+            triangulated=~_kept_out(scene, images, control, rows),
+        ),
         hit=hit,
         blunders=tuple(
-            Blunder(
-                photo=flight.ids[images.photo[row]],
-                point=control.names[images.point[row]],
-                added=(float(added[row, 0]), float(added[row, 1])),
-            )
-            for row in hit
+            Blunder(photo=names[row][0], point=names[row][1], added=tuple(added[row].tolist())) for row in hit
         ),
     )
 
 
-def _rows(flight: TrueFlight, names: tuple[str, ...], images: TrueImages) -> dict[tuple[str, str], int]:
-    """Return the row of each measurement by photo id and point id."""
-    return {
-        (flight.ids[photo], names[point]): row
-        for row, (photo, point) in enumerate(zip(images.photo, images.point, strict=True))
-    }
-
-
-def _blunders(
-    spec: SimulationSpec, flight: TrueFlight, names: tuple[str, ...], images: TrueImages, draws: Draws
-) -> FloatArray:
-    """Return the gross errors (m, 2) mm. Raises `SpecError` where one names a measurement that is not there."""
-    keys, m = spec.blunders, len(images.photo)
-    added = np.zeros((m, 2))
+def _blunders(scene: Scene, m: int, rows: dict[tuple[str, str], int]) -> FloatArray:
+    """Return the gross errors (m, 2) mm."""
+    keys, draws, added = scene.spec.blunders, scene.draws, np.zeros((m, 2))
     number = keys.number or round(keys.share * m)
     if number > m:
         raise SpecError([Problem(field="blunders.number", message=f"there are only {m} measurements")])
@@ -218,12 +177,8 @@ def _blunders(
     size = drawn_sizes(draws, "blunder sizes", number, keys.size, keys.log)
     axis = (draws.uniform("blunder axes", number) < 0.5).astype(int)
     added[hit, axis] = np.round(size * draws.signs("blunder signs", number), 3) * MICROMETRE
-    if spec.blunder:
-        rows = _rows(flight, names, images)
-        for blunder in spec.blunder:
-            added[_row(rows, blunder.photo, blunder.point, "blunder")] += (
-                np.array([blunder.x, blunder.y]) * MICROMETRE
-            )
+    for given in scene.spec.blunder:
+        added[_row(rows, given.photo, given.point, "blunder")] += np.array([given.x, given.y]) * MICROMETRE
     return added
 
 
@@ -235,23 +190,15 @@ def _row(rows: dict[tuple[str, str], int], photo: str, point: str, field: str) -
 
 
 def _kept_out(
-    spec: SimulationSpec,
-    flight: TrueFlight,
-    ground: TrueGround,
-    control: GivenControl,
-    images: TrueImages,
-    draws: Draws,
+    scene: Scene, images: TrueImages, control: GivenControl, rows: dict[tuple[str, str], int]
 ) -> BoolArray:
     """Return which measurements (m,) carry the flag that keeps them out of the solution."""
-    points = np.zeros(len(ground.ids), dtype=bool)
+    spec, points = scene.spec, np.zeros(len(scene.ground.ids), dtype=bool)
     points[: len(spec.point)] = [not given.triangulated for given in spec.point]
-    passes = np.setdiff1d(np.unique(images.point), control.point)
-    points[passes[draws.pick("kept out", len(passes), spec.kept_out.number)]] = True
+    passes = np.setdiff1d(np.unique(images.point), control.table.point)
+    points[passes[scene.draws.pick("kept out", len(passes), spec.kept_out.number)]] = True
     kept = points[images.point]
-    if spec.kept_out.measurements:
-        rows = _rows(flight, control.names, images)
-        for photo, point in spec.kept_out.measurements:
-            kept[_row(rows, photo, point, "kept_out.measurements")] = True
+    kept[[_row(rows, *name, "kept_out.measurements") for name in spec.kept_out.measurements]] = True
     return np.asarray(kept)
 
 
@@ -268,38 +215,34 @@ class Ties:
     sigma: FloatArray  # (d,) m
 
 
-def air_bases(spec: SimulationSpec, flight: TrueFlight, draws: Draws) -> Ties:
+def air_bases(scene: Scene) -> Ties:
     """Return the air bases, between rows of the photos. Raises `SpecError` where a photo is unknown."""
-    rows = {name: row for row, name in enumerate(flight.ids)}
-    unknown = [name for base in spec.air_base for name in base.photos if name not in rows]
+    tables, rows = scene.spec.air_base, {name: row for row, name in enumerate(scene.flight.ids)}
+    unknown = [name for base in tables for name in base.photos if name not in rows]
     if unknown:
         raise SpecError([Problem(field="air_base", message=f"unknown photos: {', '.join(unknown)}")])
-    photo = np.array([[rows[name] for name in base.photos] for base in spec.air_base], dtype=int).reshape(-1, 2)
-    true = _lengths(flight.stations.xyz[photo])
-    return _measured("air bases", spec.air_base, photo, np.arange(len(photo)), true, draws)
+    photo = np.array([[rows[name] for name in base.photos] for base in tables], dtype=int).reshape(-1, 2)
+    true = _lengths(scene.flight.stations.xyz[photo])
+    return _measured("air bases", tables, photo, np.arange(len(photo)), true, scene.draws)
 
 
 def _lengths(ends: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
 
 
-def distances(
-    spec: SimulationSpec, ground: TrueGround, names: tuple[str, ...], usable: IntArray, draws: Draws
-) -> Ties:
+def distances(scene: Scene, names: tuple[str, ...], usable: IntArray) -> Ties:
     """Return the distances between points. Raises `SpecError` as `_pairs` does."""
-    point, table = _pairs("distance", spec.distance, names, usable, draws)
-    return _measured("distance errors", spec.distance, point, table, _lengths(ground.places.xyz[point]), draws)
+    tables, draws = scene.spec.distance, scene.draws
+    point, table = _pairs("distance", tables, names, usable, draws)
+    return _measured("distance errors", tables, point, table, _lengths(scene.ground.places.xyz[point]), draws)
 
 
-def height_differences(
-    spec: SimulationSpec, ground: TrueGround, names: tuple[str, ...], usable: IntArray, draws: Draws
-) -> Ties:
+def height_differences(scene: Scene, names: tuple[str, ...], usable: IntArray) -> Ties:
     """Return the height differences, second point minus first. Raises `SpecError` as `_pairs` does."""
-    point, table = _pairs("height_difference", spec.height_difference, names, usable, draws)
-    height = ground.places.natural[point, 2]
-    return _measured(
-        "height_difference errors", spec.height_difference, point, table, height[:, 1] - height[:, 0], draws
-    )
+    tables, draws = scene.spec.height_difference, scene.draws
+    point, table = _pairs("height_difference", tables, names, usable, draws)
+    rise = np.diff(scene.ground.places.natural[point, 2], axis=1)[:, 0]
+    return _measured("height_difference errors", tables, point, table, rise, draws)
 
 
 def _pairs(

@@ -85,8 +85,7 @@ def _misnamed(
 
 
 def _any_order(draws: Draws, stream: str, number: int) -> list[int]:
-    order: list[int] = np.argsort(draws.uniform(stream, number), kind="stable").tolist()
-    return order
+    return [int(row) for row in np.argsort(draws.uniform(stream, number), kind="stable")]
 
 
 def _require(asked: int, had: int, field: str, what: str) -> None:

@@ -15,11 +15,10 @@ from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model.tables import empty
 from musatpy.simulation.compiled_models import CompiledTruth, compile_models
-from musatpy.simulation.flight import TrueFlight, fly, plan_flight
+from musatpy.simulation.flight import fly, plan_flight
 from musatpy.simulation.measure import (
     Blunder,
     GivenControl,
-    GivenStations,
     MeasuredPlates,
     Ties,
     air_bases,
@@ -31,10 +30,10 @@ from musatpy.simulation.measure import (
 )
 from musatpy.simulation.mistakes import Names, mixed_names
 from musatpy.simulation.simulation_spec import OptionKeys, SimulationSpec, load_spec
-from musatpy.simulation.terrain import TrueGround, lay_ground
+from musatpy.simulation.terrain import Scene, lay_ground
 from musatpy.simulation.true_images import TrueImages, take_images
 from musatpy.simulation.true_water import GivenWater, state_water
-from musatpy.simulation.world import TruePlaces, World, world_of
+from musatpy.simulation.world import TruePlaces, World
 from musatpy.specs import echoed, keys
 from musatpy.units import ARC_SECOND, MICROMETRE
 
@@ -77,35 +76,23 @@ class Simulation:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PointOrder:
-    """Order of the points in the deck, which is that of their first plate cards."""
-
-    rows: IntArray  # (p,) row of the ground of each point of the block
-    links: IntArray  # row of the block of each point of the ground, -1 where it is not measured
-
-
-def order_of_appearance(named: IntArray, points: int) -> PointOrder:
-    """Return the order in which plate cards, whose points are `named` (m,), first name each of so many points."""
-    measured, first = np.unique(named, return_index=True)
-    rows = measured[np.argsort(first)]
-    links = np.full(points, -1)
-    links[rows] = np.arange(len(rows))
-    return PointOrder(rows=rows, links=links)
-
-
-@dataclass(frozen=True, kw_only=True)
 class Given:
-    """All that the deck says, with its errors."""
+    """All that the deck says, with its errors, of images of points of the ground.
+
+    rows (p,): these points in the order of the deck, which is that of their first plate cards; links: row of the
+    block of each point of the ground, -1 where it is not measured.
+    """
 
     water: GivenWater
-    stations: GivenStations
-    images: TrueImages
+    stations: dict[str, FloatArray]  # columns of Photos
     plates: MeasuredPlates
     names: Names
     control: GivenControl
     bases: Ties
     distances: Ties
     height_differences: Ties
+    rows: IntArray
+    links: IntArray
 
 
 def simulate(spec: SimulationSpec | str | Path, seed: int | None = None) -> Simulation:
@@ -121,51 +108,51 @@ def simulate(spec: SimulationSpec | str | Path, seed: int | None = None) -> Simu
     if seed is not None:
         spec = dataclasses.replace(spec, seed=seed)
     try:
-        world = world_of(spec.job)
+        world = World(spec.job)
     except ValueError as error:
         raise SpecError([Problem(field="job.ellipsoid", message=str(error))]) from error
     draws, plan = Draws(spec.seed), plan_flight(spec)
     flight = fly(spec, plan, world, draws)
     with np.errstate(over="ignore", invalid="ignore"):  # places beyond all numbers are refused below
         ground = lay_ground(spec, plan, flight, world, draws)
-    images = take_images(spec, plan, flight, ground, world)
-    given = _stated(spec, flight, ground, images, world, draws)
-    order = order_of_appearance(given.names.point, len(ground.ids))
-    block = assemble(spec, world, flight, ground, given, order)
+    scene = Scene(spec=spec, world=world, draws=draws, plan=plan, flight=flight, ground=ground)
+    images = take_images(scene)
+    given = _stated(scene, images)
     return Simulation(
-        block=block,
-        truth=_truth(spec, flight, ground, given, order),
-        compiled=compile_models(spec, plan, flight, ground, world, draws),
+        block=_block(scene, given), truth=_truth(scene, images, given), compiled=compile_models(scene)
     )
 
 
-def _stated(
-    spec: SimulationSpec, flight: TrueFlight, ground: TrueGround, images: TrueImages, world: World, draws: Draws
-) -> Given:
+def _stated(scene: Scene, images: TrueImages) -> Given:
     """Return what the deck says of the truth."""
-    control = choose_control(spec, ground, images, world, draws)
-    plates = measure_plates(spec, flight, ground, control, images, draws)
-    sound = plates.triangulated.copy()
+    count = len(scene.ground.ids)
+    control = choose_control(scene, images)
+    plates = measure_plates(scene, images, control)
+    sound = plates.table.triangulated.copy()
+    rays = np.bincount(images.point[sound], minlength=count)
     sound[plates.hit] = False
-    rays = np.bincount(images.point[plates.triangulated], minlength=len(ground.ids))
-    usable = np.flatnonzero(rays >= 2)
+    names, usable = mixed_names(scene.spec, images, sound, scene.draws), np.flatnonzero(rays >= 2)
+    measured, first = np.unique(names.point, return_index=True)
+    rows, links = measured[np.argsort(first)], np.full(count, -1)
+    links[rows] = np.arange(len(rows))
     return Given(
-        water=state_water(spec, flight.tide, draws),
-        stations=state_stations(spec, flight, world, draws),
-        images=images,
+        water=state_water(scene.spec, scene.flight.tide, scene.draws),
+        stations=state_stations(scene),
         plates=plates,
-        names=mixed_names(spec, images, sound, draws),
+        names=names,
         control=control,
-        bases=air_bases(spec, flight, draws),
-        distances=distances(spec, ground, control.names, usable, draws),
-        height_differences=height_differences(spec, ground, control.names, usable, draws),
+        bases=air_bases(scene),
+        distances=distances(scene, control.names, usable),
+        height_differences=height_differences(scene, control.names, usable),
+        rows=rows,
+        links=links,
     )
 
 
-def _truth(spec: SimulationSpec, flight: TrueFlight, ground: TrueGround, given: Given, order: PointOrder) -> Truth:
-    water, names = spec.water, given.names
+def _truth(scene: Scene, images: TrueImages, given: Given) -> Truth:
+    water, flight, ground = scene.spec.water, scene.flight, scene.ground
     return Truth(
-        spec=spec,
+        spec=scene.spec,
         stations=flight.stations,
         attitude=flight.attitude,
         tide=flight.tide,
@@ -173,13 +160,13 @@ def _truth(spec: SimulationSpec, flight: TrueFlight, ground: TrueGround, given: 
         index=water.index if water else None,
         tilt=np.array(water.tilt if water else (0.0, 0.0)) * ARC_SECOND,
         middle=flight.water.middle,
-        points=ground.places[order.rows],
-        bathymetric=ground.bathymetric[order.rows],
-        images=given.images.xy,
-        seen=order.links[given.images.point],
-        refracted=given.images.refracted,
-        swapped=names.swapped,
-        misnamed=names.misnamed,
+        points=ground.places[given.rows],
+        bathymetric=ground.bathymetric[given.rows],
+        images=images.xy,
+        seen=given.links[images.point],
+        refracted=images.refracted,
+        swapped=given.names.swapped,
+        misnamed=given.names.misnamed,
         control_error=given.control.error,
         gross_control=given.control.gross,
         blunders=given.plates.blunders,
@@ -190,16 +177,14 @@ def _truth(spec: SimulationSpec, flight: TrueFlight, ground: TrueGround, given: 
     )
 
 
-def assemble(
-    spec: SimulationSpec, world: World, flight: TrueFlight, ground: TrueGround, given: Given, order: PointOrder
-) -> model.Block:
+def _block(scene: Scene, given: Given) -> model.Block:
     """Return the block. Raises `SpecError` where a shore point is not measured twice."""
-    camera, plates, control = spec.camera, given.plates, given.control
-    distances, heights = given.distances, given.height_differences
+    camera, flight, rows, links = scene.spec.camera, scene.flight, given.rows, given.links
+    bases, distances, heights = given.bases, given.distances, given.height_differences
     return model.Block(
-        titles=spec.title,
-        options=_options(spec),
-        ellipsoid=world.ellipsoid,
+        titles=scene.spec.title,
+        options=_options(scene.spec),
+        ellipsoid=scene.world.ellipsoid,
         water=given.water.card,
         cameras=model.Cameras(
             ids=np.array([camera.id]),
@@ -209,30 +194,25 @@ def assemble(
         ),
         distortion=empty(model.Distortion),
         fiducials=empty(model.Fiducials),
-        photos=_photos(spec, flight, given),
+        photos=model.Photos(
+            ids=np.array(flight.ids),
+            camera=np.zeros(len(flight.ids), dtype=int),
+            **given.stations,
+            tide=given.water.tide,
+            tide_sigma=given.water.sigma,
+            tide_group=given.water.group,
+            tide_day=given.water.day,
+            time=np.where(np.isnan(given.water.tide), np.nan, flight.time),
+        ),
         fiducial_measurements=empty(model.FiducialMeasurements),
-        points=model.Points(ids=np.array(control.names)[order.rows], bathymetric=ground.bathymetric[order.rows]),
-        plates=model.PlateMeasurements(
-            photo=given.images.photo,
-            point=order.links[given.names.point],
-            xy=plates.xy,
-            sigma=plates.sigma,
-            triangulated=plates.triangulated,
-        ),
-        control=model.Control(
-            point=order.links[control.point],
-            kind=control.kind,
-            fixed=control.fixed,
-            position=control.position,
-            sigma=control.sigma,
-        ),
-        equal_elevations=_equal_elevations(spec, ground, order),
-        air_bases=model.AirBases(photo=given.bases.point, length=given.bases.given, sigma=given.bases.sigma),
-        distances=model.Distances(
-            point=order.links[distances.point], length=distances.given, sigma=distances.sigma
-        ),
+        points=model.Points(ids=np.array(given.control.names)[rows], bathymetric=scene.ground.bathymetric[rows]),
+        plates=dataclasses.replace(given.plates.table, point=links[given.names.point]),
+        control=dataclasses.replace(given.control.table, point=links[given.control.table.point]),
+        equal_elevations=_equal_elevations(scene, links),
+        air_bases=model.AirBases(photo=bases.point, length=bases.given, sigma=bases.sigma),
+        distances=model.Distances(point=links[distances.point], length=distances.given, sigma=distances.sigma),
         height_differences=model.HeightDifferences(
-            point=order.links[heights.point], difference=heights.given, sigma=heights.sigma
+            point=links[heights.point], difference=heights.given, sigma=heights.sigma
         ),
         waves=flight.waves.cards,
         wave_origin=flight.waves.origin,
@@ -256,35 +236,18 @@ def _options(spec: SimulationSpec) -> model.Options:
     )
 
 
-def _photos(spec: SimulationSpec, flight: TrueFlight, given: Given) -> model.Photos:
-    n, stations, water = len(flight.ids), given.stations, given.water
-    tide_sigma = spec.water.tide_sigma if spec.water else None
-    return model.Photos(
-        ids=np.array(flight.ids),
-        camera=np.zeros(n, dtype=int),
-        position=stations.position,
-        position_sigma=stations.position_sigma,
-        attitude=stations.attitude,
-        attitude_sigma=stations.attitude_sigma,
-        tide=water.tide,
-        tide_sigma=np.full(n, np.nan if tide_sigma is None else tide_sigma),
-        tide_group=water.group,
-        tide_day=water.day,
-        time=np.where(np.isnan(water.tide), np.nan, flight.time),
-    )
-
-
-def _equal_elevations(spec: SimulationSpec, ground: TrueGround, order: PointOrder) -> model.EqualElevations:
+def _equal_elevations(scene: Scene, links: IntArray) -> model.EqualElevations:
     """Return the groups of shore points. Raises `SpecError` where a member is not measured twice."""
+    tables, ground = scene.spec.equal_elevation, scene.ground
     members = np.flatnonzero(ground.shore >= 0)
     members = members[np.argsort(ground.shore[members], kind="stable")]
-    points = order.links[members]
+    points = links[members]
     if np.any(points < 0):
         lost = ", ".join(ground.ids[row] for row in members[points < 0])
         raise SpecError([Problem(field="equal_elevation", message=f"not measured on two photos: {lost}")])
     return model.EqualElevations(
-        ids=np.array([shore.id for shore in spec.equal_elevation], dtype=str),
-        sigma=np.array([shore.sigma for shore in spec.equal_elevation]),
+        ids=np.array([shore.id for shore in tables], dtype=str),
+        sigma=np.array([shore.sigma for shore in tables]),
         group=ground.shore[members],
         point=points,
     )

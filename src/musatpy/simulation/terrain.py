@@ -32,6 +32,18 @@ class TrueGround:
     levels: FloatArray  # (g,) m, true levels of the groups
 
 
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """All that is true of a block, and what its errors are drawn by."""
+
+    spec: SimulationSpec
+    world: World
+    draws: Draws
+    plan: FlightPlan
+    flight: TrueFlight
+    ground: TrueGround
+
+
 def inside(plan: FloatArray, area: Area | None) -> BoolArray:
     """Return which plan positions (p, 2) lie in the rectangle; everywhere without one."""
     if area is None:

@@ -11,12 +11,8 @@ from scipy.spatial import cKDTree
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem, SpecError
 from musatpy.geometry.collinearity import attitude_matrix
-from musatpy.simulation.flight import FlightPlan, TrueFlight
 from musatpy.simulation.raytrace import trace
-from musatpy.simulation.scene_keys import CameraKeys
-from musatpy.simulation.simulation_spec import SimulationSpec
-from musatpy.simulation.terrain import TrueGround
-from musatpy.simulation.world import World
+from musatpy.simulation.terrain import Scene
 
 REACH = 1.3  # times the plan's reach: room for tilts and relief in the search for candidates
 
@@ -38,33 +34,28 @@ class TrueImages:
         return TrueImages(**{name: values[rows] for name, values in vars(self).items()})
 
 
-def take_images(
-    spec: SimulationSpec, plan: FlightPlan, flight: TrueFlight, ground: TrueGround, world: World
-) -> TrueImages:
-    """Return the images of all points that lie well inside the plates, of points on two photos at least."""
-    photo, point = _candidates(plan, flight, ground, world)
-    index = spec.water.index if spec.water else 1.0
-    images = project(spec.camera, flight, ground, world, index, photo, point)
-    half = np.array(spec.camera.format) / 2.0 - spec.camera.margin
-    seen = np.all(np.abs(images.xy - spec.camera.principal_point) <= half, axis=1)
-    images = images[seen & _wanted(spec, flight, images)]
-    return images[images.rays(len(ground.ids))[images.point] >= 2]
+def take_images(scene: Scene) -> TrueImages:
+    """Return the images of all points that lie well inside the plates, of points on two photos at least.
+
+    Given points may name their photos. Raises `SpecError` for points beyond all numbers.
+    """
+    camera, images = scene.spec.camera, project(scene, *_candidates(scene))
+    half = np.array(camera.format) / 2.0 - camera.margin
+    wanted = np.all(np.abs(images.xy - camera.principal_point) <= half, axis=1)
+    for point, given in enumerate(scene.spec.point):
+        if given.photos:
+            wanted &= (images.point != point) | np.isin(np.array(scene.flight.ids)[images.photo], given.photos)
+    images = images[wanted]
+    return images[images.rays(len(scene.ground.ids))[images.point] >= 2]
 
 
-def project(
-    camera: CameraKeys,
-    flight: TrueFlight,
-    ground: TrueGround,
-    world: World,
-    index: float,
-    photo: IntArray,
-    point: IntArray,
-) -> TrueImages:
+def project(scene: Scene, photo: IntArray, point: IntArray) -> TrueImages:
     """Return the exact images of points on photos (row by row), NaN where the point is behind the camera.
 
     A bathymetric point below the water of the photo's own tide, and below its waves, is seen through the water; one
     that is dry, like one on land, along a straight line.
     """
+    flight, ground, water, camera = scene.flight, scene.ground, scene.spec.water, scene.spec.camera
     stations, places = flight.stations[photo], ground.places[point]
     direction = places.xyz - stations.xyz
     level = flight.water.levels(places, flight.tide[photo])
@@ -74,11 +65,11 @@ def project(
         over = places.xyz + (level - places.natural[:, 2])[:, None] * places.vertical[:, 2]
         refracted &= level + waves.rise(over, time)[0] > places.natural[:, 2]
     wet = np.flatnonzero(refracted)
-    if wet.size:
+    if wet.size and water:
         rise = None if waves is None else partial(waves.rise, time=time[wet])
         C, G = stations.xyz[wet], places.natural[wet]
-        rays = trace(C, G, level[wet], index, world.axes_of_ellipsoid, flight.water.slope, rise)
-        direction[wet] = rays.air
+        ellipsoid = scene.world.axes_of_ellipsoid
+        direction[wet] = trace(C, G, level[wet], water.index, ellipsoid, flight.water.slope, rise).air
     local = np.einsum("kij,kj->ki", stations.vertical, direction)
     U, V, S = np.einsum("kij,kj->ki", attitude_matrix(flight.attitude)[photo], local).T
     S = np.where(S < 0.0, S, np.nan)
@@ -87,28 +78,12 @@ def project(
     return TrueImages(photo=photo, point=point, xy=xy, refracted=refracted)
 
 
-def _candidates(
-    plan: FlightPlan, flight: TrueFlight, ground: TrueGround, world: World
-) -> tuple[IntArray, IntArray]:
-    """Return pairs of photo and point that are near enough in plan, sorted by photo, then point.
-
-    Raises `SpecError`.
-    """
-    if not np.isfinite(ground.plan).all():
+def _candidates(scene: Scene) -> tuple[IntArray, IntArray]:
+    """Return pairs of photo and point that are near enough in plan, sorted by photo, then point."""
+    if not np.isfinite(scene.ground.plan).all():
         raise SpecError([Problem(field="flight, points or point", message="points lie beyond all numbers")])
-    tree = cKDTree(ground.plan)
-    reach = REACH * plan.reach
-    near = [tree.query_ball_point(nadir, reach, return_sorted=True) for nadir in world.plan(flight.stations)]
+    tree, nadirs = cKDTree(scene.ground.plan), scene.world.plan(scene.flight.stations)
+    near = [tree.query_ball_point(nadir, REACH * scene.plan.reach, return_sorted=True) for nadir in nadirs]
     counts = [len(points) for points in near]
     photo = np.repeat(np.arange(len(counts)), counts)
     return photo, np.concatenate([np.asarray(points, dtype=np.int64) for points in near])
-
-
-def _wanted(spec: SimulationSpec, flight: TrueFlight, images: TrueImages) -> BoolArray:
-    """Return which images (m,) are to be measured: given points may name their photos."""
-    wanted = np.ones(len(images.photo), dtype=bool)
-    ids = np.array(flight.ids)
-    for i, given in enumerate(spec.point):
-        if given.photos:
-            wanted &= (images.point != i) | np.isin(ids[images.photo], given.photos)
-    return wanted

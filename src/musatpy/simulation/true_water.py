@@ -52,6 +52,7 @@ class GivenWater:
 
     card: Water | None
     tide: FloatArray  # (n,) m, NaN without water
+    sigma: FloatArray  # (n,) m, of the tides, NaN where none is given
     error: FloatArray  # (n,) m, of the tides, given minus true; zero without water
     group: TextArray  # (n,)
     day: TextArray  # (n,)
@@ -67,14 +68,15 @@ def true_water(spec: SimulationSpec, stations: TruePlaces, world: World) -> True
 def state_water(spec: SimulationSpec, tide: FloatArray, draws: Draws) -> GivenWater:
     """Return what the deck says of the water at true tides (n,)."""
     n, keys = len(tide), spec.water
+    none, unknown = np.full(n, ""), np.full(n, np.nan)
     if keys is None:
-        none = np.full(n, "")
-        return GivenWater(card=None, tide=tide, error=np.zeros(n), group=none, day=none)
+        return GivenWater(card=None, tide=tide, sigma=unknown, error=np.zeros(n), group=none, day=none)
     photo_error = keys.photo_level_error * draws.normal("photo levels", n)
     given = np.round(tide + (keys.level_error + photo_error), METRE_DECIMALS)
     return GivenWater(
         card=_card(keys),
         tide=given,
+        sigma=unknown if keys.tide_sigma is None else np.full(n, keys.tide_sigma),
         error=np.round(given - tide, METRE_DECIMALS) + 0.0,
         group=_numbered("G", keys.group_size, n),
         day=_numbered("D", keys.day_size, n),

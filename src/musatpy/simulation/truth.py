@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, TextArray
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.simulation.scene_keys import INDEX_DECIMALS
 from musatpy.simulation.simulate import Simulation
@@ -27,53 +26,55 @@ def truth_record(simulation: Simulation) -> dict[str, Any]:
     lengths in metres, plate lengths in millimetres, as `units` in the record says, slopes of the water in arc
     seconds. Everything is rounded beyond the precision of the cards, so that the JSON is the same on every machine.
     """
-    block, truth = simulation.block, simulation.truth
+    block, truth, plates = simulation.block, simulation.truth, simulation.block.plates
     geographic = block.options.system == CoordinateSystem.GEOGRAPHIC
-    positions = "latitude degree, longitude degree, height m" if geographic else "X, Y, Z m"
-    dry = truth.bathymetric[truth.seen] & ~truth.refracted
     photos, points = block.photos.ids.tolist(), block.points.ids.tolist()
+    # photo and point of each image, as it is and as the deck has it
+    seen, named = (
+        [[photos[photo], points[point]] for photo, point in zip(plates.photo, of, strict=True)]
+        for of in (truth.seen, plates.point)
+    )
+    wet = truth.bathymetric.tolist()
+    kinds = [ControlKind(kind).name.lower() for kind in block.control.kind]
     record = {
         "musatpy": version("musatpy"),
-        "units": {"positions": positions, "angles": "degree", "plates": "mm", "errors": "m"},
+        "units": {
+            "positions": "latitude degree, longitude degree, height m" if geographic else "X, Y, Z m",
+            "angles": "degree",
+            "plates": "mm",
+            "errors": "m",
+        },
         "seed": truth.spec.seed,
         "spec": echoed(truth.spec),
         "index": truth.index,
         "stations": {
             name: {"position": position, "attitude": _degrees(attitude), "tide": None if tide != tide else tide}
             for name, position, attitude, tide in zip(
-                photos, _positions(simulation, truth.stations), truth.attitude, truth.tide.tolist(), strict=True
+                photos, _positions(truth.stations, geographic), truth.attitude, truth.tide.tolist(), strict=True
             )
         },
         "points": {
-            name: {"position": position, "bathymetric": wet}
-            for name, position, wet in zip(
-                points, _positions(simulation, truth.points), truth.bathymetric.tolist(), strict=True
-            )
+            name: {"position": position, "bathymetric": is_wet}
+            for name, position, is_wet in zip(points, _positions(truth.points, geographic), wet, strict=True)
         },
         "control": {
-            points[point]: {"kind": ControlKind(kind).name.lower(), "error": _rounded(error, 6)}
-            for point, kind, error in zip(block.control.point, block.control.kind, truth.control_error, strict=True)
+            points[point]: {"kind": kind, "error": _rounded(error, 6)}
+            for point, kind, error in zip(block.control.point, kinds, truth.control_error, strict=True)
         },
-        "equal_elevations": {
-            str(name): round(float(level), 4)
-            for name, level in zip(block.equal_elevations.ids, truth.levels, strict=True)
-        },
+        "equal_elevations": dict(zip(block.equal_elevations.ids.tolist(), _rounded(truth.levels, 4), strict=True)),
         "air_bases": [
-            {"photos": block.photos.ids[pair].tolist(), "length": round(float(length), 4)}
-            for pair, length in zip(block.air_bases.photo, truth.base_lengths, strict=True)
+            {"photos": [photos[photo] for photo in pair], "length": length}
+            for pair, length in zip(block.air_bases.photo, _rounded(truth.base_lengths, 4), strict=True)
         ],
         "blunders": [
             {"photo": blunder.photo, "point": blunder.point, "added": _rounded(blunder.added, 6)}
             for blunder in truth.blunders
         ],
-        "kept_out": [
-            [_photo(simulation, row), points[block.plates.point[row]]]
-            for row in np.flatnonzero(~block.plates.triangulated).tolist()
-        ],
+        "kept_out": [named[row] for row in np.flatnonzero(~plates.triangulated)],
         # images of bathymetric points that were above the water at that photo
-        "dry": [[_photo(simulation, row), _seen(simulation, row)] for row in np.flatnonzero(dry).tolist()],
+        "dry": [seen[row] for row in np.flatnonzero(truth.bathymetric[truth.seen] & ~truth.refracted)],
     }
-    return record | {name: value for name, value in _wrong(simulation).items() if value}
+    return record | {name: value for name, value in _wrong(simulation, seen, named).items() if value}
 
 
 def truth_json(simulation: Simulation) -> str:
@@ -92,9 +93,9 @@ def _laid_out(value: Any) -> str:
     return json.dumps(value)
 
 
-def _positions(simulation: Simulation, places: TruePlaces) -> list[list[float]]:
+def _positions(places: TruePlaces, geographic: bool) -> list[list[float]]:
     """Return positions in the job's system, geographic ones in degrees."""
-    if simulation.block.options.system != CoordinateSystem.GEOGRAPHIC:
+    if not geographic:
         return [_rounded(row, 4) for row in places.job]
     return [[*_degrees(row[:2]), round(float(row[2]), 4)] for row in places.job]
 
@@ -107,45 +108,31 @@ def _rounded(values: Iterable[float], decimals: int) -> list[float]:
     return [round(float(value), decimals) for value in values]
 
 
-def _photo(simulation: Simulation, row: int) -> str:
-    block = simulation.block
-    return str(block.photos.ids[block.plates.photo[row]])
-
-
-def _seen(simulation: Simulation, row: int) -> str:
-    """Return the id of the point that a plate measurement really is of."""
-    return str(simulation.block.points.ids[simulation.truth.seen[row]])
-
-
-def _wrong(simulation: Simulation) -> dict[str, Any]:
+def _wrong(simulation: Simulation, seen: list[list[str]], named: list[list[str]]) -> dict[str, Any]:
     """Return what else the deck says wrongly, and what is measured between points."""
     block, truth = simulation.block, simulation.truth
-    ids = block.points.ids
-    return {
+    photos, points = block.photos.ids.tolist(), block.points.ids.tolist()
+    wrong: dict[str, Any] = {
         "water": _water(simulation),
-        "tides": {
-            str(block.photos.ids[row]): round(float(truth.tide_error[row]), 4)
-            for row in np.flatnonzero(truth.tide_error)
-        },
+        "tides": {photos[row]: round(float(truth.tide_error[row]), 4) for row in np.flatnonzero(truth.tide_error)},
         "swapped": [
-            {"photo": _photo(simulation, pair[0]), "points": [_seen(simulation, row) for row in pair]}
-            for pair in truth.swapped
+            {"photo": seen[first][0], "points": [seen[first][1], seen[second][1]]}
+            for first, second in truth.swapped
         ],
         "misnamed": [
-            {
-                "photo": _photo(simulation, row),
-                "point": _seen(simulation, row),
-                "name": str(ids[block.plates.point[row]]),
-            }
-            for row in truth.misnamed
+            {"photo": seen[row][0], "point": seen[row][1], "name": named[row][1]} for row in truth.misnamed
         ],
         "wrong_control": {
-            str(ids[block.control.point[row]]): _rounded(truth.gross_control[row], 6)
+            points[block.control.point[row]]: _rounded(truth.gross_control[row], 6)
             for row in np.flatnonzero(truth.gross_control.any(axis=1))
         },
-        "distances": _between(ids[block.distances.point], truth.distances),
-        "height_differences": _between(ids[block.height_differences.point], truth.height_differences),
     }
+    for name in ("distances", "height_differences"):
+        ends, true = getattr(block, name).point, _rounded(getattr(truth, name), 4)
+        wrong[name] = [
+            {"points": [points[end] for end in pair], "true": value} for pair, value in zip(ends, true, strict=True)
+        ]
+    return wrong
 
 
 def _water(simulation: Simulation) -> dict[str, Any]:
@@ -163,10 +150,3 @@ def _water(simulation: Simulation) -> dict[str, Any]:
         "tilt_on_card": [round(slope / ARC_SECOND, 6) for slope in on_card],
         "tilted_about": _rounded(truth.middle, 4),
     }
-
-
-def _between(names: TextArray, true: FloatArray) -> list[dict[str, Any]]:
-    """Return true measurements between points."""
-    return [
-        {"points": pair.tolist(), "true": round(float(value), 4)} for pair, value in zip(names, true, strict=True)
-    ]

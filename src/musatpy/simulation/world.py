@@ -6,7 +6,6 @@ errors is consistent to the rounding of its plate coordinates.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,104 +42,66 @@ class TruePlaces:
         )
 
 
-class World(ABC):
-    """What the simulation needs of a coordinate system."""
-
-    ellipsoid: EllipsoidSpec | None = None  # the card; None in local jobs
-    axes_of_ellipsoid: tuple[float, float] | None = None  # semi-major axis, m, and eccentricity squared
-
-    def at_plan(self, plan: FloatArray, height: FloatArray) -> TruePlaces:
-        """Return the places at plan coordinates (k, 2) m, east and north of the centre, and heights (k,) m."""
-        return self.at_natural(np.column_stack([self.plane(plan), height]))
-
-    @abstractmethod
-    def plane(self, plan: FloatArray) -> FloatArray:
-        """Return latitudes and longitudes (rad), or local X and Y, (k, 2), of plan coordinates (k, 2) m."""
-
-    @abstractmethod
-    def at_job(self, job: FloatArray) -> TruePlaces:
-        """Return the places of coordinates (k, 3) in the job's system, put on the grid of the cards."""
-
-    def at_xyz(self, xyz: FloatArray) -> TruePlaces:
-        """Return the places of Cartesian coordinates (k, 3), put on the grid of the cards."""
-        return self.at_job(xyz)
-
-    def at_natural(self, natural: FloatArray) -> TruePlaces:
-        """Return the places of latitudes, longitudes (rad) and heights, or of local X, Y, Z (k, 3), on the grid."""
-        return self.at_job(natural)
-
-    @abstractmethod
-    def plan(self, places: TruePlaces) -> FloatArray:
-        """Return plan coordinates (k, 2) m."""
-
-    @abstractmethod
-    def axes(self, xyz: FloatArray) -> FloatArray:
-        """Return east, north, up (3, 3) at Cartesian coordinates (3,)."""
-
-
 def on_grid(angle: ArrayLike, decimals: int) -> FloatArray:
     """Return angles (rad) rounded to that many decimals of a second, as a card gives them back."""
     return radians_from_dms(*dms_from_radians(angle, decimals))
 
 
-def world_of(job: JobKeys) -> World:
-    """Return the world of a job. Raises `ValueError` where PROJ does not know the ellipsoid."""
-    return LocalWorld(job) if job.system == CoordinateSystem.LOCAL else EarthWorld(job)
+class World:
+    """The coordinate system of a simulated job: its plan is the tangent plane at the centre, east and north in m.
 
-
-class LocalWorld(World):
-    """A local rectangular job: the vertical is +Z everywhere."""
-
-    def __init__(self, job: JobKeys) -> None:
-        self.centre = np.array(job.centre)
-
-    def plane(self, plan: FloatArray) -> FloatArray:
-        return plan + self.centre
-
-    def at_job(self, job: FloatArray) -> TruePlaces:
-        xyz = np.round(job, METRE_DECIMALS)
-        return TruePlaces(job=xyz, xyz=xyz, natural=xyz, vertical=np.broadcast_to(np.eye(3), (len(xyz), 3, 3)))
-
-    def plan(self, places: TruePlaces) -> FloatArray:
-        return places.xyz[:, :2] - self.centre
-
-    def axes(self, xyz: FloatArray) -> FloatArray:
-        return np.eye(3)
-
-
-class EarthWorld(World):
-    """A job on an ellipsoid, geographic or geocentric; its plan is the tangent plane at the centre."""
+    In a local job the vertical is +Z everywhere; else it stands on an ellipsoid, geographic or geocentric. Raises
+    `ValueError` where PROJ does not know the ellipsoid.
+    """
 
     def __init__(self, job: JobKeys) -> None:
-        self.ellipsoid = EllipsoidSpec(name=job.ellipsoid)
-        self.earth = Ellipsoid.of(self.ellipsoid)
-        size = pyproj.Geod(initstring=self.earth.definition)
-        self.axes_of_ellipsoid = float(size.a), float(size.es)
+        self.ellipsoid: EllipsoidSpec | None = None  # the card; None in local jobs
+        self.axes_of_ellipsoid: tuple[float, float] | None = None  # semi-major axis, m, and eccentricity squared
+        self.earth: Ellipsoid | None = None
         self.geographic = job.system == CoordinateSystem.GEOGRAPHIC
-        centre = np.array([*job.centre, 0.0]) * [DEGREE, DEGREE, 1.0]
-        self.origin, self.to_plan = self.earth.geocentric(centre), self.earth.frame(centre)
+        self.origin, self.to_plan = np.array([*job.centre, 0.0]), np.eye(3)
+        if job.system != CoordinateSystem.LOCAL:
+            self.ellipsoid = EllipsoidSpec(name=job.ellipsoid)
+            self.earth = Ellipsoid.of(self.ellipsoid)
+            size = pyproj.Geod(initstring=self.earth.definition)
+            self.axes_of_ellipsoid = float(size.a), float(size.es)
+            centre = self.origin * [DEGREE, DEGREE, 1.0]
+            self.origin, self.to_plan = self.earth.geocentric(centre), self.earth.frame(centre)
+
+    def at_plan(self, plan: FloatArray, height: FloatArray) -> TruePlaces:
+        """Return the places at plan coordinates (k, 2) m, east and north of the centre, and heights (k,) m."""
+        return self.at_natural(np.column_stack([self.plane(plan), height]))
 
     def plane(self, plan: FloatArray) -> FloatArray:
-        return self.earth.geographic(self.origin + plan @ self.to_plan[:2])[:, :2]
+        """Return latitudes and longitudes (rad), or local X and Y, (k, 2), of plan coordinates (k, 2) m."""
+        xyz = self.origin + plan @ self.to_plan[:2]
+        return xyz[:, :2] if self.earth is None else self.earth.geographic(xyz)[:, :2]
 
     def at_job(self, job: FloatArray) -> TruePlaces:
-        if self.geographic:
-            angles = on_grid(job[:, :2], SECONDS_DECIMALS)
-            natural = np.column_stack([angles, np.round(job[:, 2], METRE_DECIMALS)])
-            given, xyz = natural, self.earth.geocentric(natural)
-        else:
-            given = xyz = np.round(job, METRE_DECIMALS)
-            natural = self.earth.geographic(xyz)
-        return TruePlaces(job=given, xyz=xyz, natural=natural, vertical=self.earth.frame(natural))
+        """Return the places of coordinates (k, 3) in the job's system, put on the grid of the cards."""
+        job = np.column_stack([job[:, :2], np.round(job[:, 2], METRE_DECIMALS)])
+        job[:, :2] = (
+            on_grid(job[:, :2], SECONDS_DECIMALS) if self.geographic else np.round(job[:, :2], METRE_DECIMALS)
+        )
+        if self.earth is None:
+            vertical = np.broadcast_to(np.eye(3), (len(job), 3, 3))
+            return TruePlaces(job=job, xyz=job, natural=job, vertical=vertical)
+        natural = job if self.geographic else self.earth.geographic(job)
+        xyz = self.earth.geocentric(job) if self.geographic else job
+        return TruePlaces(job=job, xyz=xyz, natural=natural, vertical=self.earth.frame(natural))
 
     def at_xyz(self, xyz: FloatArray) -> TruePlaces:
-        return self.at_job(self.earth.geographic(xyz) if self.geographic else xyz)
+        """Return the places of Cartesian coordinates (k, 3), put on the grid of the cards."""
+        return self.at_job(self.earth.geographic(xyz) if self.earth and self.geographic else xyz)
 
     def at_natural(self, natural: FloatArray) -> TruePlaces:
-        return self.at_job(natural if self.geographic else self.earth.geocentric(natural))
+        """Return the places of latitudes, longitudes (rad) and heights, or of local X, Y, Z (k, 3), on the grid."""
+        return self.at_job(natural if self.earth is None or self.geographic else self.earth.geocentric(natural))
 
     def plan(self, places: TruePlaces) -> FloatArray:
+        """Return plan coordinates (k, 2) m."""
         return (places.xyz - self.origin) @ self.to_plan[:2].T
 
     def axes(self, xyz: FloatArray) -> FloatArray:
-        return self.earth.frame(self.earth.geographic(xyz))
+        """Return east, north, up (3, 3) at Cartesian coordinates (3,)."""
+        return np.eye(3) if self.earth is None else self.earth.frame(self.earth.geographic(xyz))

@@ -9,15 +9,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import BoolArray, ComplexArray, FloatArray
 from musatpy.errors import Problem, SoundingError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import crs_of
-from musatpy.interchange import dxf, geojson, geopackage, xyz
+from musatpy.interchange import xyz
+from musatpy.interchange.any_file import read_layers
 from musatpy.interchange.layers import Lines, Points, package, require_content
 from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, FileColumn, Wanted
 from musatpy.pointfiles.point_tables import read_table
@@ -66,13 +68,11 @@ def read_contours(
         lines, depths, angular = _of_table(source)
     elif kind == ".xyz":
         lines = _of_numbers(source)
-    elif kind == ".dxf":
-        lines = dxf.read(source)[1]
     else:
-        content = geopackage.read(source, layer) if kind == ".gpkg" else geojson.read(source)
-        if isinstance(content, Points):
+        parts = list(read_layers(source, layer=layer).values())
+        if kind != ".dxf" and any(isinstance(part, Points) for part in parts):
             raise _refused(source, "it has points, and contours are lines")
-        lines = content
+        lines = next((part for part in parts if isinstance(part, Lines)), Lines.of_paths([]))
     paths = lines.paths()
     if not paths:
         raise _refused(source, "there are no lines")
@@ -173,17 +173,24 @@ def offsets(
     `InterchangeError` without shapely.
     """
     shapely = package("shapely", "distances of contours need")
-    parts = [_samples(line, step) for line in lines]
+    parts = [_samples(shapely, line, step) for line in lines]
     xy, interval = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    start, end, at_start, at_end = _segments(others)
-    tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
-    _, segment = tree.query_nearest(shapely.points(xy), all_matches=False)
-    along = end[segment] - start[segment]
-    t = np.sum((xy - start[segment]) * along, axis=1) / np.sum(np.square(along), axis=1)
-    nearest = start[segment] + np.clip(t, 0.0, 1.0)[:, None] * along
-    past_end = ((t < 0.0) & at_start[segment]) | ((t > 1.0) & at_end[segment])
+    pieces = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in others])
+    segments = shapely.linestrings(pieces[np.ptp(pieces, axis=1).any(axis=1)])
+    samples = shapely.points(xy)
+    _, near = shapely.STRtree(segments).query_nearest(samples, all_matches=False)
+    nearest = shapely.get_coordinates(shapely.shortest_line(samples, segments[near]))[1::2]
+    ends, count = np.unique(
+        _rounded(np.array([line[end] for line in others for end in (0, -1)])), return_counts=True
+    )
+    past_end = np.isin(_rounded(nearest), ends[count == 1])  # where no line goes on
     too_far = np.linalg.norm(nearest - xy, axis=1) > farthest
     return Offsets(xy=xy, interval=interval, nearest=nearest, beyond=past_end | too_far)
+
+
+def _rounded(xy: FloatArray) -> ComplexArray:
+    """Return places (n, 2) as single numbers (n,), the same of ends that join."""
+    return np.round(xy / _SAME) @ np.array([1.0, 1.0j])
 
 
 def area_between(forward: Offsets, backward: Offsets) -> float:
@@ -202,25 +209,10 @@ def largest_of_most(values: FloatArray, weight: FloatArray) -> float:
     return float(values[order[min(int(np.searchsorted(share, _MOST)), len(values) - 1)]])
 
 
-def _samples(line: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
+def _samples(shapely: Any, line: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
     """Return places (n, 2) in the middle of equal intervals along a line (k, 2), and these (n,)."""
-    station = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    count = max(int(np.ceil(station[-1] / step)), 1)
-    at = (np.arange(count) + 0.5) * station[-1] / count
-    xy = np.stack([np.interp(at, station, line[:, axis]) for axis in range(2)], axis=1)
-    return xy, np.full(count, station[-1] / count)
-
-
-def _segments(lines: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
-    """Return start and end (s, 2) of all segments, and which (s,) of these are open ends: no line goes on."""
-    apart = [line[np.concatenate([[True], np.diff(line, axis=0).any(axis=1)])] for line in lines]
-    apart = [line for line in apart if len(line) > 1]
-    start, end = (np.concatenate([line[part] for line in apart]) for part in (slice(0, -1), slice(1, None)))
-    last = np.cumsum([len(line) - 1 for line in apart]) - 1
-    first = np.concatenate([[0], last[:-1] + 1])
-    ends = np.round(np.concatenate([start[first], end[last]]) / _SAME)
-    _, place, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
-    is_open = count[place.reshape(-1)] == 1
-    at_start, at_end = np.zeros((2, len(start)), dtype=bool)
-    at_start[first], at_end[last] = np.split(is_open, 2)
-    return start, end, at_start, at_end
+    shape = shapely.linestrings(line)
+    count = max(int(np.ceil(shape.length / step)), 1)
+    at = (np.arange(count) + 0.5) * shape.length / count
+    xy = shapely.get_coordinates(shapely.line_interpolate_point(shape, at))
+    return xy, np.full(count, shape.length / count)

@@ -62,10 +62,7 @@ def contours(tin: Tin, levels: Sequence[float], index: Sequence[float] = (), sho
 
     Raises `MusatError` where matplotlib is missing.
     """
-    traced = list(_traced(tin, sorted(levels)))
-    return kept(
-        zip([level for level, _ in traced], _turned(tin, [xy for _, xy in traced]), strict=True), index, shortest
-    )
+    return kept(_traced(tin, sorted(levels)), index, shortest)
 
 
 def kept(lines: Iterable[tuple[float, FloatArray]], index: Sequence[float], shortest: float) -> Contours:
@@ -96,21 +93,8 @@ def _traced(tin: Tin, levels: Sequence[float]) -> Iterator[tuple[float, FloatArr
     for level, path in zip(reached, drawn.get_paths(), strict=True):
         path.should_simplify = False  # vertices would be left out, as if metres were pixels
         for xy in path.to_polygons(closed_only=False):
-            if len(xy) > 1:
-                yield float(level), np.asarray(xy, dtype=float)
-
-
-def _turned(tin: Tin, lines: Sequence[FloatArray]) -> list[FloatArray]:
-    """Return lines, each (k, 2), in the direction that has the greater values on their right."""
-    if not lines:
-        return []
-    middle = np.concatenate([0.5 * (xy[:-1] + xy[1:]) for xy in lines])
-    along = np.concatenate([np.diff(xy, axis=0) for xy in lines])
-    right = np.stack([along[:, 1], -along[:, 0]], axis=1)
-    with np.errstate(invalid="ignore"):
-        pull = np.nan_to_num(np.sum(tin.at(middle).gradient * right, axis=1))
-    first = np.cumsum([0, *(len(xy) - 1 for xy in lines[:-1])])
-    return [xy if total >= 0.0 else xy[::-1] for xy, total in zip(lines, np.add.reduceat(pull, first), strict=True)]
+            if len(xy) > 1:  # matplotlib has the greater values on the left
+                yield float(level), np.asarray(xy[::-1], dtype=float)
 
 
 def bounds(lines: Sequence[Contour]) -> list[tuple[float, int, float, float]]:

@@ -50,7 +50,7 @@ class Tin:
     triangles: IntArray
     fault: IntArray
     merged: int
-    search: object
+    search: Any  # the Delaunay triangulation of scipy
 
     @classmethod
     def of(
@@ -103,16 +103,6 @@ class Tin:
         return np.asarray(self.fault == INSIDE)
 
     @property
-    def gradients(self) -> FloatArray:
-        """(t, 2) of the triangles."""
-        a, b, c = (self.xy[self.triangles[:, corner]] for corner in range(3))
-        za, zb, zc = (self.z[self.triangles[:, corner]] for corner in range(3))
-        u, v, du, dv = b - a, c - a, zb - za, zc - za
-        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-        area = np.where(area == 0.0, np.nan, area)
-        return np.stack([du * v[:, 1] - dv * u[:, 1], dv * u[:, 0] - du * v[:, 0]], axis=1) / area[:, None]
-
-    @property
     def area(self) -> float:
         """Of the surface in plan, m2."""
         a, b, c = (self.xy[self.triangles[self.kept, corner]] for corner in range(3))
@@ -122,16 +112,15 @@ class Tin:
     def at(self, places: FloatArray) -> SurfaceValues:
         """Return the surface at places (m, 2)."""
         triangle = self._triangles_at(places)
-        inside = triangle >= 0
-        reason = np.where(inside, self.fault[triangle], OUTSIDE)
+        reason = np.where(triangle >= 0, self.fault[triangle], OUTSIDE)
         good = np.flatnonzero(reason == INSIDE)
-        corners = self.triangles[triangle[good]]
-        gradient, value = np.full((len(places), 2), np.nan), np.full(len(places), np.nan)
-        sigma = np.full(len(places), np.nan)
-        gradient[good] = self.gradients[triangle[good]]
-        offset = places[good] - self.xy[corners[:, 0]]
-        value[good] = self.z[corners[:, 0]] + np.sum(gradient[good] * offset, axis=1)
-        sigma[good] = np.sqrt(np.sum(np.square(self._weights(places[good], corners) * self.sigma[corners]), axis=1))
+        corners, to_weights = self.triangles[triangle[good]], self.search.transform[triangle[good]]
+        two = np.einsum("mij,mj->mi", to_weights[:, :2], places[good] - to_weights[:, 2])  # barycentric
+        weights, z = np.column_stack([two, 1.0 - two.sum(axis=1)]), self.z[corners]
+        gradient, value, sigma = np.full((len(places), 2), np.nan), *np.full((2, len(places)), np.nan)
+        gradient[good] = np.einsum("mij,mi->mj", to_weights[:, :2], z[:, :2] - z[:, 2:])
+        value[good] = np.sum(weights * z, axis=1)
+        sigma[good] = np.sqrt(np.sum(np.square(weights * self.sigma[corners]), axis=1))
         return SurfaceValues(value=value, gradient=gradient, sigma=sigma, reason=reason)
 
     def _triangles_at(self, places: FloatArray) -> IntArray:
@@ -140,19 +129,8 @@ class Tin:
         low, high = self.xy[:, 0].min(), self.xy[:, 0].max()
         strip = np.clip(np.nan_to_num((places[:, 0] - low) / (high - low)), 0.0, 1.0) * strips
         order, triangle = np.lexsort((places[:, 1], np.floor(strip))), np.empty(len(places), dtype=np.int64)
-        triangle[order] = self.search.find_simplex(places[order], tol=_BORDER)  # type: ignore[attr-defined]
+        triangle[order] = self.search.find_simplex(places[order], tol=_BORDER)
         return triangle
-
-    def _weights(self, places: FloatArray, corners: IntArray) -> FloatArray:
-        """Return the barycentric weights (m, 3) of places in their triangles."""
-        a, b, c = (self.xy[corners[:, corner]] for corner in range(3))
-
-        def twice(p: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
-            u, v = q - p, r - p
-            return np.asarray(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-
-        whole = twice(a, b, c)
-        return np.stack([twice(places, b, c), twice(a, places, c), twice(a, b, places)], axis=1) / whole[:, None]
 
 
 def planes_at(places: FloatArray, xy: FloatArray, z: FloatArray, sigma: FloatArray, radius: float) -> SurfaceValues:

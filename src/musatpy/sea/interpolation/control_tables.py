@@ -53,14 +53,6 @@ class ControlTable:
         return not {"dz", "z_mapped"} & self.values.keys()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ControlErrors:
-    """Control points with the errors of their mapped heights."""
-
-    ids: tuple[str, ...]
-    observed: Observed
-
-
 def read_control(path: Path, system: System) -> ControlTable:
     """Return the control points of a table, its places in a system.
 
@@ -74,8 +66,8 @@ def read_control(path: Path, system: System) -> ControlTable:
 
 def control_of(
     table: ControlTable, mapped: Mapped, mapped_in: str = "", default_sigma: float | None = None
-) -> ControlErrors:
-    """Return control points with their errors, mapped minus true.
+) -> Observed:
+    """Return the errors at control points, mapped minus true.
 
     `mapped` has those that the file gives true heights of; `default_sigma` (m) is that of points without, 0 where
     not given. Raises `CollocationError` with every point that is not there, and where a sigma is given for none.
@@ -99,7 +91,7 @@ def control_of(
         x, y, z = values["x"], values["y"], values.get("z_mapped", np.full(len(sigma), np.nan))
     value = values["dz"] if "dz" in values else z - values["z_true"]
     known = np.where(np.isnan(sigma), default_sigma or 0.0, sigma)
-    return ControlErrors(ids=table.ids, observed=Observed(place=np.column_stack([x, y]), value=value, sigma=known))
+    return Observed(place=np.column_stack([x, y]), value=value, sigma=known)
 
 
 def run_tables(path: Path) -> dict[str, Any]:
@@ -195,14 +187,13 @@ def _checks(ids: Sequence[str], heights: FloatArray, sigma: FloatArray, source: 
     return ControlTable(source=source, ids=names, values={"z_true": heights[known], "sigma": sigma[known]})
 
 
-def on_plan(control: ControlErrors, system: System) -> tuple[ControlErrors, MapPlan | None]:
-    """Return control points with their places on a map, and the plan of it; on no ellipsoid as they are.
+def on_plan(observed: Observed, system: System) -> tuple[Observed, MapPlan | None]:
+    """Return the errors with their places on a map, and the plan of it; on no ellipsoid as they are.
 
     Raises `SystemsError` where the system does not reach one.
     """
     if system.ellipsoid is None:
-        return control, None
-    observed = control.observed
+        return observed, None
     coordinates = np.column_stack([observed.place, np.zeros(len(observed.place))])
     plan = MapPlan.about(system, coordinates)
-    return replace(control, observed=replace(observed, place=plan.places(coordinates)[:, :2])), plan
+    return replace(observed, place=plan.places(coordinates)[:, :2]), plan

@@ -65,11 +65,15 @@ class InterpolationOptions:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Candidate:
-    """One family with its estimate and its cross-validation."""
+    """The estimate of one family, and its cross-validation."""
 
-    family: SignalKind
     estimate: Estimate
     validation: CrossValidation
+
+    @property
+    def family(self) -> SignalKind:
+        """The family."""
+        return self.estimate.covariance.correlation.family
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,7 +199,7 @@ def _candidates(observed: Observed, options: InterpolationOptions) -> tuple[Cand
     for family in options.families:
         estimated = estimate(observed, options.trend, family, free_noise=options.free_noise)
         validation = Collocation(observed, estimated.covariance, options.trend).cross_validation
-        candidates.append(Candidate(family=family, estimate=estimated, validation=validation))
+        candidates.append(Candidate(estimate=estimated, validation=validation))
     return tuple(sorted(candidates, key=lambda candidate: candidate.estimate.criterion))
 
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.similarity import spread
+from musatpy.sea.interpolation.estimation import spacing
 from musatpy.sea.stereo import fourier, grid
 from musatpy.sea.stereo.fourier import FourierSurface, WaveTrial
 from musatpy.sea.stereo.grid import GridSurface, Mesh
-from musatpy.sea.stereo.spectrum import Band, band, lattice, mean_spacing, nearest_spacing
+from musatpy.sea.stereo.spectrum import Band, band, lattice, mean_spacing
 from musatpy.sea.stereo.surface_points import CRITICAL, KeptPoints, Misfits, SurfacePoints, misfits, scale_of, snoop
 from musatpy.units import DEGREE
 
@@ -81,12 +82,6 @@ class SurfaceFit:
         return float(np.sqrt(np.mean(np.square(self.misfits.residual[self.kept]))))
 
 
-def some(points: SurfacePoints, kept: BoolArray) -> SurfacePoints:
-    """Return the points of a mask (n,)."""
-    ids = tuple(name for name, keep in zip(points.ids, kept.tolist(), strict=True) if keep)
-    return SurfacePoints(ids=ids, position=points.position[kept], covariance=points.covariance[kept])
-
-
 def on_water(points: SurfacePoints) -> tuple[SurfacePoints, dict[str, str]]:
     """Return the points that a water surface can have, and why it cannot have the others, by their id.
 
@@ -107,7 +102,7 @@ def on_water(points: SurfacePoints) -> tuple[SurfacePoints, dict[str, str]]:
         points.ids[row]: f"{off[row]:.6g} m off the median height: {beyond}"
         for row in np.flatnonzero(~possible).tolist()
     }
-    return (some(points, possible) if reasons else points), reasons
+    return (points.some(possible) if reasons else points), reasons
 
 
 def fit_fourier(
@@ -129,22 +124,22 @@ def fit_fourier(
     waves = band(points.position[:, :2], shortest, longest)
     judged = KeptPoints.everyone(len(points.ids))
     q, steps = fourier.find_waves(points, origin, waves, most, risk)
+
+    def of(start: FloatArray, kept: BoolArray) -> FourierSurface:
+        return fourier.estimate(points.some(kept), origin, start)
+
     for _ in range(_ROUNDS):
         before = judged.kept
-        judged = snoop(points, partial(_fourier_of, points, origin, q), judged, critical)
-        q, more = fourier.find_waves(some(points, judged.kept), origin, waves, most, risk, q)
+        judged = snoop(points, partial(of, q), judged, critical)
+        q, more = fourier.find_waves(points.some(judged.kept), origin, waves, most, risk, q)
         steps = [step for step in steps if step.is_taken] + more
         if not any(step.is_taken for step in more) and (judged.kept == before).all():
             break
-    fitted = _fourier_of(points, origin, q, judged.kept)
+    fitted = of(q, judged.kept)
     result = _judged(points, fitted, judged, int(judged.kept.sum()) - len(q), critical)
     scaled = replace(fitted, covariance=fitted.covariance * result.factor**2)
     notes = _fourier_notes(scaled, result) + _fit_notes(result)
     return replace(result, fitted=scaled, steps=tuple(steps), waves=waves, notes=notes, impossible=impossible)
-
-
-def _fourier_of(points: SurfacePoints, origin: FloatArray, q: FloatArray, kept: BoolArray) -> FourierSurface:
-    return fourier.estimate(some(points, kept), origin, q)
 
 
 def _fourier_notes(fitted: FourierSurface, result: SurfaceFit) -> tuple[str, ...]:
@@ -190,30 +185,29 @@ def fit_grid(
     points, impossible = on_water(points)
     origin = _origin(points)
     mesh = grid.mesh(points.position[:, :2] - origin, spacing, curvature)
-    kept, judged = _not_gross(points.position[:, 2]), KeptPoints.everyone(len(points.ids))
+    off = np.abs(points.position[:, 2] - np.median(points.position[:, 2]))
+    # a start for the curvature: heights within some deviations of their median
+    kept, judged = off <= _GROSS * spread(off, 1e-12), KeptPoints.everyone(len(points.ids))
+
+    def of(nodes: Mesh, kept: BoolArray) -> GridSurface:
+        return grid.estimate(points.some(kept), origin, nodes)
+
     for _ in range(_ROUNDS):
-        fitted = _grid_of(points, origin, mesh, kept)
         # while points are judged, the curvature stays: with it, a gross error would explain itself
-        still = replace(mesh, curvature=fitted.curvature)
-        judged = snoop(points, partial(_grid_of, points, origin, still), judged, critical)
+        still = replace(mesh, curvature=of(mesh, kept).curvature)
+        judged = snoop(points, partial(of, still), judged, critical)
         before, kept = kept, judged.kept
         if (kept == before).all():
             break
-    fitted = _grid_of(points, origin, mesh, kept)
+    fitted = of(mesh, kept)
     misfit = misfits(points, fitted, kept)
     result = _judged(points, fitted, judged, float(misfit.redundancy[kept].sum()), critical)
     scaled = replace(fitted, normal=fitted.normal / result.factor**2)
     return replace(result, fitted=scaled, notes=_fit_notes(result), impossible=impossible)
 
 
-def _not_gross(z: FloatArray) -> BoolArray:
-    """Return which heights (n,) lie within some deviations of their median: a start for the curvature."""
-    off = np.abs(z - np.median(z))
-    return off <= _GROSS * spread(off, 1e-12)
-
-
 def _fit_notes(result: SurfaceFit) -> tuple[str, ...]:
-    notes, nearest = [], nearest_spacing(result.points.position[:, :2])
+    notes, nearest = [], spacing(result.points.position[:, :2])
     if result.freedom > 0.0 and result.sigma0 > 1.0 + _CHANCE / np.sqrt(2.0 * result.freedom):
         notes.append(
             "sigma0 is larger than by chance: the sea has more than the model shows, or sigmas are too small"
@@ -224,10 +218,6 @@ def _fit_notes(result: SurfaceFit) -> tuple[str, ...]:
             f"{result.spacing:.1f} m: is one of them far off?"
         )
     return tuple(notes)
-
-
-def _grid_of(points: SurfacePoints, origin: FloatArray, mesh: Mesh, kept: BoolArray) -> GridSurface:
-    return grid.estimate(some(points, kept), origin, mesh)
 
 
 def _origin(points: SurfacePoints) -> FloatArray:

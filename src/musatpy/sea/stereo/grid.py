@@ -7,8 +7,9 @@ as the one under which the heights are most likely (restricted maximum likelihoo
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -224,30 +225,6 @@ def known_cells(count: IntArray) -> BoolArray:
     return (count > 0) | (around >= _BRIDGED)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Normals:
-    """Normal equations of the heights alone, in bands, and what they leave at zero."""
-
-    grid: Mesh
-    bands: FloatArray
-    right: FloatArray
-    total: float
-
-    def solve(self, curvature: float) -> tuple[FloatArray, FloatArray, float]:
-        """Return the coefficients, the normals with curvature, and -2 log likelihood but for a constant."""
-        from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded  # heavy
-
-        N, count = self.bands + self.grid.stiffness / curvature**2, self.grid.count
-        try:
-            factor = cholesky_banded(N, lower=True)
-        except LinAlgError:
-            return np.zeros(count), N, np.inf
-        c = cho_solve_banded((factor, True), self.right)
-        left = self.total - float(self.right @ c)
-        likelihood = left + 2.0 * float(np.sum(np.log(factor[0]))) + 2.0 * (count - _FREE) * np.log(curvature)
-        return c, N, likelihood
-
-
 def estimate(points: SurfacePoints, origin: FloatArray, grid: Mesh) -> GridSurface:
     """Return the surface of least squares over a grid, with its covariance by sigmas given."""
     xy, z = points.position[:, :2] - origin, points.position[:, 2]
@@ -258,14 +235,10 @@ def estimate(points: SurfacePoints, origin: FloatArray, grid: Mesh) -> GridSurfa
         weight = 1.0 / points.height_variance(gradient)
         matrix, above = at.matrix(grid.count), z - level  # about a level, lest large heights lose digits
         weighted = matrix.multiply(weight[:, None]).tocsr()
-        normals = _Normals(
-            grid=grid,
-            bands=banded((matrix.T @ weighted).tocsr(), bandwidth(len(grid.y))),
-            right=np.asarray(weighted.T @ above),
-            total=float(weight @ np.square(above)),
-        )
-        curvature = _likeliest(normals) if grid.curvature is None else grid.curvature
-        c, N, _ = normals.solve(curvature)
+        bands, right = banded((matrix.T @ weighted).tocsr(), bandwidth(len(grid.y))), np.asarray(weighted.T @ above)
+        solve = partial(_solved, grid, bands, right, float(weight @ np.square(above)))
+        curvature = _likeliest(solve, grid.spacing) if grid.curvature is None else grid.curvature
+        c, N, _ = solve(curvature)
         gradient = np.column_stack([np.sum(slope.factor * c[slope.index], axis=1) for slope in slopes])
     return GridSurface(
         origin=origin,
@@ -278,17 +251,34 @@ def estimate(points: SurfacePoints, origin: FloatArray, grid: Mesh) -> GridSurfa
     )
 
 
-def _likeliest(normals: _Normals) -> float:
+def _solved(
+    grid: Mesh, bands: FloatArray, right: FloatArray, total: float, curvature: float
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return the coefficients, the normals with curvature, and -2 log likelihood but for a constant.
+
+    From the normals of the heights alone, in bands, their right side, and the sum of squares of the heights.
+    """
+    from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded  # heavy
+
+    N = bands + grid.stiffness / curvature**2
+    try:
+        factor = cholesky_banded(N, lower=True)
+    except LinAlgError:
+        return np.zeros(grid.count), N, np.inf
+    c = cho_solve_banded((factor, True), right)
+    logs = 2.0 * float(np.sum(np.log(factor[0]))) + 2.0 * (grid.count - _FREE) * np.log(curvature)
+    return c, N, total - float(right @ c) + logs
+
+
+def _likeliest(solve: Callable[[float], tuple[FloatArray, FloatArray, float]], spacing: float) -> float:
     """Return the sigma of curvature under which the heights are most likely."""
     from scipy.optimize import minimize_scalar  # heavy
 
     def minus_log(decade: float) -> float:
-        return normals.solve(10.0**decade)[2]
+        return solve(10.0**decade)[2]
 
-    scale = -np.log10(
-        normals.grid.spacing
-    )  # a wave of one spacing, a thousandth of it high, has a curvature of that order
-    coarse = np.arange(_SIGMAS[0], _SIGMAS[1] + 0.1, 0.5) + scale
+    # a wave of one spacing, a thousandth of it high, has a curvature of the order of its inverse
+    coarse = np.arange(_SIGMAS[0], _SIGMAS[1] + 0.1, 0.5) - np.log10(spacing)
     best = int(np.argmin([minus_log(decade) for decade in coarse]))
     low, high = coarse[max(best - 1, 0)], coarse[min(best + 1, len(coarse) - 1)]
     minimum = minimize_scalar(minus_log, bounds=(low, high), method="bounded", options={"xatol": 0.01})

@@ -65,14 +65,6 @@ def mean_spacing(xy: FloatArray) -> float:
     return float(np.sqrt(extent[0] * extent[1] / len(xy)))
 
 
-def nearest_spacing(xy: FloatArray) -> float:
-    """Return the median distance (m) of places (n, 2) from the nearest other one."""
-    from scipy.spatial import cKDTree  # heavy
-
-    distance, _ = cKDTree(xy).query(xy, k=2)
-    return float(np.median(np.asarray(distance)[:, 1]))
-
-
 def lattice(xy: FloatArray) -> FloatArray:
     """Return the wave vectors (m, 2) rad/m along which places (n, 2) repeat: none unless they are regular.
 

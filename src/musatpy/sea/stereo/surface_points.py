@@ -12,7 +12,6 @@ from typing import Protocol
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.geometry.collinearity import nearest_point
 from musatpy.geometry.similarity import spread
 from musatpy.refraction.surface import Surface
 
@@ -34,6 +33,11 @@ class SurfacePoints:
         if n and not (np.linalg.eigvalsh(self.covariance)[:, 0] > 0.0).all():
             raise ValueError("the covariance of a surface point is not positive")
 
+    def some(self, kept: BoolArray) -> SurfacePoints:
+        """Return the points of a mask (n,)."""
+        ids = tuple(name for name, keep in zip(self.ids, kept.tolist(), strict=True) if keep)
+        return SurfacePoints(ids=ids, position=self.position[kept], covariance=self.covariance[kept])
+
     def height_variance(self, gradient: FloatArray) -> FloatArray:
         """Return (n,) m2 the variances of heights above a surface of gradients (n, 2): its slope tells on them."""
         normal = np.column_stack([-gradient, np.ones(len(gradient))])
@@ -52,13 +56,6 @@ def intersection_covariance(cameras: FloatArray, points: FloatArray, sigma: floa
     across = np.eye(3) - u[..., :, None] * u[..., None, :]
     normal = np.sum(across / np.square(sigma * distance)[..., None, None], axis=1)
     return np.linalg.inv(normal)
-
-
-def intersected(ids: tuple[str, ...], cameras: FloatArray, direction: FloatArray, sigma: float) -> SurfacePoints:
-    """Return the points where unit image rays (k, n, 3) of cameras (k, 3) meet in air; sigma as above."""
-    rays = np.swapaxes(direction, 0, 1)
-    position = nearest_point(np.broadcast_to(cameras, rays.shape), rays)
-    return SurfacePoints(ids=ids, position=position, covariance=intersection_covariance(cameras, position, sigma))
 
 
 class FittedSurface(Protocol):
@@ -152,14 +149,6 @@ class KeptPoints:
         """Return that all points are kept."""
         return cls(kept=np.ones(count, dtype=bool), residual=np.zeros(count), ratio=np.zeros(count))
 
-    def without(self, bad: BoolArray, residual: FloatArray, ratio: FloatArray) -> KeptPoints:
-        """Return the points without some more."""
-        return KeptPoints(
-            kept=self.kept & ~bad,
-            residual=np.where(bad, residual, self.residual),
-            ratio=np.where(bad, ratio, self.ratio),
-        )
-
 
 Fit = Callable[[BoolArray], FittedSurface]
 
@@ -185,5 +174,10 @@ def _rejecting(points: SurfacePoints, fit: Fit, judged: KeptPoints, critical: fl
         bad = judged.kept & (ratio > critical)
         if not bad.any():
             break
-        judged = judged.without(bad & (ratio >= _TOGETHER * ratio[bad].max()), misfit.residual, ratio)
+        bad &= ratio >= _TOGETHER * ratio[bad].max()
+        judged = KeptPoints(
+            kept=judged.kept & ~bad,
+            residual=np.where(bad, misfit.residual, judged.residual),
+            ratio=np.where(bad, ratio, judged.ratio),
+        )
     return judged

@@ -9,9 +9,8 @@ Axes: those of the surface, Z up (m); every array has one row per point.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.collinearity import cross, nearest_point
 from musatpy.geometry.crs import MapPlan
+from musatpy.refraction.apparent import Fault
 from musatpy.refraction.bending import WaveRay, refracted_ray
 from musatpy.sea.stereo.surface_points import FittedSurface
 
@@ -28,40 +28,18 @@ _WIDEST = 20.0  # m: no parallax in air is that of waves
 _STEP = 1e-4  # m, or of a slope: of differences whose third order is far below what is printed
 
 
-class WaterFault(IntEnum):
-    """Why a point has no true position; numbers of `refraction.apparent.Fault` mean the same."""
-
-    NONE = 0
-    NOT_FINITE = 1
-    ABOVE_WATER = 2
-    UNKNOWN_WATER = 8
-    NO_MEETING = 9
-    CAMERA_BELOW = 10
-
-
-REASONS: Mapping[int, str] = {
-    WaterFault.NONE: "",
-    WaterFault.NOT_FINITE: "a coordinate is no number",
-    WaterFault.ABOVE_WATER: "not below the water",
-    WaterFault.UNKNOWN_WATER: "the surface is not known where its rays meet the water",
-    WaterFault.NO_MEETING: "no parallax makes its rays meet under water",
-    WaterFault.CAMERA_BELOW: "not below both cameras",
-}
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PairPoints:
     """True points (n, 3) m with their covariance (n, 3, 3) m2, and the part of it that is the surface's.
 
-    by_apparent (n, 3, 3), by_shape (n, 3, 6): partials by the apparent point, and by height and slopes of the
-    surface where the left ray meets it, and where the right one does; meeting (n, 2, 3): these places; parallax
-    (n,) m in air, by the waves; met (n,): whether the refracted rays were made to meet.
+    by_shape (n, 3, 6): partials by height and slopes of the surface where the left ray meets it, and where the
+    right one does; meeting (n, 2, 3): these places; parallax (n,) m in air, by the waves; met (n,): whether the
+    refracted rays were made to meet.
     """
 
     position: FloatArray
     covariance: FloatArray
     surface_covariance: FloatArray
-    by_apparent: FloatArray
     by_shape: FloatArray
     parallax: FloatArray
     meeting: FloatArray
@@ -115,7 +93,6 @@ def true_points_of_apparent(
         position=X,
         covariance=by_apparent @ covariance @ np.swapaxes(by_apparent, 1, 2) + surface,
         surface_covariance=surface,
-        by_apparent=by_apparent,
         by_shape=by_shape,
         parallax=v,
         meeting=bent.origin,
@@ -200,26 +177,26 @@ def correct(
     if not (C[..., 0, :] != C[..., 1, :]).any():
         raise ValueError("both cameras are at one place")
     fault = np.zeros(n, dtype=np.int8)
-    fault[A[:, 2] >= fitted.surface.relief(A[:, :2]).height] = WaterFault.ABOVE_WATER
-    fault[A[:, 2] >= C[..., 2].min(axis=-1)] = WaterFault.CAMERA_BELOW
+    fault[A[:, 2] >= fitted.surface.relief(A[:, :2]).height] = Fault.ABOVE_WATER
+    fault[A[:, 2] >= C[..., 2].min(axis=-1)] = Fault.CAMERA_BELOW
     position, sigma = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
     surface_sigma, parallax = np.full(n, np.nan), np.full(n, np.nan)
-    below = np.flatnonzero(fault == WaterFault.NONE)
+    below = np.flatnonzero(fault == Fault.NONE)
     for wet, true in _true_points(fitted, C, A, covariance, index, below):
         if true is None:
-            fault[wet] = WaterFault.NO_MEETING
+            fault[wet] = Fault.NO_MEETING
             continue
         covered = fitted.covers(true.meeting[..., :2]).all(axis=1)
-        met = np.where(true.met, WaterFault.NONE, WaterFault.NO_MEETING)
-        fault[wet] = np.where(covered, met, WaterFault.UNKNOWN_WATER)
-        good = fault[wet] == WaterFault.NONE
+        met = np.where(true.met, Fault.NONE, Fault.NO_MEETING)
+        fault[wet] = np.where(covered, met, Fault.UNKNOWN_WATER)
+        good = fault[wet] == Fault.NONE
         rows = wet[good]
         position[rows] = true.position[good] + shift
         sigma[rows] = true.sigma[good]
         surface_sigma[rows] = np.sqrt(true.surface_covariance[good, 2, 2])
         parallax[rows] = true.parallax[good]
     if plan is not None:
-        good = fault == WaterFault.NONE
+        good = fault == Fault.NONE
         position[good] = plan.settled(position[good], apparent[good])
     return SeenThroughWaves(
         position=position, sigma=sigma, surface_sigma=surface_sigma, parallax=parallax, fault=fault
