@@ -161,11 +161,10 @@ def test_a_photo_sees_points_along_its_heading() -> None:
 def test_what_stands_on_cards(path: str, tables: dict[str, Any], expected: Any) -> None:
     simulation = local_strip(**tables)
     found = reduce(getattr, path.split("."), simulation.block)
-    if isinstance(expected, list) and expected and isinstance(expected[0], str):
+    if not np.issubdtype(np.asarray(found).dtype, np.number):
         assert found.tolist() == expected
     else:
         np.testing.assert_allclose(found, expected, rtol=1e-12)  # arc seconds are radians
-    assert deck_bytes(read_deck(deck_bytes(simulation.block))) == deck_bytes(simulation.block)
 
 
 def test_options_go_into_the_deck() -> None:
@@ -174,7 +173,8 @@ def test_options_go_into_the_deck() -> None:
         "water_tilt": "ADJUST", "water_index": "ADJUST", "datum": "FREE", "editing": "LIST",
         "refraction": "RIGOROUS",
     }  # fmt: skip
-    simulation = local_strip(options=keys, water={"group_size": 2}, flight={"strips": 2})
+    control = [{"kind": "full", "number": 4, "sigma": 0.1}]
+    simulation = local_strip(options=keys, water={"group_size": 2}, shoal=[{"share": 0.5}], control=control)
     options = read_deck(deck_bytes(simulation.block)).options
     assert {name: getattr(options, name) for name in keys} == keys
 
