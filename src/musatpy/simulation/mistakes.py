@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sized
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
-from musatpy.simulation.simulation_spec import ControlBlunders, SimulationSpec
+from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.simulation.true_images import TrueImages
 from musatpy.specs import Pair
 
@@ -39,53 +40,38 @@ def mixed_names(spec: SimulationSpec, images: TrueImages, sound: BoolArray, draw
     Only measurements that are `sound` (m,) otherwise are hit, and no point has a part in two mistakes. Raises
     `SpecError` where there are not enough of them.
     """
-    named = images.point.copy()
-    free = np.ones(int(images.point.max(initial=-1)) + 1, dtype=bool)
-    swapped = _swapped(spec.blunders.swapped, images, sound, free, draws)
-    named[swapped] = images.point[swapped[:, ::-1]]
-    misnamed = _misnamed(spec.blunders.misnamed, images, named, sound, free, draws)
-    return Names(point=named, swapped=swapped, misnamed=misnamed)
+    named, taken = images.point.copy(), np.zeros(int(images.point.max(initial=-1)) + 1, dtype=bool)
+    swapped: list[tuple[int, int]] = []
+    misnamed: list[int] = []
 
+    def rows(stream: str, number: int, hit: Sized) -> Iterator[int]:
+        """Yield sound measurements in any order, of points without a part in a mistake, until so many are hit."""
+        for row in np.argsort(draws.uniform(stream, len(sound)), kind="stable").tolist() if number else ():
+            if len(hit) < number and sound[row] and not taken[images.point[row]]:
+                yield row
 
-def _swapped(number: int, images: TrueImages, sound: BoolArray, free: BoolArray, draws: Draws) -> IntArray:
-    """Return pairs of measurements (number, 2) of one photo; their points are not `free` any more."""
-    pairs: list[tuple[int, int]] = []
-    for row in _any_order(draws, "swapped names", len(sound)) if number else ():
-        if len(pairs) == number:
-            break
-        if sound[row] and free[images.point[row]]:
-            candidates = sound & free[images.point] & (images.photo == images.photo[row])
-            partners = np.setdiff1d(np.flatnonzero(candidates), row)
-            if len(partners):
-                partner = int(partners[int(draws.uniform("swap partners", 1)[0] * len(partners))])
-                pairs.append((min(row, partner), max(row, partner)))
-                free[images.point[[row, partner]]] = False
-    _require(number, len(pairs), "swapped", "pairs of images")
-    return np.array(sorted(pairs), dtype=int).reshape(-1, 2)
+    def drawn(stream: str, others: IntArray) -> int:
+        return int(others[int(draws.uniform(stream, 1)[0] * len(others))])
 
-
-def _misnamed(
-    number: int, images: TrueImages, named: IntArray, sound: BoolArray, free: BoolArray, draws: Draws
-) -> IntArray:
-    """Return measurements (number,) and put the names of points that their photos lack into `named` (m,)."""
-    rows: list[int] = []
-    for row in _any_order(draws, "misnamed", len(sound)) if number else ():
-        if len(rows) == number:
-            break
-        if sound[row] and free[images.point[row]]:
-            here = images.point[images.photo == images.photo[row]]
-            elsewhere = np.unique(images.point[sound & free[images.point]])
-            others = np.setdiff1d(elsewhere, here)
-            if len(others):
-                named[row] = others[int(draws.uniform("names taken", 1)[0] * len(others))]
-                rows.append(row)
-                free[[images.point[row], named[row]]] = False
-    _require(number, len(rows), "misnamed", "images")
-    return np.sort(np.array(rows, dtype=int))
-
-
-def _any_order(draws: Draws, stream: str, number: int) -> list[int]:
-    return [int(row) for row in np.argsort(draws.uniform(stream, number), kind="stable")]
+    for row in rows("swapped names", spec.blunders.swapped, swapped):
+        here = sound & ~taken[images.point] & (images.photo == images.photo[row])
+        partners = np.setdiff1d(np.flatnonzero(here), row)
+        if len(partners):
+            pair = sorted((row, drawn("swap partners", partners)))
+            swapped.append((pair[0], pair[1]))
+            taken[images.point[pair]] = True
+            named[pair] = images.point[pair[::-1]]
+    for row in rows("misnamed", spec.blunders.misnamed, misnamed):
+        here = images.point[images.photo == images.photo[row]]
+        others = np.setdiff1d(np.unique(images.point[sound & ~taken[images.point]]), here)
+        if len(others):
+            named[row] = drawn("names taken", others)
+            misnamed.append(row)
+            taken[[images.point[row], named[row]]] = True
+    _require(spec.blunders.swapped, len(swapped), "swapped", "pairs of images")
+    _require(spec.blunders.misnamed, len(misnamed), "misnamed", "images")
+    pairs = np.array(sorted(swapped), dtype=int).reshape(-1, 2)
+    return Names(point=named, swapped=pairs, misnamed=np.sort(np.array(misnamed, dtype=int)))
 
 
 def _require(asked: int, had: int, field: str, what: str) -> None:
@@ -105,17 +91,10 @@ def gross_control(spec: SimulationSpec, known: BoolArray, draws: Draws) -> Float
         candidates = np.flatnonzero(free & known[:, component])
         _require(table.number, len(candidates), f"control[{i}]", f"{table.component} control points")
         hit = candidates[draws.pick("control blunders", len(candidates), table.number)]
-        gross[hit] = _control_errors(table, draws)
+        size = drawn_sizes(draws, "control blunder sizes", table.number, table.size, table.log)
+        turn = 2.0 * np.pi * draws.uniform("control blunder directions", table.number)
+        flat = [size * np.sin(turn), size * np.cos(turn), 0.0 * turn]
+        upright = [0.0 * turn, 0.0 * turn, np.where(turn < np.pi, -size, size)]
+        gross[hit] = np.round(np.column_stack(flat if component == 0 else upright), _ERROR_DECIMALS)
         free[hit] = False
     return gross
-
-
-def _control_errors(table: ControlBlunders, draws: Draws) -> FloatArray:
-    size = drawn_sizes(draws, "control blunder sizes", table.number, table.size, table.log)
-    turn = draws.uniform("control blunder directions", table.number)
-    if table.component == "vertical":
-        error = np.column_stack([0.0 * turn, 0.0 * turn, np.where(turn < 0.5, -size, size)])
-    else:
-        azimuth = 2.0 * np.pi * turn
-        error = np.column_stack([size * np.sin(azimuth), size * np.cos(azimuth), 0.0 * turn])
-    return np.round(error, _ERROR_DECIMALS)
