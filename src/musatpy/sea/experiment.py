@@ -8,7 +8,7 @@ plate coordinates and back. Model axes: x along the flight, y across it, z up, m
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,28 +63,17 @@ def run(experiment: Experiment) -> MappingErrors:
         dry = experiment.surface.relief(experiment.points[:, :2], time).height <= experiment.points[:, 2]
         if dry.any():
             raise ValueError(f"point {int(np.argmax(dry)) + 1} stands above the water in a trough")
-    parts = [_part(experiment, start) for start in range(0, len(experiment.points), _PART)]
-    return MappingErrors(
-        **{
-            field.name: np.concatenate([getattr(part, field.name) for part in parts])
-            for field in fields(MappingErrors)
-        }
-    )
-
-
-def _part(experiment: Experiment, start: int) -> MappingErrors:
-    points, cameras = experiment.points[start : start + _PART], experiment.cameras[:, None, :]
-    rays = fermat.incidence(experiment.surface, cameras, points, experiment.index, experiment.times[:, None])
-    air = rays.v / np.linalg.norm(rays.v, axis=-1, keepdims=True)
-    bent = bending.refracted_ray(PlanarSurface(level=experiment.level), cameras, air, experiment.index)
-    mapped, parallax = intersect(bent.origin, bent.direction)
-    return MappingErrors(
-        points=points,
-        error=mapped - points,
-        parallax=parallax,
-        number=rays.number.T,
-        complete=rays.complete.T,
-    )
+    cameras, times = experiment.cameras[:, None, :], experiment.times[:, None]
+    parts = []
+    for start in range(0, len(experiment.points), _PART):
+        points = experiment.points[start : start + _PART]
+        rays = fermat.incidence(experiment.surface, cameras, points, experiment.index, times)
+        air = rays.v / np.linalg.norm(rays.v, axis=-1, keepdims=True)
+        bent = bending.refracted_ray(PlanarSurface(level=experiment.level), cameras, air, experiment.index)
+        mapped, parallax = intersect(bent.origin, bent.direction)
+        parts.append((points, mapped - points, parallax, rays.number.T, rays.complete.T))
+    points, error, parallax, number, complete = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return MappingErrors(points=points, error=error, parallax=parallax, number=number, complete=complete)
 
 
 def intersect(origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -218,12 +207,9 @@ def study(spec: WaveSpec, file: str | None = None) -> WaveStudy:
 def theory_of(spec: WaveSpec) -> LinearWave:
     """Return the waves (k,) of a spec at its depth, by linear theory."""
     water = spec.water
-    period = [wave.period for wave in spec.wave]
-    plain = linear_wave(period, water.depth, gravity=water.gravity)
-    deep = linear_wave(
-        period, water.depth, deep_height=[wave.deep_height or 0.0 for wave in spec.wave], gravity=water.gravity
-    )
-    return replace(plain, height=_given_or([wave.height for wave in spec.wave], deep.height))
+    period, height = [wave.period for wave in spec.wave], [wave.deep_height or 0.0 for wave in spec.wave]
+    theory = linear_wave(period, water.depth, deep_height=height, gravity=water.gravity)
+    return replace(theory, height=_given_or([wave.height for wave in spec.wave], theory.height))
 
 
 def lengths_and_speeds(spec: WaveSpec) -> tuple[FloatArray, FloatArray]:
@@ -241,20 +227,19 @@ def surface_of(spec: WaveSpec) -> Surface:
     """Return the waves of a spec, about the mean level 0; time 0 is the left exposure. Raises `ValueError`."""
     length, speed = lengths_and_speeds(spec)
     amplitude = theory_of(spec).height / 2.0
-    return superposed(
-        *(
-            wave_surface(
-                Shape(wave.shape),
-                amplitude=float(A),
-                length=float(L),
-                azimuth=wave.azimuth * DEGREE,
-                speed=float(v),
-                crest=wave.crest,
-                depth=spec.water.depth,
-            )
-            for wave, A, L, v in zip(spec.wave, amplitude, length, speed, strict=True)
+    waves = [
+        wave_surface(
+            Shape(wave.shape),
+            amplitude=float(A),
+            length=float(L),
+            azimuth=wave.azimuth * DEGREE,
+            speed=float(v),
+            crest=wave.crest,
+            depth=spec.water.depth,
         )
-    )
+        for wave, A, L, v in zip(spec.wave, amplitude, length, speed, strict=True)
+    ]
+    return superposed(*waves)
 
 
 def experiment(spec: WaveSpec, start: float = 0.0) -> Experiment:
@@ -281,10 +266,9 @@ def _spread(spec: WaveSpec, errors: MappingErrors) -> ErrorSizes:
 
 
 def _studies(spec: WaveSpec) -> list[Trials]:
-    wanted = spec.study
-    first, *others = spec.wave
+    wanted, (first, *others) = spec.study, spec.wave
     longest = max(wave.period for wave in spec.wave)
-    starts = tuple(longest * i / wanted.phases for i in range(wanted.phases))
+    starts = [longest * i / wanted.phases for i in range(wanted.phases)]
     kinds: list[tuple[str, str, tuple[float, ...], Callable[[float], WaveSpec]]] = [
         ("Depth", "m", wanted.depths, lambda depth: replace(spec, water=replace(spec.water, depth=depth))),
         ("Period", "s", wanted.periods, lambda T: replace(spec, wave=(replace(first, period=T), *others))),

@@ -114,7 +114,7 @@ class Collocation:
     """
 
     def __init__(self, observed: Observed, covariance: Covariance, trend: Trend = Trend.CONSTANT) -> None:
-        from scipy.linalg import cho_factor, cho_solve, solve_triangular
+        from scipy.linalg import cho_factor, solve_triangular
 
         count = len(observed.value)
         check_count(count, trend)
@@ -136,7 +136,6 @@ class Collocation:
         self.coefficients = np.asarray(np.linalg.solve(self._N, self._A.T @ white), dtype=float)  # of the trend
         residual = white - self._A @ self.coefficients
         self._weights = solve_triangular(self._L, residual, lower=True, trans="T", check_finite=False)
-        self._cho_solve = cho_solve
 
     def predict(self, place: FloatArray) -> Prediction:
         """Return value and sigma of trend and signal at places (m, 2), in blocks of bounded memory."""
@@ -176,8 +175,10 @@ class Collocation:
     @cached_property
     def cross_validation(self) -> CrossValidation:
         """Each control point predicted from all others, the covariance held."""
-        inverse = self._cho_solve((self._L, True), np.eye(len(self._L)), overwrite_b=True, check_finite=False)
-        B = self._cho_solve((self._L, True), self.observed.trend_rows(self.trend))
+        from scipy.linalg import cho_solve
+
+        inverse = cho_solve((self._L, True), np.eye(len(self._L)), overwrite_b=True, check_finite=False)
+        B = cho_solve((self._L, True), self.observed.trend_rows(self.trend))
         diagonal = np.diag(inverse) - np.einsum("nu,un->n", B, np.linalg.solve(self._N, B.T))
         # P l is what the residuals of the trend weigh: C^-1 (l - A x)
         return CrossValidation(error=self._weights / diagonal, sigma=1.0 / np.sqrt(diagonal))

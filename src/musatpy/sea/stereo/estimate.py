@@ -143,31 +143,29 @@ def fit_fourier(
 
 
 def _fourier_notes(fitted: FourierSurface, result: SurfaceFit) -> tuple[str, ...]:
+    """Return what is doubtful of waves, and which longest other one would look like each at places that repeat."""
     if not fitted.count:
         return ("no wave was found: the surface is its level",)
-    extent = float(np.hypot(*np.ptp(result.points.position[:, :2], axis=0)))
+    extent, repeats = (
+        float(np.hypot(*np.ptp(result.points.position[:, :2], axis=0))),
+        lattice(result.points.position[:, :2]),
+    )
     notes = []
     for number, (_, length, _, _) in enumerate(fitted.described[0], start=1):
         if length < 2.0 * result.spacing:
             notes.append(f"wave {number} is shorter than two mean spacings: an alias of another is possible")
         if length > extent / 2.0:
             notes.append(f"wave {number} is seen over less than two of its lengths: hard to tell from the level")
-    return (*notes, *_alias_notes(fitted, lattice(result.points.position[:, :2])))
-
-
-def _alias_notes(fitted: FourierSurface, repeats: FloatArray) -> list[str]:
-    """Return which longest other wave would look like each that was found, at places that repeat."""
-    notes = []
-    for number, vector in enumerate(fitted.parameters[1:].reshape(-1, fourier.PER_WAVE)[:, 2:], start=1):
-        if len(repeats):
-            other = min(vector + repeats, key=lambda one: float(np.linalg.norm(one)))
-            length, azimuth = 2.0 * np.pi / float(np.linalg.norm(other)), np.arctan2(other[1], other[0]) / DEGREE
-            azimuth -= 180.0 * round(azimuth / 180.0)
-            notes.append(
-                f"the points are a regular grid: at them a wave of {length:.1f} m along {azimuth:.0f} deg "
-                f"looks the same as wave {number}"
-            )
-    return notes
+    vectors = fitted.parameters[1:].reshape(-1, fourier.PER_WAVE)[:, 2:]
+    for number, vector in enumerate(vectors if len(repeats) else (), start=1):
+        other = min(vector + repeats, key=lambda alias: float(np.linalg.norm(alias)))
+        length, azimuth = 2.0 * np.pi / float(np.linalg.norm(other)), np.arctan2(other[1], other[0]) / DEGREE
+        azimuth -= 180.0 * round(azimuth / 180.0)
+        notes.append(
+            f"the points are a regular grid: at them a wave of {length:.1f} m along {azimuth:.0f} deg "
+            f"looks the same as wave {number}"
+        )
+    return tuple(notes)
 
 
 def fit_grid(
