@@ -1,5 +1,7 @@
 """Collocation: against independent formulations, brute force, simulation, and what it is the limit of."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -150,7 +152,7 @@ def test_the_likelihood_is_that_of_contrasts() -> None:
     expected, found = [], []
     for scale in (1.0, 1.3):
         expected.append(-multivariate_normal(np.zeros(17), scale * Q.T @ C @ Q).logpdf(Q.T @ data.value))
-        blown = Observed(place=data.place, value=data.value, sigma=data.sigma * np.sqrt(scale))
+        blown = replace(data, sigma=data.sigma * np.sqrt(scale))
         likelihood = Likelihood(blown, Trend.PLANE, SignalKind.GAUSSIAN, free_noise=True)
         scaled = Covariance(signal=scale * cov.signal, noise=scale * cov.noise, correlation=cov.correlation)
         found.append(likelihood(unknowns_of(scaled, True))[0])
@@ -178,9 +180,8 @@ def test_covariances_of_a_known_process_are_found_again() -> None:
 def test_an_estimate_comes_near_the_covariance_drawn_from(family: SignalKind) -> None:
     rng, place = np.random.default_rng(21), places(180)
     value = drawn(covariance(family), place, rng) + rng.normal(0.0, 0.1, 180)
-    found = estimate(
-        Observed(place=place, value=value, sigma=np.zeros(180)), Trend.CONSTANT, family, free_noise=True
-    ).covariance
+    data = Observed(place=place, value=value, sigma=np.zeros(180))
+    found = estimate(data, Trend.CONSTANT, family, free_noise=True).covariance
     # noise from 180 points: 1 / sqrt(360) of it; lengths and waves from some ten patches
     assert found.noise**0.5 == pytest.approx(0.1, rel=0.2)
     assert np.exp(found.correlation.parameters[0]) == pytest.approx(
@@ -223,13 +224,11 @@ def test_sigmas_given_are_used_without_noise() -> None:
     found = interpolate(data, InterpolationOptions(free_noise=False, families=(SignalKind.GAUSSIAN,)))
     assert found.best.estimate.covariance.noise == 0.0
     weak = np.where(np.arange(40) == 0, 5.0, 0.02)
-    spoiled = Observed(place=data.place, value=data.value + 3.0 * (np.arange(40) == 0), sigma=weak)
+    spoiled = replace(data, value=data.value + 3.0 * (np.arange(40) == 0), sigma=weak)
     at = places(50, seed=3)
     first, second = (Collocation(one, found.best.estimate.covariance).predict(at).value for one in (data, spoiled))
     rest = Collocation(data.rows(np.arange(40) > 0), found.best.estimate.covariance).predict(at).value
-    assert (
-        np.abs(second - rest).max() < 0.01 < np.abs(first - 0.0).max()
-    )  # a point of 5 m counts for next to nothing
+    assert np.abs(second - rest).max() < 0.01 < np.abs(first).max()  # a point of 5 m counts for next to nothing
 
 
 def test_control_points_that_are_measured_twice_are_no_error() -> None:
@@ -244,16 +243,13 @@ def test_control_points_that_are_measured_twice_are_no_error() -> None:
     assert np.isfinite(found.grouped.rms)
 
 
-def gross_errors(data: Observed) -> Observed:
-    return Observed(place=data.place, value=data.value + 2.0 * (np.arange(len(data.value)) == 7), sigma=data.sigma)
-
-
 @pytest.mark.slow
 def test_outliers_go_only_where_they_may() -> None:
-    options = {"families": (SignalKind.GAUSSIAN,)}
-    found = interpolate(gross_errors(observed(60)), InterpolationOptions(**options))
+    data, only = observed(60), (SignalKind.GAUSSIAN,)
+    wrong = replace(data, value=data.value + 2.0 * (np.arange(60) == 7))
+    found = interpolate(wrong, InterpolationOptions(families=only))
     assert np.flatnonzero(~found.used).tolist() == [7] and found.outliers[0].error > 0.0
-    assert interpolate(gross_errors(observed(60)), InterpolationOptions(reject=False, **options)).used.all()
+    assert interpolate(wrong, InterpolationOptions(reject=False, families=only)).used.all()
 
 
 @pytest.mark.parametrize(

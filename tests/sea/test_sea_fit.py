@@ -1,5 +1,6 @@
 """Water surfaces estimated from points on them: truth without noise, covariance, partials, rejection, coverage."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -21,6 +22,12 @@ SIGMA = 5e-3 / 152.0  # rad: 5 um
 
 def places(count: int, seed: int = 1, low: tuple = (0.0, -330.0), high: tuple = (330.0, 330.0)) -> np.ndarray:
     return np.random.default_rng(seed).uniform(low, high, (count, 2))
+
+
+def bare(position: np.ndarray, covariance: np.ndarray | None = None) -> SurfacePoints:
+    ids = tuple(map(str, range(len(position))))
+    given = np.tile(np.eye(3), (len(ids), 1, 1)) if covariance is None else covariance
+    return SurfacePoints(ids=ids, position=position, covariance=given)
 
 
 def points_on(sea: Harmonic, count: int, noise: float = 0.0, seed: int = 1) -> SurfacePoints:
@@ -88,14 +95,8 @@ def test_sigmas_of_what_describes_waves() -> None:
     C = np.diag([1.0, 2.0, 3.0, 1e-4, 2e-4]) + 1e-6
     make = partial(FourierSurface, origin=np.zeros(2), covariance=C, area=np.zeros((2, 2)))
     step = 1e-7
-    J = np.stack(
-        [
-            (make(parameters=q + step * e).described[0] - make(parameters=q - step * e).described[0])[0]
-            / (2 * step)
-            for e in np.eye(5)
-        ],
-        axis=-1,
-    )
+    ends = [[make(parameters=q + sign * step * e).described[0][0] for sign in (1, -1)] for e in np.eye(5)]
+    J = np.stack([(after - before) / (2 * step) for after, before in ends], axis=-1)
     expected = np.sqrt(np.diag(J @ C @ J.T))
     np.testing.assert_allclose(make(parameters=q).described[1][0], expected, rtol=1e-6)  # differences by 1e-7
 
@@ -122,8 +123,7 @@ def test_an_alias_is_not_preferred_on_a_regular_grid(length: float) -> None:
     xy = np.column_stack([x.reshape(-1), y.reshape(-1)])
     sea = sinusoidal(amplitude=0.4, length=length, azimuth=1.4)
     position = np.column_stack([xy, sea.relief(xy).height])
-    covariance = np.tile(0.02**2 * np.eye(3), (len(xy), 1, 1))
-    fit = fit_fourier(SurfacePoints(ids=tuple(map(str, range(len(xy)))), position=position, covariance=covariance))
+    fit = fit_fourier(bare(position, np.tile(0.02**2 * np.eye(3), (len(xy), 1, 1))))
     assert isinstance(fit.fitted, FourierSurface)
     np.testing.assert_allclose(fit.fitted.described[0][:, 1], [length], rtol=1e-6)  # sigmas are 1e-3 of it
     kx, ky = 2.0 * np.pi / length * np.array([np.cos(1.4), np.sin(1.4)])
@@ -137,7 +137,7 @@ def test_one_point_far_off_is_noted() -> None:
     good = points_on(SEA, 60)
     position = good.position.copy()
     position[0, :2] = -1e5
-    far = SurfacePoints(ids=good.ids, position=position, covariance=good.covariance)
+    far = replace(good, position=position)
     assert not any("far off" in note for note in fit_fourier(good).notes)
     assert any("far off" in note for note in fit_fourier(far, most=0).notes)
 
@@ -177,14 +177,11 @@ def test_the_grid_agrees_with_dense_least_squares() -> None:
     found = estimate(points, origin, grid)
     nodes = splines.node_places(grid.x, grid.y)
     weight = 1.0 / np.sqrt(points.covariance[:, 2, 2])
-    A = np.concatenate(
-        [
-            splines.rows(grid.x, grid.y, xy).matrix(grid.count).toarray() * weight[:, None],
-            splines.rows(grid.x, grid.y, nodes, 2, 0).matrix(grid.count).toarray() / curvature,
-            splines.rows(grid.x, grid.y, nodes, 0, 2).matrix(grid.count).toarray() / curvature,
-            splines.rows(grid.x, grid.y, nodes, 1, 1).matrix(grid.count).toarray() * np.sqrt(2.0) / curvature,
-        ]
-    )
+    bent = [
+        splines.rows(grid.x, grid.y, nodes, *order).matrix(grid.count).toarray() * factor / curvature
+        for order, factor in (((2, 0), 1.0), ((0, 2), 1.0), ((1, 1), np.sqrt(2.0)))
+    ]
+    A = np.concatenate([splines.rows(grid.x, grid.y, xy).matrix(grid.count).toarray() * weight[:, None], *bent])
     c = np.linalg.lstsq(A, np.concatenate([z * weight, np.zeros(3 * grid.count)]), rcond=None)[0]
     C = np.linalg.inv(A.T @ A)
     # normal equations lose the square of the condition, 1e4 here, of 16 digits; what is left of a slope of 1e-6 in
@@ -195,17 +192,14 @@ def test_the_grid_agrees_with_dense_least_squares() -> None:
 
 def only_in_height(points: SurfacePoints) -> SurfacePoints:
     """Return the points with next to no errors in plan, so that the slope has no say in their weights."""
-    covariance = points.covariance[:, 2, 2][:, None, None] * np.diag([1e-12, 1e-12, 1.0])
-    return SurfacePoints(ids=points.ids, position=points.position, covariance=covariance)
+    return replace(points, covariance=points.covariance[:, 2, 2][:, None, None] * np.diag([1e-12, 1e-12, 1.0]))
 
 
 @pytest.mark.slow
 def test_a_hole_among_the_points_is_a_hole_of_the_surface() -> None:
     points = points_on(SEA, 500)
     away = np.hypot(*(points.position[:, :2] - [165.0, 100.0]).T) > 60.0
-    ids = tuple(np.array(points.ids)[away].tolist())
-    holed = SurfacePoints(ids=ids, position=points.position[away], covariance=points.covariance[away])
-    fitted = fit_grid(holed).fitted
+    fitted = fit_grid(points.some(away)).fitted
     centre, side = np.array([165.0, 100.0]) - fitted.origin, np.array([165.0, -200.0]) - fitted.origin
     assert not fitted.covers(centre) and fitted.covers(side)
     sigma = height_sigma(fitted, np.stack([centre, side]))
@@ -222,7 +216,7 @@ def test_gross_errors_are_rejected_with_their_reason(model) -> None:
     position = clean.position.copy()
     bad = {10: 0.9, 77: -2.5, 200: 6.0}
     position[list(bad), 2] += list(bad.values())
-    fit = model(SurfacePoints(ids=clean.ids, position=position, covariance=clean.covariance))
+    fit = model(replace(clean, position=position))
     assert set(bad) <= set(fit.reasons)
     assert len(fit.reasons) <= len(bad) + 3  # a good point in a thousand goes too
     assert "times its sigma, allowed 3.29" in fit.reasons[77]
@@ -238,18 +232,11 @@ def test_gross_errors_are_rejected_with_their_reason(model) -> None:
 def test_a_height_of_no_water_goes_before_the_fit(model, height: float) -> None:
     good = points_on(SEA, 120, noise=1.0)
     position, covariance = good.position.copy(), good.covariance.copy()
-    position[[7, 40]] = [
-        [100.0, 20.0, height],
-        [1e8, -1e8, -height],
-    ]  # near its place, or the rays all but parallel
+    # near its place, or the rays all but parallel
+    position[[7, 40]] = [[100.0, 20.0, height], [1e8, -1e8, -height]]
     covariance[40] *= 1e16  # that an intersection far away has, and the surface could always follow
-    fit = model(SurfacePoints(ids=good.ids, position=position, covariance=covariance))
-    rest = [row for row in range(120) if row not in (7, 40)]
-    alone = model(
-        SurfacePoints(
-            ids=tuple(good.ids[row] for row in rest), position=good.position[rest], covariance=good.covariance[rest]
-        )
-    )
+    fit = model(replace(good, position=position, covariance=covariance))
+    alone = model(good.some(~np.isin(np.arange(120), (7, 40))))
     xy = places(20, 9, (30.0, -300.0), (300.0, 300.0)) - fit.fitted.origin
     np.testing.assert_array_equal(shape_of(fit.fitted.surface, xy), shape_of(alone.fitted.surface, xy))
     assert fit.rejected[2:] == alone.rejected
@@ -267,7 +254,7 @@ def test_good_points_high_seas_and_coarse_heights_stay() -> None:
     good = points_on(SEA, 120)
     wide = np.tile(np.diag([40.0, 40.0, 40.0]) ** 2, (120, 1, 1))
     noise = np.random.default_rng(5).normal(0.0, 40.0, 120)
-    coarse = SurfacePoints(ids=good.ids, position=good.position + noise[:, None] * [0, 0, 1], covariance=wide)
+    coarse = replace(good, position=good.position + noise[:, None] * [0, 0, 1], covariance=wide)
     assert fit_fourier(coarse, most=0).rejected == ()
 
 
@@ -289,15 +276,6 @@ def test_covariance_of_intersected_points_is_that_of_repeated_measurement() -> N
 
 
 LINE = np.column_stack([np.arange(9.0), 5.0 - 2.0 * np.arange(9.0), np.zeros(9)])
-
-
-def bare(position: np.ndarray, covariance: np.ndarray | None = None) -> SurfacePoints:
-    ids = tuple(map(str, range(len(position))))
-    return SurfacePoints(
-        ids=ids,
-        position=position,
-        covariance=np.tile(np.eye(3), (len(ids), 1, 1)) if covariance is None else covariance,
-    )
 
 
 @pytest.mark.parametrize(

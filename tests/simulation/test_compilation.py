@@ -70,6 +70,10 @@ def test_the_truth_comes_back_without_errors(exact: tuple[Simulation, Compiled])
     wet = result.submerged
     assert wet.sum() == 3 * 133 and (~wet).sum() == 30
     assert np.nanmin(result.points.depth) < 3.0 and np.nanmax(result.points.depth) > 28.0
+    soundings = simulated(sounding_error=0.0, soundings=7).compiled.soundings
+    rows = list(csv.DictReader(StringIO(soundings)))
+    assert len(rows) == 7 and set(rows[0]) == {"name", "lat", "lon", "depth", "sigma"}
+    assert all(1.0 - 1e-3 < float(row["depth"]) < 30.0 + 1e-3 for row in rows)
 
 
 def test_an_operator_above_the_bottom_reads_it_too_shallow(exact: tuple[Simulation, Compiled]) -> None:
@@ -77,9 +81,7 @@ def test_an_operator_above_the_bottom_reads_it_too_shallow(exact: tuple[Simulati
     simulation, result = exact
     assert simulation.compiled is not None
     deck = simulation.compiled.deck
-    shift = np.array(
-        [[0.0, 0.0], [-0.010, 0.0]]
-    )  # mm: a point that rises moves against the flight on the right photo
+    shift = np.array([[0.0, 0.0], [-0.010, 0.0]])  # mm: what rises moves against the flight on the right photo
     stages = replace(deck.stages, xy=deck.stages.xy + shift)
     biased = compiled(of_solution(adjust(simulation.block)), replace(deck, stages=stages))
     up = errors(biased, simulation)[:, 2] - errors(result, simulation)[:, 2]
@@ -87,14 +89,6 @@ def test_an_operator_above_the_bottom_reads_it_too_shallow(exact: tuple[Simulati
     dry = 2970.0**2 / base / 152.0 * 0.010  # over land of 30 m
     assert np.median(up[~result.submerged]) == pytest.approx(dry, rel=0.05)
     assert np.median(up[result.submerged]) == pytest.approx(1.34 * dry, rel=0.12)
-
-
-def test_soundings_are_of_the_same_bottom() -> None:
-    simulation = simulated(sounding_error=0.0, soundings=7)
-    assert simulation.compiled is not None
-    rows = list(csv.DictReader(StringIO(simulation.compiled.soundings)))
-    assert len(rows) == 7 and set(rows[0]) == {"name", "lat", "lon", "depth", "sigma"}
-    assert all(1.0 - 1e-3 < float(row["depth"]) < 30.0 + 1e-3 for row in rows)
 
 
 @pytest.mark.slow
