@@ -137,6 +137,18 @@ def test_limits() -> None:
     # each camera alone gives n times the apparent depth, to the same order
     assert found.spread[0] < 1e-5
 
+    # no refraction is no factor; at a small angle the factor is the index
+    assert model_factor(300.0, 400.0, 25.0, H_TABLE, B_TABLE, 1.0) == pytest.approx(1.0, abs=1e-15)
+    # the angle is 1e-4: its square over two is what is left
+    assert model_factor(0.1, 0.0, 0.0, 1e3, 0.2, 1.34) == pytest.approx(1.34, rel=1e-8)
+    # along the horizon: between the stations the formula holds; beyond both nothing is to be found
+    low = Stations(position=np.array([[0.0, 0.0, 1.0], [3000.0, 0.0, 1.0]]), level=np.zeros(2))
+    found = true_points(np.array([[1500.0, 0.0, -40.0], [9000.0, 0.0, -40.0]]), low, 1.34)
+    assert found.fault.tolist() == [Fault.NONE, Fault.NO_CONVERGENCE]
+    assert found.factor[0] == pytest.approx(model_factor(1500.0, 0.0, 40.0, 1.0, 3000.0, 1.34), rel=1e-6)
+    with pytest.raises(ValueError, match="station 2 is not above the water"):
+        Stations(position=low.position, level=np.array([0.0, 1.0]))
+
 
 def test_spread_and_incidence() -> None:
     """Below one camera the ray is vertical; the other's factor is that of its own ray."""
@@ -171,19 +183,6 @@ def test_every_fault_has_its_reason() -> None:
     for values in (found.position[:, 2], found.depth, found.factor, found.spread, found.incidence):
         assert (np.isnan(values) == bad).all()
     assert set(REASONS) == set(Fault) and all(REASONS[fault] for fault in Fault if fault != Fault.NONE)
-
-
-def test_rays_along_the_horizon() -> None:
-    """Between the stations, equally far from them, the formula holds; beyond both nothing is to be found."""
-    stations = Stations(position=np.array([[0.0, 0.0, 1.0], [3000.0, 0.0, 1.0]]), level=np.zeros(2))
-    found = true_points(np.array([[1500.0, 0.0, -40.0], [9000.0, 0.0, -40.0]]), stations, 1.34)
-    assert found.fault.tolist() == [Fault.NONE, Fault.NO_CONVERGENCE]
-    assert found.factor[0] == pytest.approx(model_factor(1500.0, 0.0, 40.0, 1.0, 3000.0, 1.34), rel=1e-6)
-
-
-def test_a_station_under_water_is_refused() -> None:
-    with pytest.raises(ValueError, match="station 2 is not above the water"):
-        Stations(position=np.array([[0.0, 0.0, 5.0], [0.0, 0.0, 1.0]]), level=np.array([0.0, 1.0]))
 
 
 TABLE_1 = Path(__file__).parents[2] / "fixtures" / "groeneveld_meijer" / "table1.csv"
@@ -240,6 +239,9 @@ def test_table_1() -> None:
     assert set(wrong) == set(MISPRINTS)
     for place, value in wrong.items():
         assert value == pytest.approx(MISPRINTS[place], abs=PRINTED)
+    # the most unfavourable place at 25 feet, with the indices of fresh and salt water of Table 4; four decimals
+    for index, printed in ((1.33402, 1.4466), (1.34158, 1.4564)):
+        assert pair_factor(*CORNER, 25.0, H_TABLE, index) == pytest.approx(printed, abs=5e-5)
 
 
 def test_table_2() -> None:
@@ -264,17 +266,3 @@ def test_table_3() -> None:
     np.testing.assert_allclose(off.error, difference, atol=0.0051)
     # per cents come from differences that were rounded before: 1.43 / 35.25, not 1.425 / 35.25
     np.testing.assert_allclose(100.0 * off.relative, per_cent, atol=0.05 + 100.0 * 0.005 / 35.25)
-
-
-@pytest.mark.parametrize(("index", "printed"), [(1.33402, 1.4466), (1.34158, 1.4564)])
-def test_fresh_and_salt_water(index: float, printed: float) -> None:
-    """The most unfavourable place at 25 feet, with the indices of Table 4; four decimals."""
-    assert pair_factor(*CORNER, 25.0, H_TABLE, index) == pytest.approx(printed, abs=5e-5)
-
-
-def test_limits_of_the_depth_factor() -> None:
-    """No refraction is no factor; at a small angle the factor is the index."""
-    assert model_factor(300.0, 400.0, 25.0, H_TABLE, B_TABLE, 1.0) == pytest.approx(1.0, abs=1e-15)
-    # the angle is 1e-4: its square over two is what is left
-    assert model_factor(0.1, 0.0, 0.0, 1e3, 0.2, 1.34) == pytest.approx(1.34, rel=1e-8)
-    assert (model_factor(np.linspace(0.0, B_TABLE, 5), 200.0, 25.0, H_TABLE, B_TABLE, 1.34) > 1.34).all()

@@ -243,15 +243,6 @@ def test_control_points_that_are_measured_twice_are_no_error() -> None:
     assert np.isfinite(found.grouped.rms)
 
 
-@pytest.mark.slow
-def test_outliers_go_only_where_they_may() -> None:
-    data, only = observed(60), (SignalKind.GAUSSIAN,)
-    wrong = replace(data, value=data.value + 2.0 * (np.arange(60) == 7))
-    found = interpolate(wrong, InterpolationOptions(families=only))
-    assert np.flatnonzero(~found.used).tolist() == [7] and found.outliers[0].error > 0.0
-    assert interpolate(wrong, InterpolationOptions(reject=False, families=only)).used.all()
-
-
 @pytest.mark.parametrize(
     ("given", "trend", "message"),
     [
