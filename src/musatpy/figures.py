@@ -25,6 +25,7 @@ STYLE: Any = {
     "axes.formatter.useoffset": False,
     "axes.labelsize": 9,
     "axes.titlesize": 10,
+    "axes.titley": 1.0,  # no ticks above them to be looked for
     "figure.titlesize": 11,
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters on every machine
     "font.size": 8,

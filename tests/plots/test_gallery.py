@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.collections import PathCollection
 from matplotlib.colors import to_rgb
 from matplotlib.quiver import Quiver, QuiverKey
 
@@ -17,13 +16,15 @@ from musatpy.plots import gallery
 from musatpy.plots.block_plan import block_plan
 from musatpy.plots.depth_profile import ProfileLine, profile
 from musatpy.plots.exposures import observed_stations
-from musatpy.plots.gallery import GALLERY, marks, needs_of, rendered
+from musatpy.plots.gallery import COMPILED, GALLERY, SOUNDED, marks, needs_of, rendered
 from musatpy.plots.picture import Picture
 from musatpy.plots.plate_residuals import mean_residuals, plate_residuals
+from page.pages import compiled_text, sounded_text
 from plots.plot_records import gnss_block, st_thomas
 
 LINE = np.array([[3000.0, 7000.0], [7000.0, 7000.0]])
 BY_NAME = {picture.name: picture for picture in GALLERY}
+FIGURES = [*BY_NAME, *(f"compiled {one.name}" for one in COMPILED), *(f"compared {one.name}" for one in SOUNDED)]
 _UNITS = re.compile(
     r", m$|, mm$|sigma$|residuals$|depth, m|by, m|photo$|correlation$|factor$|distribution$|cell$|^$"
 )
@@ -36,8 +37,11 @@ def block() -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def figures(block: dict[str, Any]) -> dict[str, Any]:
-    """Return the figures of all pictures of the block, drawn, by name."""
-    return {picture.name: laid_out(picture, block) for picture in GALLERY}
+    """Return the figures of all pictures of the block, drawn, by name; and of a compilation and of soundings."""
+    found = {picture.name: laid_out(picture, block) for picture in GALLERY}
+    compiled, sounded = json.loads(compiled_text()), json.loads(sounded_text())
+    found |= {f"compiled {picture.name}": laid_out(picture, compiled) for picture in COMPILED}
+    return found | {f"compared {picture.name}": laid_out(picture, sounded) for picture in SOUNDED}
 
 
 def laid_out(picture: Picture[Any], tables: dict[str, Any]) -> Any:
@@ -77,19 +81,18 @@ def luminance(colour: Any) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", BY_NAME)
+@pytest.mark.parametrize("name", FIGURES)
 def test_every_mark_can_be_seen_on_white(name: str, figures: dict[str, Any]) -> None:
     for axes in figures[name].axes:
         colours = [line.get_color() for line in axes.lines] + [text.get_color() for text in axes.texts]
         colours += [patch.get_edgecolor() for patch in axes.patches]
         for one in axes.collections:
             edges, faces = one.get_edgecolor(), one.get_facecolor()
-            colours += list(edges if len(edges) else faces)  # an area has an outline, an arrow or a dot need none
-            colours += list(faces) if isinstance(one, Quiver | PathCollection) else []
-        colours = [
-            colour for colour in colours if not np.array_equal(colour, "white")
-        ]  # numbers on dark cells, looked at below
+            colours += list(edges if len(edges) else faces)  # an area, or a pale dot, has an outline
+            colours += list(faces) if isinstance(one, Quiver) else []
         for colour in colours:
+            if np.array_equal(colour, "white"):  # numbers on dark cells, looked at below
+                continue
             assert 1.05 / (luminance(colour) + 0.05) >= 3.0, colour
     shown = [image for axes in figures[name].axes for image in axes.images]
     assert bool(shown) == any(text.get_color() == "white" for axes in figures[name].axes for text in axes.texts)
@@ -98,9 +101,9 @@ def test_every_mark_can_be_seen_on_white(name: str, figures: dict[str, Any]) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", BY_NAME)
+@pytest.mark.parametrize("name", FIGURES)
 def test_nothing_is_cut_off_and_legends_are_inside_axes(name: str, figures: dict[str, Any]) -> None:
-    for figure in (figures[name], drawn_with_long_names(name)):
+    for figure in [figures[name], *([drawn_with_long_names(name)] if name in BY_NAME else [])]:
         figure.draw_without_rendering()
         low, high = figure.get_tightbbox().get_points()  # inches
         assert (low >= 0.0).all() and (high <= figure.get_size_inches()).all()

@@ -42,9 +42,7 @@ def contour_pictures(compiled: Compiled, bottom: Bottom, form: ImageForm = FORM)
     style = {"cmap": "Blues" if of_depth else "terrain", "vmin": float(z.min()), "vmax": float(z.max())}
     title = f"depths below {compiled.datum.title}, m" if of_depth else "heights, m"
     title = "\n".join([*compiled.deck.titles[:1], title])
-    extents = [np.ptp(tin.xy, axis=0) for _, tin in shown]
-    slope = min(max((float(y / x) for x, y in extents), default=1.0), _TALLEST)
-    figure, (panels,) = new_panels([_PANEL] * max(len(shown), 1), [_PANEL * slope], title)
+    figure, (panels,) = new_panels([_PANEL] * max(len(shown), 1), [_PANEL], title)
     for axes, (surface, tin) in zip(panels, shown, strict=False):
         axes.set(aspect="equal", xlabel="east, m", ylabel="north, m")
         shade = axes.tripcolor(*tin.xy.T, tin.z, triangles=tin.triangles[tin.kept], shading="gouraud", **style)
@@ -52,6 +50,11 @@ def contour_pictures(compiled: Compiled, bottom: Bottom, form: ImageForm = FORM)
         _draw_lines(axes, _lines_of(bottom, surface))
         _draw_models(axes, compiled, surface)
     if shown:
+        slope = max(float(np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())) for axes in figure.axes)
+        below = figure.subplotpars.bottom * figure.get_figheight()
+        height = below + _PANEL * min(slope, _TALLEST)
+        figure.set_figheight(height)
+        figure.subplots_adjust(bottom=below / height)
         add_bar(axes, shade, f"{bottom.of}, m")
     lay_out(figure)
     kinds = [form.kind] if form.kind else ["png", "pdf"]

@@ -154,8 +154,8 @@ def refraction_sentences(tables: Tables, depths: DepthFigures) -> Iterator[str]:
         ratio, deeper = (depths.depth / straight)[known], deeper[known]
         largest = int(np.abs(deeper).argmax())
         yield (
-            f"Refraction put {known.sum():,} submerged points deeper by {deeper.mean():.2f} m in the mean, by "
-            f"{deeper[largest]:.2f} m at most (point {depths.ids[known][largest]}), and moved them in plan by "
+            f"Refraction put {known.sum():,} submerged points deeper by {deeper.mean():z.2f} m in the mean, by "
+            f"{deeper[largest]:z.2f} m at most (point {depths.ids[known][largest]}), and moved them in plan by "
             f"{in_plan.mean():.2f} m in the mean. Adjusted depths are {np.median(ratio):.2f} times "
             "(median) those where straight rays meet."
         )

@@ -93,7 +93,7 @@ def _figures(tables: Tables, depths: DepthFigures, places: Mapping[str, str]) ->
         yield Fact(
             "Sigma of depths, median and largest",
             f"{np.median(sigma):.3f} and {sigma.max():.3f} m",
-            detail=f"{count_of(len(depth), 'point')}, {depth.min():.2f} to {depth.max():.2f} m below the datum",
+            detail=f"{count_of(len(depth), 'point')}, {depth.min():z.2f} to {depth.max():z.2f} m below the datum",
             link=place_of(places, "Depths Of Bathymetric Points"),
         )
     yield from order_facts(depths, places)

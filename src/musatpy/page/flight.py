@@ -36,7 +36,7 @@ def flight_facts(tables: Tables) -> Iterator[Fact]:
     yield Fact(
         "Flying height over the ground",
         f"{number_text(height - level, 0)} m",
-        detail=f"stations {flown[:, 2].min():.0f} to {flown[:, 2].max():.0f} m, points typically at {level:.1f} m",
+        detail=f"stations {flown[:, 2].min():.0f} to {flown[:, 2].max():.0f} m, points typically at {level:z.1f} m",
     )
     yield from _scale(tables, height - level)
     area = hull_area(ground[:, :2])
@@ -83,7 +83,7 @@ def times_fact(tables: Tables) -> Iterator[Fact]:
     time, days = numbers(stations, "time"), sorted({str(day) for day in stations.get("tide_day", ()) if day})
     known = time[np.isfinite(time)]
     if len(known):
-        span = f"{known.min():.1f} to {known.max():.1f} s"
+        span = f"{known.min():z.1f} to {known.max():z.1f} s"
         detail = f"on the clock of the deck, {(known.max() - known.min()) / 60.0:.1f} minutes"
         yield Fact("Exposures", span, detail=detail)
     if days:
@@ -92,8 +92,8 @@ def times_fact(tables: Tables) -> Iterator[Fact]:
     tide = numbers(part(tables, "adjusted_water"), "tide")
     tide = tide[np.isfinite(tide)]
     if len(tide):
-        span = f"{tide.min():.3f} to {tide.max():.3f} m"
-        yield Fact("Water levels at the exposures", span if np.ptp(tide) else f"{tide[0]:.3f} m")
+        span = f"{tide.min():z.3f} to {tide.max():z.3f} m"
+        yield Fact("Water levels at the exposures", span if np.ptp(tide) else f"{tide[0]:z.3f} m")
 
 
 def rays_table(tables: Tables) -> Iterator[PageTable]:

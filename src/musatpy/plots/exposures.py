@@ -301,7 +301,7 @@ def _correlation_sentence(data: Correlations) -> str:
     text = (
         f"Of the unknowns of photo {data.photo}"
         f"{' with the water' if len(data.names) > 6 else ''}, {data.names[column]} and {data.names[row]} are "
-        f"correlated most: {data.value[row, column]:+.3f}; "
+        f"correlated most: {data.value[row, column]:+z.3f}; "
         f"{counted(int((upper >= _HIGH).sum()), 'pair')} of {_HIGH:g} and more"
     )
     if len(data.inflation):

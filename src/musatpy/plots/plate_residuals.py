@@ -248,7 +248,7 @@ def _of_cells(means: list[CellMeans]) -> str:
         parts.append(
             f"{cells.what}: {counted(int(cells.count.sum()), 'image')}, {beyond} of {number} cells beyond their "
             f"95 % limit ({measure(0.05 * number, '')} by chance), the largest mean "
-            f"{measure(length[row, column], 'um')} at x {x:.0f}, y {y:.0f} mm"
+            f"{measure(length[row, column], 'um')} at x {x:z.0f}, y {y:z.0f} mm"
         )
     return "Mean residuals of " + "; ".join(parts) + "."
 

@@ -17,6 +17,7 @@ from musatpy.figures import (
     RED,
     ImageForm,
     add_bar,
+    add_room,
     file_of,
     name_rows,
     name_ticks,
@@ -28,6 +29,7 @@ from musatpy.orientation.twomedia.rays import PLANE_SYMBOLS, SYMBOLS, WATER, pap
 from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, Basins, LevelPrecision
 
 _OUTCOMES = (("this solution", BLUE, "o"), ("another solution", RED, "x"), ("no solution", GREY, "."))
+_LINES = 0.4  # inches, of more than one of ticks and labels
 _STRONG = 0.95  # correlation from which its number is printed
 
 
@@ -46,7 +48,7 @@ def correlation_picture(oriented: Oriented, title: str = "", form: ImageForm = F
     figure, ((plot,),) = new_panels([size], [size], f"{what}\n{title}")
     drawn = plot.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
     for row, column in np.argwhere((np.abs(matrix) >= _STRONG) & ~np.eye(len(matrix), dtype=bool)):
-        label = f"{matrix[row, column]:.3f}".replace("0.", ".")
+        label = f"{matrix[row, column]:z.3f}".replace("0.", ".")
         plot.text(column, row, label, ha="center", va="center", color="white", fontsize=7)
     name_ticks(plot, np.arange(len(matrix)), symbols[unknown])
     name_rows(plot, symbols[unknown])
@@ -68,6 +70,7 @@ def basins_picture(basins: Basins, title: str = "", form: ImageForm = FORM) -> t
         "errors of the start (one sigma): angles, lengths, slopes\nH: height of the cameras over the water"
     )
     left.set_ylabel("starts, %")
+    add_room(figure, below=_LINES)
     _starts(right, basins)
     return file_of(figure, form)
 
