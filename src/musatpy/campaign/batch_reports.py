@@ -109,7 +109,7 @@ def index_page(title: str, folder: Path, jobs: Sequence[BatchJob], outcomes: Seq
 
     That is the worst state, and of it the sigma0 that is farthest from 1. Raises `MusatError` without jinja2.
     """
-    from musatpy.page.cells import count_of, number_text
+    from musatpy.page.cells import number_text
     from musatpy.page.rendering import render
 
     def order(row: tuple[BatchJob, JobOutcome]) -> tuple[int, float, str]:
@@ -123,7 +123,7 @@ def index_page(title: str, folder: Path, jobs: Sequence[BatchJob], outcomes: Seq
     return render(
         "index.jinja",
         heading=title,
-        summary=f"{count_of(len(jobs), 'job')}: {states}",
+        summary=f"{len(jobs):,} job{'s' * (len(jobs) != 1)}: {states}",
         jobs=[(job.deck, outcome, _links(folder, job, outcome)) for job, outcome in rows],
         number=number_text,
     ).encode()

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.page.cells import cell_text, count_of
+from musatpy.page.cells import cell_text
 from musatpy.page.page_tables import page_table, place_of
 from musatpy.page.rendering import Fact, PageTable
+from musatpy.plots.picture import counted
 from musatpy.records.tables import Tables, numbers, part, rows_of, texts
 from musatpy.reports import analyses
 from musatpy.reports.headline import CHECKS, CONTROL, differences
@@ -112,7 +113,7 @@ def orders_table(depths: DepthFigures) -> Iterator[PageTable]:
             ("Points that meet it", "I8", [f"{number:,}" for number in met]),
             ("Share %", "F6.1", [100.0 * number / count for number in met]),
         ],
-        note=f"{source()}, by the sigmas of {count_of(count, 'submerged point')}.",
+        note=f"{source()}, by the sigmas of {counted(count, 'submerged point')}.",
     )
 
 

@@ -67,8 +67,3 @@ def significant(value: float | None, digits: int = 6) -> str:
 def size_text(value: float) -> str:
     """Return a number in the text of a sentence: three digits."""
     return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:#.3g}".rstrip(".")
-
-
-def count_of(number: int, noun: str, plural: str = "") -> str:
-    """Return a number with its noun: `1 photo`, `1,000 photos`."""
-    return f"{number:,} {noun if number == 1 else plural or f'{noun}s'}"

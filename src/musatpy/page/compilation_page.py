@@ -9,9 +9,10 @@ from functools import partial
 import numpy as np
 
 from musatpy.page.accuracy import DepthFigures, analysis_table, order_facts, orders_table
-from musatpy.page.cells import count_of, number_text
+from musatpy.page.cells import number_text
 from musatpy.page.page_tables import PageReport, chapters_of, page_of, place_of, places_of, tables_of
 from musatpy.page.rendering import Fact, Facts, Page, Part, Sentences, anchor_of
+from musatpy.plots.picture import counted
 from musatpy.records.tables import Tables, flags, numbers, part, texts
 from musatpy.reports import (
     compilation,
@@ -59,7 +60,7 @@ def compilation_page(tables: Tables) -> Page:
         "Points": [*_stated(tables), *tables_of(_OF_POINTS, tables)],
     }
     chapters = chapters_of(contents)
-    what = f"Points compiled in {count_of(len(tables['models']), 'stereomodel')}."
+    what = f"Points compiled in {counted(len(tables['models']), 'stereomodel')}."
     figures = _figures(tables, depths, places_of(chapters))
     page = page_of(tables, job["titles"] or ["Compilation"], what, figures, chapters)
     return replace(page, notes=[*page.notes, *tables["warnings"]])
@@ -93,7 +94,7 @@ def _figures(tables: Tables, depths: DepthFigures, places: Mapping[str, str]) ->
         yield Fact(
             "Sigma of depths, median and largest",
             f"{np.median(sigma):.3f} and {sigma.max():.3f} m",
-            detail=f"{count_of(len(depth), 'point')}, {depth.min():z.2f} to {depth.max():z.2f} m below the datum",
+            detail=f"{counted(len(depth), 'point')}, {depth.min():z.2f} to {depth.max():z.2f} m below the datum",
             link=place_of(places, "Depths Of Bathymetric Points"),
         )
     yield from order_facts(depths, places)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from itertools import pairwise
 
 import numpy as np
 
@@ -59,22 +58,13 @@ def _scale(tables: Tables, height: float) -> Iterator[Fact]:
 
 
 def hull_area(places: FloatArray) -> float:
-    """Return the area (m2) of the convex hull of places (n, 2), by Andrew's two chains; 0 of a line.
+    """Return the area (m2) of the convex hull of places (n, 2); 0 of a line."""
+    from scipy.spatial import ConvexHull, QhullError  # a tenth of a second to load
 
-    `scipy.spatial` would take a tenth of the time of a small page to load.
-    """
-    area, ordered = 0.0, sorted((places - places.mean(axis=0)).tolist())
-    for points in (ordered, ordered[::-1]):
-        chain: list[list[float]] = []
-        for x, y in points:
-            while len(chain) > 1:
-                (x0, y0), (x1, y1) = chain[-2:]
-                if (x1 - x0) * (y - y0) > (y1 - y0) * (x - x0):
-                    break
-                chain.pop()
-            chain.append([x, y])
-        area += sum(0.5 * (x0 * y1 - x1 * y0) for (x0, y0), (x1, y1) in pairwise(chain))
-    return area
+    try:
+        return float(ConvexHull(places).volume)
+    except (QhullError, ValueError):
+        return 0.0
 
 
 def times_fact(tables: Tables) -> Iterator[Fact]:

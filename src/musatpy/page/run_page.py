@@ -21,7 +21,7 @@ from musatpy.page.accuracy import (
     sample_table,
     samples,
 )
-from musatpy.page.cells import cell_text, count_of, significant
+from musatpy.page.cells import cell_text, significant
 from musatpy.page.page_tables import (
     PageReport,
     chapters_of,
@@ -32,6 +32,7 @@ from musatpy.page.page_tables import (
     tables_of,
 )
 from musatpy.page.rendering import Fact, Facts, Page, PageTable, Part, Sentences
+from musatpy.plots.picture import counted
 from musatpy.records.tables import Tables, part, texts
 from musatpy.reports import (
     adjusted_water,
@@ -172,8 +173,8 @@ def _what(tables: Tables) -> str:
     count = tables["plate_statistics"]["total_count"][-1] if images is None else len(images)
     refraction = titles.REFRACTION[Refraction(tables["options"]["refraction"])]
     return (
-        f"{count_of(len(tables['stations']['photo']), 'photo')}, {count_of(len(points), 'ground point')} "
-        f"({wet:,} submerged), {count_of(count, 'image')}. Refraction: {refraction}."
+        f"{counted(len(tables['stations']['photo']), 'photo')}, {counted(len(points), 'ground point')} "
+        f"({wet:,} submerged), {counted(count, 'image')}. Refraction: {refraction}."
     )
 
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from musatpy.errors import MusatError
 from musatpy.model import Grade
-from musatpy.page.cells import count_of, number_text
+from musatpy.page.cells import number_text
 from musatpy.page.page_tables import PageReport, chapters_of, tables_of
 from musatpy.page.rendering import Fact, Facts, Page, Part, anchor_of
 from musatpy.plots.compiled_pictures import differences_of
-from musatpy.plots.picture import NothingToShowError
+from musatpy.plots.picture import NothingToShowError, counted
 from musatpy.records.tables import Tables
 from musatpy.reports import soundings
 from musatpy.reports.answer import USE
@@ -120,6 +120,6 @@ def _matching(how: Mapping[str, Any], orders: Mapping[str, int]) -> Iterator[Par
             Fact("Sigma of places", f"{number_text(how['plan_sigma'], 2)} m"),
             Fact("Steepest slope", _NO_LIMIT if steepest is None else f"{steepest:g}"),
             Fact("First day", str(how["not_before"] or _NO_LIMIT)),
-            *(Fact(f"Points whose sigmas meet {name}", count_of(count, "point")) for name, count in orders.items()),
+            *(Fact(f"Points whose sigmas meet {name}", counted(count, "point")) for name, count in orders.items()),
         ]
     )
