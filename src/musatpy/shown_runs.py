@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from musatpy.errors import numerics
@@ -32,7 +31,7 @@ class Shown:
     gis: bool = False
     crs: str = ""
     form: ImageForm = FORM
-    said: Mapping[str, str] = field(default_factory=dict)  # at the top of the page, by label
+    particulars: Mapping[str, str] = field(default_factory=dict)  # at the top of the page, by label
 
     @property
     def anything(self) -> bool:
@@ -69,10 +68,10 @@ def draw_run(result: RunResult, form: ImageForm = FORM) -> Drawn:
         return draw(tables, GALLERY, stem, form)
 
 
-def write_page(result: RunResult, said: Mapping[str, str] = MappingProxyType({})) -> Path:
+def write_page(result: RunResult, particulars: Mapping[str, str] | None = None) -> Path:
     """Write the page of a run beside its listing, and return where it is: that of its record, with its deck.
 
-    `said` stands at the top, by label.
+    `particulars` stand at its top, by label.
 
     Raises `MusatError` without jinja2 or matplotlib, and `OSError`.
     """
@@ -84,7 +83,7 @@ def write_page(result: RunResult, said: Mapping[str, str] = MappingProxyType({})
     place = stem.with_name(f"{stem.name}.html")
     files = [file for file in (result.record, result.deck) if file is not None and file.is_file()]
     with numerics(_SHOWN):
-        page = page_of_tables(_tables(result, names), files, said)
+        page = page_of_tables(_tables(result, names), files, particulars)
     write_files({place: page.encode()})
     return place
 

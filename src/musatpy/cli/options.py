@@ -107,7 +107,7 @@ def picture_options(switch: str = "") -> Callable[[Callable[..., Any]], Callable
 
 
 def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command --client and --operator, of which it gets what is `said` at the top of its page, by label.
+    """Give a command --client and --operator, of which it gets the `particulars` at the top of its page, by label.
 
     So is the date, where it has one, and stays a parameter too.
     """
@@ -119,8 +119,8 @@ def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
         if (client or operator) and not given.get("html", True):
             raise click.UsageError("--client and --operator go with --html")
         date = f"{given['date']:%Y-%m-%d}" if given["date"] else ""
-        said = {"Date": date, "Client": client, "Operator": operator}
-        return command(*args, said={label: text for label, text in said.items() if text}, **given)
+        every = {"Date": date, "Client": client, "Operator": operator}
+        return command(*args, particulars={label: text for label, text in every.items() if text}, **given)
 
     return with_lines
 

@@ -139,7 +139,7 @@ def plot_command(
 @page_options
 @quiet_option
 def report_command(
-    record: Path, out: Path | None, inputs: tuple[Path, ...], said: dict[str, str], quiet: bool, **_: object
+    record: Path, out: Path | None, inputs: tuple[Path, ...], particulars: dict[str, str], quiet: bool, **_: object
 ) -> None:
     """Make a page of the record of a run, a compilation (`as11 compile`) or a comparison (`compare-soundings`).
 
@@ -152,7 +152,7 @@ def report_command(
     place = record.with_suffix(".html") if out is None else out
     refuse_overwriting([place], [record, *inputs])
     with _cycles_left_alone():
-        write_file(place, page_of_record(record, inputs, said).encode())
+        write_file(place, page_of_record(record, inputs, particulars).encode())
     if not quiet:
         tell(f"{name_of(record)}: page {name_of(place)}")
 

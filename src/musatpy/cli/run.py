@@ -177,7 +177,7 @@ def _shown_of(given: dict[str, Any]) -> Shown:
     """Return what options want, taken from all that is given. Raises `click.UsageError` where it cannot be had."""
     from musatpy.shown_runs import Shown, check_packages
 
-    wanted = Shown(**{name: given.pop(name) for name in ("plots", "html", "gis", "crs", "form", "said")})
+    wanted = Shown(**{name: given.pop(name) for name in ("plots", "html", "gis", "crs", "form", "particulars")})
     if wanted.crs and not wanted.gis:
         raise click.UsageError("--crs goes with --gis")
     try:
@@ -295,7 +295,7 @@ def _show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
             if drawn.files and not quiet:
                 tell(f"{name}: {count_of(len(drawn.files), 'picture')}, {name_of(drawn.files[0])} the first")
         if wanted.html:
-            page = write_page(result, wanted.said)
+            page = write_page(result, wanted.particulars)
             if not quiet:
                 tell(f"{name}: page {name_of(page)}")
         if wanted.gis:

@@ -30,6 +30,12 @@ NEEDS = (  # tables of a record
     "options", "stations", "cameras", "plates", "points", "bathymetric_points", "control", "observations",
     "adjusted_water", "stated", "ellipsoid",
 )  # fmt: skip
+_OF_DEPTHS = {  # columns of points, and fields of the record
+    "depth": "depth",
+    "depth_sigma": "depth_sigma",
+    "apparent_depth": "depth_no_refraction",
+    "water_level": "water_level",
+}
 _ELLIPSOIDAL = "above the ellipsoid of the job"
 
 
@@ -120,13 +126,7 @@ def _of_stations(tables: Tables) -> dict[str, LayerColumn]:
 def _of_points(tables: Tables) -> dict[str, LayerColumn]:
     points, wet = part(tables, "points"), part(tables, "bathymetric_points")
     ids = texts(points, "point")
-    row = rows_of(ids, texts(wet, "point"))
-
-    def spread(field: str) -> LayerColumn:
-        values = np.full(len(ids), np.nan)
-        values[row] = numbers(wet, field)
-        return LayerColumn.of(values, "m")
-
+    row = rows_of(texts(wet, "point"), ids)
     return {
         "point": LayerColumn.of(ids),
         "submerged": LayerColumn.of(flags(points, "bathymetric").astype(np.int64)),
@@ -135,10 +135,7 @@ def _of_points(tables: Tables) -> dict[str, LayerColumn]:
         "reason": LayerColumn.of(texts(points, "reason")),
         "rays": LayerColumn.of(np.nan_to_num(numbers(points, "rays")).astype(np.int64)),
         **_vector("sigma_", numbers(points, "sigma", 3), "m"),
-        "depth": spread("depth"),
-        "depth_sigma": spread("depth_sigma"),
-        "apparent_depth": spread("depth_no_refraction"),
-        "water_level": spread("water_level"),
+        **{name: LayerColumn.of(at_rows(numbers(wet, field), row), "m") for name, field in _OF_DEPTHS.items()},
     }
 
 

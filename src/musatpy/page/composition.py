@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import musatpy
@@ -31,19 +30,19 @@ _INDENT = re.compile(r"\s*\n\s*")
 _PROLOG = re.compile(r"^.*?(?=<svg)", re.DOTALL)
 
 
-def page_of_record(path: Path, inputs: Iterable[Path] = (), said: Mapping[str, str] = MappingProxyType({})) -> str:
+def page_of_record(path: Path, inputs: Iterable[Path] = (), particulars: Mapping[str, str] | None = None) -> str:
     """Return the page of the record of a run, a compilation or a comparison as HTML.
 
-    It states the SHA-256 of the record, and of `inputs`, files that the run has read; `said` is what stands at the
-    top by its label, such as a date or a client. Raises `RecordError` for a file that is no such record,
-    `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
+    It states the SHA-256 of the record, and of `inputs`, files that the run has read; `particulars` are what
+    stands at the top by its label, such as a date or a client. Raises `RecordError` for a file that is no such
+    record, `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
     """
     check_packages()
-    return page_of_tables(_tables_of(path), [path, *inputs], said)
+    return page_of_tables(_tables_of(path), [path, *inputs], particulars)
 
 
-def page_of_tables(tables: Tables, files: Sequence[Path], said: Mapping[str, str] = MappingProxyType({})) -> str:
-    """Return the page of tables, in the shape of `read_record`, with the SHA-256 of files and what is `said`.
+def page_of_tables(tables: Tables, files: Sequence[Path], particulars: Mapping[str, str] | None = None) -> str:
+    """Return the page of tables, in the shape of `read_record`, with the SHA-256 of files and `particulars` on top.
 
     Raises `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
     """
@@ -59,7 +58,7 @@ def page_of_tables(tables: Tables, files: Sequence[Path], said: Mapping[str, str
         f"Made by musatpy {musatpy.__version__} from the record, which has more digits and every row. Blank cells "
         "are numbers that do not exist."
     )
-    job = [*system_facts(tables), *(Fact(label, text) for label, text in said.items() if text)]
+    job = [*system_facts(tables), *(Fact(label, text) for label, text in (particulars or {}).items())]
     return html_of(replace(page, job=job, map=shown[0] if shown else None, chapters=chapters, closing=closing))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -54,15 +55,19 @@ _RUN = ("options", "stations")
 _OF_RUN = ("titles", "stated", "ellipsoid", "adjusted_water", "dependence")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class RecordKind:
     """What a record is of, and the pictures of it."""
 
     what: str
     pictures: tuple[Picture[Any], ...]
-    schema: Callable[[], Schema | None]  # None: of a run
     required: tuple[str, ...]
-    optional: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+    report: str = ""  # the module that has its schema; of a run none
+
+    def schema(self) -> Schema | None:
+        """Return the schema of the record, None of a run."""
+        return import_module(self.report).DOCUMENT.schema() if self.report else None
 
 
 def needs_of(pictures: Iterable[Picture[Any]]) -> tuple[str, ...]:
@@ -70,28 +75,10 @@ def needs_of(pictures: Iterable[Picture[Any]]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(table for picture in pictures for table in picture.needs))
 
 
-def _compilation() -> Schema:
-    from musatpy.reports import compilation
-
-    return compilation.DOCUMENT.schema()
-
-
-def _soundings() -> Schema:
-    from musatpy.reports import soundings
-
-    return soundings.DOCUMENT.schema()
-
-
 KINDS = {
-    b"schema": RecordKind(
-        what="run", pictures=GALLERY, schema=lambda: None, required=_RUN, optional=(*needs_of(GALLERY), *_OF_RUN)
-    ),
-    b"compilation": RecordKind(
-        what="compilation", pictures=COMPILED, schema=_compilation, required=needs_of(COMPILED), optional=()
-    ),
-    b"soundings": RecordKind(
-        what="comparison", pictures=SOUNDED, schema=_soundings, required=needs_of(SOUNDED), optional=()
-    ),
+    b"schema": RecordKind("run", GALLERY, _RUN, (*needs_of(GALLERY), *_OF_RUN)),
+    b"compilation": RecordKind("compilation", COMPILED, needs_of(COMPILED), report="musatpy.reports.compilation"),
+    b"soundings": RecordKind("comparison", SOUNDED, needs_of(SOUNDED), report="musatpy.reports.soundings"),
 }
 
 

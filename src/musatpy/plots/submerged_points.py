@@ -12,7 +12,7 @@ from musatpy.figures import LIGHT, add_bar, shades
 from musatpy.plots.maps import add_arrows, dot_size, name_places, new_maps, view_of
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
 from musatpy.plots.plane import MapPlane, is_compilation, plane_of
-from musatpy.records.tables import Tables, flags, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,7 +46,29 @@ def bottom_points(tables: Tables) -> PlottedPoints:
 
     Raises `NothingToShowError` where the system of the job is not known.
     """
-    return _of_compilation(tables) if is_compilation(tables) else _of_run(tables)
+    plane, points = plane_of(tables), part(tables, "points")
+    ids, position = texts(points, "point"), numbers(points, "position", 3)
+    if is_compilation(tables):
+        wet, row = points, np.arange(len(ids))
+        apparent = plane.places(numbers(points, "apparent", 3))
+    else:
+        wet = part(tables, "bathymetric_points")
+        row = rows_of(texts(wet, "point"), ids)
+        apparent = plane.places_of_xyz(numbers(wet, "no_refraction", 3))
+    water, depth, depth_sigma = (
+        at_rows(numbers(wet, name), row) for name in ("water_level", "depth", "depth_sigma")
+    )
+    return PlottedPoints(
+        plane=plane,
+        ids=ids,
+        submerged=flags(points, "submerged" if wet is points else "bathymetric"),
+        places=plane.places(position),
+        apparent=at_rows(apparent, row),
+        sigma=numbers(points, "sigma", 3)[:, 2],
+        water=plane.heights(position, water),
+        depth=depth,
+        depth_sigma=depth_sigma,
+    )
 
 
 def submerged_points(tables: Tables) -> PlottedPoints:
@@ -57,46 +79,6 @@ def submerged_points(tables: Tables) -> PlottedPoints:
     if not np.isfinite(data.shift[data.submerged]).all(axis=1).any():
         raise NothingToShowError("no submerged point has an apparent place")
     return data
-
-
-def _of_run(tables: Tables) -> PlottedPoints:
-    plane, points, wet = plane_of(tables), part(tables, "points"), part(tables, "bathymetric_points")
-    ids, position = texts(points, "point"), numbers(points, "position", 3)
-    row = rows_of(ids, texts(wet, "point"))
-
-    def spread(values: FloatArray) -> FloatArray:
-        out = np.full((len(ids), *values.shape[1:]), np.nan)
-        out[row[row >= 0]] = values[row >= 0]
-        return out
-
-    apparent = plane.places_of_xyz(numbers(wet, "no_refraction", 3))
-    return PlottedPoints(
-        plane=plane,
-        ids=ids,
-        submerged=flags(points, "bathymetric"),
-        places=plane.places(position),
-        apparent=spread(apparent),
-        sigma=numbers(points, "sigma", 3)[:, 2],
-        water=plane.heights(position, spread(numbers(wet, "water_level"))),
-        depth=spread(numbers(wet, "depth")),
-        depth_sigma=spread(numbers(wet, "depth_sigma")),
-    )
-
-
-def _of_compilation(tables: Tables) -> PlottedPoints:
-    points = part(tables, "points")
-    plane, position = plane_of(tables), numbers(points, "position", 3)
-    return PlottedPoints(
-        plane=plane,
-        ids=texts(points, "point"),
-        submerged=flags(points, "submerged"),
-        places=plane.places(position),
-        apparent=plane.places(numbers(points, "apparent", 3)),
-        sigma=numbers(points, "sigma", 3)[:, 2],
-        water=plane.heights(position, numbers(points, "water_level")),
-        depth=numbers(points, "depth"),
-        depth_sigma=numbers(points, "depth_sigma"),
-    )
 
 
 # --- the map ---
