@@ -47,7 +47,9 @@ def test_the_head_says_the_system_of_the_job_and_what_is_given_for_the_page(tmp_
         assert said in head
     assert f"Date{datetime.date.today():%Y-%m-%d}" in head and "Operator" not in head
     utm = written(tmp_path / "utm", record_text(ROOT / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd"))
-    assert "DatumPuerto Rico" in read(utm).text.partition("ACCEPTED")[0]
+    head = read(utm).text.partition("ACCEPTED")[0]
+    assert "Coordinate systemPuerto Rico / St. Croix, EPSG:3992, ellipsoidal heights\n" in head.replace(" \n", "\n")
+    assert "DatumPuerto Rico" in head
     local = written(tmp_path, record_text(ROOT / "fixtures" / "verdict" / "iiia_false_minimum.crd"))
     assert "Datumnone: a local system" in read(local).text and "HeightsZ of the job" in read(local).text
     result = musat("run", ST_THOMAS, "-o", tmp_path / "none", "--client", "A")

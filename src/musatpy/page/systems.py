@@ -21,7 +21,7 @@ def system_facts(tables: Tables) -> Iterator[Fact]:
     system = CoordinateSystem(job["system"])
     answer = part(tables, "stated").get("answer") or {}
     crs = crs_of(answer["definition"]) if answer.get("definition") else None
-    text = answer.get("text") or SYSTEMS[system]
+    text = str(answer.get("text") or SYSTEMS[system]).partition(";")[0]  # without attitudes and sigmas
     yield Fact("Coordinate system", text[:1].upper() + text[1:])
     if system == CoordinateSystem.LOCAL:
         yield Fact("Datum", "none: a local system")
