@@ -1,14 +1,12 @@
 """Photos out of a deck: everything that belongs to them comes along, and nothing else."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from formats.deck_edits import in_system
-from formats.random_blocks import random_block
 from jobs.decks import cards, cayman, photos, reread, rich, st_thomas
 from musatpy.errors import DeckError, MusatError
 from musatpy.formats.musat import deck_bytes
@@ -17,6 +15,7 @@ from musatpy.jobs.extract import extracted, photos_above, photos_named, photos_s
 from musatpy.jobs.plan_positions import Area, area_of, frame_of, ground_level, images_on_ground, plan
 from musatpy.model import Block, CoordinateSystem
 from musatpy.units import DEGREE
+from raw_plates import raw_block
 
 
 def measurements(block: Block) -> set[tuple[object, ...]]:
@@ -27,17 +26,12 @@ def measurements(block: Block) -> set[tuple[object, ...]]:
     }
 
 
-@pytest.mark.slow
-@settings(max_examples=40, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), system=st.sampled_from(list(CoordinateSystem)))
-def test_the_measurements_of_the_photos_and_no_others(seed: int, system: CoordinateSystem) -> None:
-    block = random_block(seed, system)
-    rng = np.random.default_rng(seed)
-    wanted = rng.random(len(block.photos.ids)) < 0.5
-    if not wanted.any():
-        with pytest.raises(DeckError):
-            extracted(block, wanted)
-        return
+@pytest.mark.parametrize("make", [rich, cayman, raw_block])
+@pytest.mark.parametrize("number", range(1, 8))
+def test_the_measurements_of_the_photos_and_no_others(make: Callable[[], Block], number: int) -> None:
+    """Of the first photos by the bits of a number, and of every third one behind them."""
+    block = make()
+    wanted = np.array([number >> min(row, row % 3) & 1 > 0 for row in range(len(block.photos.ids))])
     found = extracted(block, wanted)
     part, names = found.block, set(block.photos.ids[wanted].tolist())
     assert part.photos.ids.tolist() == block.photos.ids[wanted].tolist()
@@ -71,6 +65,8 @@ def test_everything_that_belongs_to_the_photos_comes_along() -> None:
 
 def test_what_is_left_out_is_named() -> None:
     block = reread(rich())
+    with pytest.raises(DeckError):
+        extracted(block, photos(block))
     found = extracted(block, photos(block, "21"))
     assert found.left_out["photos"] == ("22", "23")
     assert found.left_out["control points"] == ("101", "104", "105", "106")

@@ -1,19 +1,18 @@
 """Decks read for editing, summaries of jobs, and decks of raw readings cut out and merged."""
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from altered import altered
 from formats.deck_edits import GOOD, deck
 from formats.deck_edits import replace as with_text
-from formats.random_blocks import random_block
 from jobs.decks import cards, cayman, complaints, merge, photos, reread, rich, st_thomas
 from musatpy import adjust, model
 from musatpy.errors import DeckError
@@ -25,7 +24,7 @@ from musatpy.jobs.naming import NamedKind, prefixed, renamed
 from musatpy.jobs.plan_positions import Area
 from musatpy.jobs.punch import Content, Punch, punched
 from musatpy.jobs.summary import rays_histogram, summary
-from musatpy.model import Block, CoordinateSystem, SystemSpec
+from musatpy.model import Block, SystemSpec
 from musatpy.model.tables import taken
 from musatpy.reports.jobs import list_record, list_text
 from raw_plates import crosses, distances, raw_block, refined_block, reseau
@@ -58,39 +57,47 @@ def points_of(block: Block, *, flagged: bool) -> list[set[int]]:
     return [set(plates.point[rows & (plates.photo == photo)].tolist()) for photo in range(len(block.photos.ids))]
 
 
-@pytest.mark.slow
-@settings(max_examples=40, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_ties_and_parts(seed: int) -> None:
-    block = random_block(seed, CoordinateSystem.LOCAL)
+def two_parts() -> Block:
+    block = st_thomas()
+    return merged([Part(name="a", block=block), Part(name="b", block=copied(block, "X"))]).block
+
+
+def copied(block: Block, prefix: str) -> Block:
+    """The block with a prefix before the names of its photos and points."""
+    return renamed(
+        block, {kind: prefixed(block, kind, prefix, {}) for kind in (NamedKind.PHOTO, NamedKind.POINT)}, prefix
+    )
+
+
+def flagged() -> Block:
+    """The strip, of whose measurements every third is kept out."""
+    return altered(cayman(), plates={"triangulated": lambda kept: np.arange(len(kept)) % 3 > 0})
+
+
+DECKS = pytest.mark.parametrize("make", [rich, cayman, flagged, two_parts])
+
+
+@DECKS
+def test_ties_and_parts(make: Callable[[], Block]) -> None:
+    block = make()
     on = points_of(block, flagged=False)
     common = {(a, b): len(on[a] & on[b]) for a, b in combinations(range(len(on)), 2) if on[a] & on[b]}
-    found = summary(once_each(block), few=3)
+    found = summary(block, few=9)
     pairs = found.pairs
     assert (
         dict(zip(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True), pairs.points, strict=True))
         == common
     )
-    for part, least in ((found.part, 1), (found.strong_part, 3)):
+    for part, least in ((found.part, 1), (found.strong_part, 9)):
         ties = [pair for pair, count in common.items() if count >= least]
         rows, columns = zip(*ties, strict=True) if ties else ((), ())
         graph = coo_matrix((np.ones(len(ties)), (rows, columns)), shape=(len(on), len(on)))
         assert part.tolist() == connected_components(graph, directed=False)[1].tolist()
 
 
-def once_each(block: Block) -> Block:
-    """The block with one measurement of each point on each photo, as a deck has to have it."""
-    plates = block.plates
-    best: dict[tuple[int, int], int] = {}
-    for row, key in enumerate(zip(plates.photo.tolist(), plates.point.tolist(), strict=True)):
-        if key not in best or (plates.triangulated[row] and not plates.triangulated[best[key]]):
-            best[key] = row
-    return replace(block, plates=taken(plates, np.array(sorted(best.values()))))
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_rays(seed: int) -> None:
-    block = once_each(random_block(seed, CoordinateSystem.GEOGRAPHIC))
+@DECKS
+def test_rays(make: Callable[[], Block]) -> None:
+    block = make()
     found, plates = summary(block), block.plates
     kind = dict(zip(block.control.point.tolist(), block.control.kind.tolist(), strict=True))
     rays = Counter(plates.point.tolist())
@@ -120,18 +127,6 @@ def test_cayman() -> None:
         ["837", "838", "839", "840", "841", "842", "843"],
         ["844", "845", "846"],
     ]
-
-
-def two_parts() -> Block:
-    block = st_thomas()
-    return merged([Part(name="a", block=block), Part(name="b", block=copied(block, "X"))]).block
-
-
-def copied(block: Block, prefix: str) -> Block:
-    """The block with a prefix before the names of its photos and points."""
-    return renamed(
-        block, {kind: prefixed(block, kind, prefix, {}) for kind in (NamedKind.PHOTO, NamedKind.POINT)}, prefix
-    )
 
 
 def test_parts_that_nothing_ties_and_the_gap_between() -> None:
