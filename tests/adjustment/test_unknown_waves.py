@@ -8,10 +8,13 @@ import pytest
 from scipy.optimize import least_squares
 
 import musatpy
-from altered import altered, with_options
+from altered import altered
+from musatpy.adjustment.iteration import State
 from musatpy.adjustment.job import prepared
+from musatpy.adjustment.network import Network
 from musatpy.adjustment.sightings import condition_rays, images
 from musatpy.adjustment.wavy_water import Sea
+from musatpy.arrays import IntArray
 from musatpy.errors import AdjustmentError
 from musatpy.model import (
     Block,
@@ -19,45 +22,34 @@ from musatpy.model import (
     Datum,
     ObservationKind,
     Program,
-    Refraction,
     Solution,
     WaterLevel,
+    Waves,
 )
+from musatpy.model.tables import empty
 from musatpy.refraction.waves import Harmonic, Trains, Trochoid, sinusoidal, superposed
 from musatpy.units import ARC_SECOND, MICROMETRE
-from reference import compare, waves
-from reference.networks import Plan
+from reference import compare
 from reference.rays import rotation
 from studies.strip import Photographed, Strip, photographed
 from studies.unknown_waves import Guess, run, summary
-
-WAVES = sinusoidal(
-    amplitude=[0.5, 0.15], length=[92.0, 25.0], azimuth=[0.5, 1.3], speed=[9.2, 6.2], crest=[7.0, 2.0]
-)
-PLANS = {
-    system.value: Plan(
-        system=system, submerged=True, sea_control=True, photos_per_strip=3, height=1500.0, base=650.0, noise=0.0,
-        start_error=(2.0, 1e-3), control_errors=False, seed=3,
-    )
-    for system in CoordinateSystem
-}  # fmt: skip
-INTERVAL = 7.0  # s
+from wave_strip import strip
 
 
 @lru_cache
-def block_through_waves(system: str) -> tuple[Block, Sea, np.ndarray]:
-    """Return a block with images through waves, without noise, its sea, and its true points."""
-    block, time, origin, truth = waves.photographed(PLANS[system], WAVES, INTERVAL)
-    return block, Sea(surface=WAVES, time=time, origin=origin), truth
+def through_waves(system: CoordinateSystem, **sigmas: tuple[float, float]) -> tuple[Network, State, IntArray]:
+    """Return the network of the strip through waves, those with sigmas unknown, at its start, and its wet rays."""
+    block, _ = strip(system)
+    block = altered(block, waves=sigmas, options={"water_level": WaterLevel.ONE} if sigmas else {})
+    job, state = prepared(block, None)
+    wet = block.points.bathymetric[job.network.point]
+    return job.network.with_plates(job.network.xy, wet), state, np.flatnonzero(wet)
 
 
-@pytest.mark.parametrize("system", list(PLANS))
-def test_partials_of_images_and_rays_are_those_of_their_functions(system: str) -> None:
+@pytest.mark.parametrize("system", list(CoordinateSystem))
+def test_partials_of_images_and_rays_are_those_of_their_functions(system: CoordinateSystem) -> None:
     """By station and ground point; central differences of 1 mm leave 2e-6 of the largest element."""
-    block, sea, _ = block_through_waves(system)
-    job, state = prepared(with_options(block, program=Program.IIIA, refraction=Refraction.RIGOROUS), None, sea)
-    rays = np.flatnonzero(block.points.bathymetric[job.network.point])
-    network = job.network.with_plates(job.network.xy, block.points.bathymetric[job.network.point])
+    network, state, rays = through_waves(system)
     ground = state.ground[network.point[rays]]
     at = images(network, state, rays, ground)
     bent = condition_rays(network, state, rays, network.xy[rays], ground)
@@ -75,12 +67,29 @@ def test_partials_of_images_and_rays_are_those_of_their_functions(system: str) -
         np.testing.assert_allclose(bent.by_station[..., axis], (fore - aft) / 2e-3, atol=2e-6 * ray_scale)
 
 
+@pytest.mark.parametrize("system", list(CoordinateSystem))
+def test_partials_of_images_by_waves_are_those_of_their_function(system: CoordinateSystem) -> None:
+    """Central differences of 3e-5 leave 1e-6 of the largest element: an azimuth moves far crests by much more."""
+    nan = np.nan
+    unknown = {"height_sigma": (1.0, nan), "length_sigma": (nan, 1.0), "azimuth_sigma": (1.0, nan)}
+    network, state, rays = through_waves(system, **unknown, crest_sigma=(1.0, 1.0))
+    ground = state.ground[network.point[rays]]
+    at = images(network, state, rays, ground).by_water
+    known = np.isnan(network.sea.sea.sigma)
+    assert known.sum() == 3
+    for number, (wave, of) in enumerate(np.argwhere(~known)):
+        step = np.zeros((2, 4))
+        step[wave, of] = 3e-5
+        fore, aft = (images(network, replace(state, waves=state.waves + s), rays, ground).xy for s in (step, -step))
+        want = (fore - aft) / 6e-5
+        np.testing.assert_allclose(at[..., 4 + number], want, atol=1e-6 * np.abs(want).max())
+
+
 @pytest.mark.slow
 def test_a_calm_sea_is_level_water() -> None:
-    block, sea, _ = block_through_waves("GEOG")
-    calm = replace(sea, surface=sinusoidal(amplitude=0.0, length=50.0, azimuth=0.0))
-    block = altered(block, options={"program": Program.IIIA})
-    with_sea, without = musatpy.adjust(block, sea=calm), musatpy.adjust(block)
+    block, _ = strip(CoordinateSystem.GEOGRAPHIC)
+    calm, level = altered(block, waves={"height": (0.0, 0.0)}), replace(block, waves=empty(Waves), wave_origin=None)
+    with_sea, without = musatpy.adjust(calm), musatpy.adjust(level)
     moved = compare.enu_difference(block, with_sea.points.position[:20], without.points.position[:20])
     assert np.nanmax(np.abs(moved)) < 1e-6  # where the iteration stops
     assert with_sea.sigma0 == pytest.approx(without.sigma0, rel=1e-6)
@@ -111,25 +120,25 @@ def adjusted(scene: Photographed, sea: Sea | None, **options) -> Solution:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("interval", [0.0, 3.0])
-def test_the_truth_is_found_without_errors(interval: float) -> None:
+@pytest.mark.parametrize(
+    ("interval", "change"),
+    [
+        (0.0, [-0.2, 1.5, -0.03, 4.0]),
+        (3.0, [-0.2, 1.5, -0.03, 4.0]),
+        # guessed to be none: nothing else shows at first; its sign, and half a length of the crest, may turn
+        (3.0, [None, 0.5, -0.01, 2.0]),
+    ],
+    ids=["simultaneous", "every 3 s", "guessed to be none"],
+)
+def test_the_truth_is_found_without_errors(interval: float, change: list[float | None]) -> None:
     at = scene(replace(EXACT, interval=interval))
-    found = adjusted(at, sea_of(at, [-0.2, 1.5, -0.03, 4.0]), **FINE)
     want = Trains.of(at.waves).values
+    found = adjusted(at, sea_of(at, [-want[0, 0] if one is None else one for one in change]), **FINE)
     # what errors of 1e-6 um in the images leave: a sigma of 4e-7 m of the crest, the least known
     assert np.abs(found.water.waves.value - want).max() < 1e-6
     assert np.abs(found.points.position - at.points).max() < 1e-6
     assert found.water.waves.speed[0] == pytest.approx(at.waves.frequency[0] / np.linalg.norm(at.waves.vector[0]))
     assert set(found.water.waves.verdicts.ravel()) == {"determined"} and not found.warnings
-
-
-@pytest.mark.slow
-def test_a_wave_guessed_to_be_none_is_found() -> None:
-    """Without height nothing else shows at first; its sign, and half a length of the crest, may turn."""
-    at = scene(EXACT)
-    height = Trains.of(at.waves).values[0, 0]
-    found = adjusted(at, sea_of(at, [-height, 0.5, -0.01, 2.0]), **FINE)
-    np.testing.assert_allclose(found.water.waves.value, Trains.of(at.waves).values, atol=1e-6)  # as above
 
 
 def test_only_what_has_a_sigma_is_unknown() -> None:
@@ -140,24 +149,6 @@ def test_only_what_has_a_sigma_is_unknown() -> None:
     np.testing.assert_allclose(found.value, want, atol=1e-6)
     assert (np.isnan(found.sigma) == np.isnan(sigma)).all() and (np.isnan(found.inflation) == np.isnan(sigma)).all()
     np.testing.assert_array_equal(found.value[np.isnan(sigma)], want[np.isnan(sigma)])
-
-
-@pytest.mark.parametrize("system", [one.value for one in CoordinateSystem])
-def test_partials_of_images_by_waves_are_those_of_their_function(system: str) -> None:
-    """Central differences of 1e-5 leave 1e-6 of the largest element: an azimuth moves far crests by much more."""
-    block, sea, _ = block_through_waves(system)
-    sea = replace(sea, sigma=np.array([[1.0, np.nan, 1.0, 1.0], [np.nan, 1.0, np.nan, 1.0]]), depth=15.0)
-    job, state = prepared(with_options(block, program=Program.IIIA, water_level=WaterLevel.ONE), None, sea)
-    rays = np.flatnonzero(block.points.bathymetric[job.network.point])
-    network = job.network.with_plates(job.network.xy, block.points.bathymetric[job.network.point])
-    ground = state.ground[network.point[rays]]
-    at = images(network, state, rays, ground).by_water
-    for number, (wave, of) in enumerate(np.argwhere(sea.unknown)):
-        step = np.zeros((2, 4))
-        step[wave, of] = 1e-5
-        fore, aft = (images(network, replace(state, waves=state.waves + s), rays, ground).xy for s in (step, -step))
-        want = (fore - aft) / 2e-5
-        np.testing.assert_allclose(at[..., 4 + number], want, atol=1e-6 * np.abs(want).max())
 
 
 def _entries(waves: Harmonic, C: np.ndarray, G: np.ndarray, time: np.ndarray, n: float) -> np.ndarray:

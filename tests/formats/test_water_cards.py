@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from adjustment.test_musat3a import sea_block
-from jobs.decks import cayman, reread, with_options
+from altered import with_options
+from jobs.decks import cayman, reread
 from json_schema import load_schema, violations
 from musatpy import model
 from musatpy.formats import musat, parts

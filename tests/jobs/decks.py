@@ -61,10 +61,6 @@ def cards(block: model.Block) -> Counter[str]:
     return Counter(line[:72] for line in deck_bytes(block).decode("ascii").splitlines())
 
 
-def with_options(block: model.Block, **changes: object) -> model.Block:
-    return replace(block, options=replace(block.options, **changes))  # type: ignore[arg-type]
-
-
 def photos(block: model.Block, *ids: str) -> np.ndarray:
     return np.isin(block.photos.ids, ids)
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from adjustment.test_musat3a import sea_block
-from altered import added, altered
-from jobs.decks import cards, cayman, photos, reread, rich, st_thomas, with_options
+from altered import added, altered, with_options
+from jobs.decks import cards, cayman, photos, reread, rich, st_thomas
 from musatpy import model
 from musatpy.errors import AdjustmentError
 from musatpy.formats.musat import check_deck, deck_bytes

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from musatpy.model import CoordinateSystem, PlateResiduals, Refraction
+from musatpy.model import CoordinateSystem, Refraction
 from musatpy.reports.listing import listing, listing_of
 from musatpy.statistics import DifferenceStatistics, Statistics
 from musatpy.units import ARC_SECOND
@@ -103,22 +103,14 @@ def plate_rows(table):
         return [row for row in csv.DictReader(file) if row["table"] == table]
 
 
-# Points of each frame, triangulated and not, that fit the printed RMS of all points.
-POINTS = {"841": (22, 1), "842": (22, 2), "843": (22, 3), "844": (24, 3)}
-
-
 @pytest.mark.parametrize(("table", "refraction"), [("6.4", Refraction.NONE), ("6.8", Refraction.WATPT)])
 def test_plate_residuals_of_all_frames(table, refraction):
-    photo, residual, triangulated = [], [], []
-    for number, row in enumerate(plate_rows(table)):
-        trig, other = POINTS.get(row["frame"], (20, 0))
-        signs = np.where(np.arange(trig + other) % 2, 1.0, -1.0)
-        size = [[float(row["rms_trig_x"]), float(row["rms_trig_y"])]] * trig
-        size += [[float(row["rms_nontrig_x"]), float(row["rms_nontrig_y"])]] * other
-        photo += [number] * (trig + other)
-        residual += list(np.array(size) * signs[:, None])
-        triangulated += [True] * trig + [False] * other
-    section = printed_section(listing(_with_plates(refraction, photo, residual, triangulated)), "Plate Residuals")
+    statistics = Statistics(sample_solution(refraction=refraction))
+    kinds = ("trig", "nontrig", "all")
+    rms = [[[float(row[f"rms_{kind}_{axis}"]) for axis in "xy"] for kind in kinds] for row in plate_rows(table)]
+    largest = tuple(np.hypot(*np.moveaxis(rms, -1, 0)).argmax(axis=0).tolist())
+    statistics.__dict__["plates"] = dataclasses.replace(statistics.plates, rms=np.array(rms), largest=largest)
+    section = printed_section(listing_of(statistics), "Plate Residuals")
     names = ("rms_trig_x", "rms_trig_y", "rms_nontrig_x", "rms_nontrig_y", "rms_all_x", "rms_all_y")
     rows = [line for line in section if line.startswith("RMS")]
     for name, line in zip(names, rows, strict=True):
@@ -127,24 +119,6 @@ def test_plate_residuals_of_all_frames(table, refraction):
     for name, line in zip(("flag_max_trig", "flag_max_nontrig", "flag_max_all"), stars, strict=True):
         cells = [line[38:].ljust(90)[9 * frame : 9 * frame + 9].strip() for frame in range(10)]
         assert cells == [row[name] for row in plate_rows(table)], name
-
-
-def _with_plates(refraction, photo, residual, triangulated):
-    solution = sample_solution(refraction=refraction)
-    m = len(photo)
-    plates = dataclasses.replace(
-        solution.block.plates,
-        photo=photo,
-        point=np.arange(m) % 98,
-        xy=np.zeros((m, 2)),
-        sigma=np.full((m, 2), 0.01),
-        triangulated=triangulated,
-    )
-    return dataclasses.replace(
-        solution,
-        block=dataclasses.replace(solution.block, plates=plates),
-        plates=PlateResiduals(residual=residual, triangulated=triangulated, correction=np.zeros((m, 2))),
-    )
 
 
 def test_bathymetric_points_of_table_6_9():
