@@ -38,6 +38,11 @@ def test_pictures_go_beside_the_record_and_say_what_they_show(record: Path, tmp_
     assert record.with_name("st_thomas.tides.svg").read_bytes() == (tmp_path / "st_thomas.tides.svg").read_bytes()
 
 
+def width_of(png: bytes) -> int:
+    """Return the width of an image, from its header."""
+    return int.from_bytes(png[16:20], "big")
+
+
 def test_pictures_have_the_format_and_the_dots_that_are_wanted(record: Path, tmp_path: Path) -> None:
     heads = {"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}
     for kind, head in heads.items():
@@ -46,12 +51,56 @@ def test_pictures_have_the_format_and_the_dots_that_are_wanted(record: Path, tmp
     plain = (tmp_path / "st_thomas.tides.png").read_bytes()
     assert plot(record, "-o", tmp_path, "--only", "tides", "--format", "png", "--dpi", "220").exit_code == 0
     fine = (tmp_path / "st_thomas.tides.png").read_bytes()
-    width, finer = (int.from_bytes(data[16:20], "big") for data in (plain, fine))  # of the header of a PNG
-    assert abs(finer - 2 * width) <= 2
+    assert abs(width_of(fine) - 2 * width_of(plain)) <= 2
     assert plot(record, "--format", "gif").exit_code == 2 and plot(record, "--dpi", "5").exit_code == 2
     result = musat("run", DECK, "-o", tmp_path / "none", "--format", "pdf")
     assert result.exit_code == 2 and "--format and --dpi go with --plots" in result.output
     assert not (tmp_path / "none").exists()
+
+
+def test_a_picture_of_depth_factors_has_the_dots_that_are_wanted(tmp_path: Path) -> None:
+    pair, widths = ["--height", "2500", "--base", "1126", "--index", "1.34"], []
+    for dpi in ("60", "120"):
+        assert musat("depth", "picture", tmp_path / "f.png", *pair, "--dpi", dpi).exit_code == 0
+        widths.append(width_of((tmp_path / "f.png").read_bytes()))
+    assert abs(widths[1] - 2 * widths[0]) <= 2 and widths[0] > 240  # 4 inches and more
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "pictures"),
+    [
+        (["waves", FIXTURES / "waves/bay.toml", "--plots"], ["bay.dependence", "bay.histogram", "bay.map"]),
+        (
+            ["sea", "fit", FIXTURES / "sea/water.csv", "--model", "grid", "--spacing", "12", "--plots"],
+            ["water.surface"],
+        ),
+        (
+            ["orient", FIXTURES / "orientation/three_photos.crd", "--study"],
+            ["three_photos.basins", "three_photos.correlations", "three_photos.precision"],
+        ),
+        (
+            ["as11", "compile", "RECORD", stage_readings.DECK, "--plots"],
+            [
+                f"st_thomas_as11.{name}"
+                for name in ("contours", "corrections", "depths", "parallaxes", "profile", "sigmas")
+            ],
+        ),
+        (
+            ["as11", "compare-soundings", "RECORD", stage_readings.DECK, stage_readings.SOUNDINGS, "--plots"],
+            ["soundings.soundings"],
+        ),
+    ],
+    ids=["waves", "sea", "orient", "compile", "soundings"],
+)
+def test_every_command_draws_in_the_format_that_is_wanted(
+    record: Path, tmp_path: Path, words: list[object], pictures: list[str]
+) -> None:
+    words = [record if word == "RECORD" else word for word in words]
+    assert musat(*words, "-o", tmp_path, "--format", "pdf").exit_code == 0
+    assert sorted(file.stem for file in tmp_path.glob("*.pdf")) == pictures
+    assert not [*tmp_path.glob("*.png"), *tmp_path.glob("*.svg")]
+    assert musat(*words[:-1], "-o", tmp_path, "--dpi", "60").exit_code == 2
 
 
 def test_what_cannot_be_drawn_has_a_reason(record: Path, tmp_path: Path) -> None:

@@ -113,7 +113,7 @@ def height_histogram(histogram: Histogram, title: str) -> bytes:
 @styled
 def refraction_picture(crossing: Crossing, title: str) -> bytes:
     """Return the section through a wave with all rays from one point, as Figure 7 of Okamoto (1982)."""
-    figure, ((plot,),) = new_panels([5.6], [4.6], title)
+    figure, ((plot,),) = new_panels([4.2], [5.4], title)
     plot.fill_between(crossing.along, crossing.height, crossing.ground[1], color="#d7e8f4")
     plot.plot(crossing.along, crossing.height, color=_BLUE)
     for i, ((x, z), above) in enumerate(zip(crossing.place, crossing.above, strict=True)):

@@ -109,7 +109,8 @@ def picture(picture: Path, depth: float, step: float, dpi: int, **given: Any) ->
     if not np.isfinite(factor).any():
         raise click.UsageError("there is no factor anywhere: " + "; ".join(factors.reasons()))
     check_step(step, factor)
-    title = f"Depth factor at an apparent depth of {depth:g}\n{view.heading()}"
+    job = f"\n{given['stations'].stem}" if given["stations"] else ""
+    title = f"Depth factor at an apparent depth of {depth:g}\n{view.heading()}{job}"
     contour_picture(picture, x, y, factor, view.nadirs(), title=title, step=step, form=ImageForm(dpi=dpi))
     tell(f"{name_of(picture)}: F {np.nanmin(factor):.4f} to {np.nanmax(factor):.4f}")
 
