@@ -89,7 +89,7 @@ def picture_options(switch: str = "") -> Callable[[Callable[..., Any]], Callable
             "--format",
             "image_kind",
             type=click.Choice(["svg", "png", "pdf"]),
-            help="Of pictures; where not given, what suits each of them.",
+            help="Format of the pictures. Default: the one that suits each of them.",
         )
         @dpi_option
         @wraps(command)
@@ -112,8 +112,8 @@ def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
     So is the date, where it has one, and stays a parameter too.
     """
 
-    @click.option("--client", default="", metavar="NAME", help="For whom: stands at the top of the page.")
-    @click.option("--operator", default="", metavar="NAME", help="By whom: stands at the top of the page.")
+    @click.option("--client", default="", metavar="NAME", help="Client; printed at the top of the page.")
+    @click.option("--operator", default="", metavar="NAME", help="Operator; printed at the top of the page.")
     @wraps(command)
     def with_lines(*args: Any, client: str, operator: str, **given: Any) -> Any:
         if (client or operator) and not given.get("html", True):
@@ -268,7 +268,7 @@ dpi_option = click.option(
     type=click.IntRange(30, 600),
     default=110,
     show_default=True,
-    help="Dots per inch of pictures that are PNG.",
+    help="Dots per inch of PNG pictures.",
 )
 listed_option = click.option(
     "--listed",
