@@ -114,28 +114,27 @@ def bottom_of(compiled: Compiled) -> Bottom | None:
 
 def _sheets(surfaces: Iterable[tuple[str, JoinedSurface]], spec: ContourSpec) -> tuple[Sheet, ...]:
     """Return the contours of the triangles of surfaces."""
-    sheets = []
-    for name, surface in surfaces:
-        tin, lines = surface.tin, Contours(lines=(), dropped=0)
-        if tin is not None:
-            draw = partial(contours, tin, shortest=spec.shortest)
-            lines = _contours(spec, float(tin.z.min()), float(tin.z.max()), draw)
-        sheets.append(Sheet(name=name, surface=surface, contours=lines))
-    return tuple(sheets)
+    return tuple(
+        _sheet(spec, name, surface, surface.tin.z, partial(contours, surface.tin))
+        if surface.tin is not None
+        else Sheet(name=name, surface=surface, contours=Contours(lines=(), dropped=0))
+        for name, surface in surfaces
+    )
 
 
 def _of_posts(grid: PostGrid, spec: ContourSpec) -> Sheet:
     """Return the contours of the posts of a grid."""
-    lines = Contours(lines=(), dropped=0)
-    if np.isfinite(grid.depth).any():
-        low, high = float(np.nanmin(grid.depth)), float(np.nanmax(grid.depth))
-        draw = partial(grid_contours, grid.depth, (grid.west, grid.south), grid.spacing, shortest=spec.shortest)
-        lines = _contours(spec, low, high, draw)
-    return Sheet(name=grid.name, surface=grid.surface, contours=lines)
+    draw = partial(grid_contours, grid.depth, (grid.west, grid.south), grid.spacing)
+    return _sheet(spec, grid.name, grid.surface, grid.depth[np.isfinite(grid.depth)], draw)
 
 
-def _contours(spec: ContourSpec, low: float, high: float, draw: Callable[..., Contours]) -> Contours:
+def _sheet(
+    spec: ContourSpec, name: str, surface: JoinedSurface, values: FloatArray, draw: Callable[..., Contours]
+) -> Sheet:
     """Return contours at multiples of the interval and at levels listed, those only that a surface reaches."""
+    if not len(values):
+        return Sheet(name=name, surface=surface, contours=Contours(lines=(), dropped=0))
+    low, high = float(values.min()), float(values.max())
     even = levels_between(low, high, spec.interval) if np.isfinite(spec.interval) else np.zeros(0)
     levels = even.tolist()
     thick = even[np.rint(even / spec.interval) % spec.index == 0].tolist()
@@ -146,7 +145,8 @@ def _contours(spec: ContourSpec, low: float, high: float, draw: Callable[..., Co
             same = level
         if same is not None and level in spec.listed_index:
             thick.append(same)
-    return draw(levels=sorted(levels), index=thick)
+    lines = draw(levels=sorted(levels), index=thick, shortest=spec.shortest)
+    return Sheet(name=name, surface=surface, contours=lines)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -187,10 +187,8 @@ def grids_of(
     There are none without a surface. Raises `CompilationError` for a grid of no posts, or of too many.
     """
     networks = [surface for surface in surfaces if surface.tin is not None]
-    if not networks:
-        return ()
     on_line: list[int | None] = [None] * len(specs.ids) if lines is None else lines.tolist()
-    return tuple(_grid(specs, row, corner_unit, networks, line) for row, line in enumerate(on_line))
+    return tuple(_grid(specs, row, corner_unit, networks, line) for row, line in enumerate(on_line) if networks)
 
 
 def _grid(
@@ -211,7 +209,7 @@ def _grid(
     x, y = np.meshgrid(first[0] + np.arange(columns), first[1] + np.arange(rows))
     posts = spacing * np.column_stack([x.ravel(), y.ravel()])
     depth, sigma = np.full(len(posts), np.nan), np.full(len(posts), np.nan)
-    validations = []
+    left_out: list[CrossValidation] = []
     for surface in surfaces:
         assert surface.tin is not None
         at = surface.tin.at(posts)
@@ -219,7 +217,7 @@ def _grid(
         depth[new], sigma[new] = at.value[new], at.sigma[new]
         if specs.collocated[row] and new.any():
             depth[new], sigma[new], validation = _predicted(name, surface.tin, posts[new])
-            validations.append(validation)
+            left_out.append(validation)
     shape = (int(rows), int(columns))
     return PostGrid(
         name=name,
@@ -229,7 +227,12 @@ def _grid(
         depth=depth.reshape(shape),
         sigma=sigma.reshape(shape),
         surface=surfaces[0],
-        validation=_joined(validations) if validations else None,
+        validation=CrossValidation(
+            error=np.concatenate([part.error for part in left_out]),
+            sigma=np.concatenate([part.sigma for part in left_out]),
+        )
+        if left_out
+        else None,
     )
 
 
@@ -252,9 +255,3 @@ def _predicted(name: str, tin: Tin, posts: FloatArray) -> tuple[FloatArray, Floa
         raise CompilationError([Problem(message=message)]) from error
     prediction = found.collocation.predict(posts)
     return prediction.value, found.factor * prediction.sigma, found.grouped
-
-
-def _joined(parts: Sequence[CrossValidation]) -> CrossValidation:
-    return CrossValidation(
-        error=np.concatenate([part.error for part in parts]), sigma=np.concatenate([part.sigma for part in parts])
-    )
