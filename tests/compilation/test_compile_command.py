@@ -59,40 +59,35 @@ def test_the_record_obeys_its_schema_and_has_what_the_listing_says(run_record: P
 
 
 @pytest.mark.slow
-def test_contours_are_lines_of_their_depth_in_the_system_of_the_job(run_record: Path, tmp_path: Path) -> None:
-    """Every vertex stands at its depth below the datum, and within the model."""
-    assert compiled(run_record, stage_readings.DECK, tmp_path, "--plots").exit_code == 0
-    head, *lines = (tmp_path / "st_thomas_as11.contours.csv").read_text().splitlines()
+def test_files_for_others_are_read_by_other_programs(run_record: Path, tmp_path: Path) -> None:
+    """Points and contours as sqlite and GDAL read them, twice the same bytes, on a map that names its ellipsoid.
+
+    Every vertex of a contour stands at its depth below the datum, and within the model.
+    """
+    data = []
+    for folder in (tmp_path / "a", tmp_path / "b"):
+        assert compiled(run_record, stage_readings.DECK, folder, "--gis", "--plots").exit_code == 0
+        data.append([(folder / f"st_thomas_as11.{suffix}").read_bytes() for suffix in ("gpkg", "dxf")])
+    assert data[0] == data[1]
+    stem = tmp_path / "a/st_thomas_as11"
+    head, *table = Path(f"{stem}.contours.csv").read_text().splitlines()
     assert head == "line,surface,depth,index,closed,latitude,longitude,height"
-    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines])
+    rows = np.array([[float(cell) for cell in line.split(",")] for line in table])
     np.testing.assert_allclose(rows[:, 7], -0.15 - rows[:, 2], rtol=0.0, atol=1e-4)
     assert set(rows[rows[:, 3] == 1.0, 2]) == {10.0, 20.0}
     assert (np.abs(rows[:, 5] - 18.33) < 0.01).all() and (np.abs(rows[:, 6] + 64.93) < 0.015).all()
-    record = read_rows(tmp_path / "st_thomas_as11.json")
-    assert sum(row["lines"] for row in record["contours"]) == int(rows[:, 0].max())
-    assert (tmp_path / "st_thomas_as11.contours.png").read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.slow
-def test_files_for_gis_are_read_by_other_programs(run_record: Path, tmp_path: Path) -> None:
-    """Points and contours as sqlite and GDAL read them, twice the same bytes, on a map that names its ellipsoid."""
-    data = []
-    for folder in (tmp_path / "a", tmp_path / "b"):
-        assert compiled(run_record, stage_readings.DECK, folder, "--gis").exit_code == 0
-        data.append([(folder / f"st_thomas_as11.{suffix}").read_bytes() for suffix in ("gpkg", "dxf")])
-    assert data[0] == data[1]
-    package = tmp_path / "a/st_thomas_as11.gpkg"
-    with sqlite3.connect(package) as database:
+    assert Path(f"{stem}.contours.png").read_bytes().startswith(b"\x89PNG")
+    with sqlite3.connect(f"{stem}.gpkg") as database:
         depths = dict(database.execute("select point || model, depth from points where submerged = 1"))
         levels = {level for (level,) in database.execute("select depth from contours")}
-    record = read_rows(tmp_path / "a/st_thomas_as11.json")
+    record = read_rows(Path(f"{stem}.json"))
     told = {row["point"] + row["model"]: row["datum_depth"] for row in record["points"] if row["submerged"]}
     assert depths == pytest.approx(told, abs=1e-9)
     assert levels == {row["depth"] for row in record["contours"]}
-    crs = pyogrio.read_info(package, layer="contours")["crs"]
+    crs = pyogrio.read_info(f"{stem}.gpkg", layer="contours")["crs"]
     assert "Transverse_Mercator" in crs and "Clarke 1866" in crs
-    lines = ezdxf.readfile(tmp_path / "a/st_thomas_as11.dxf").modelspace().query("POLYLINE")
-    assert len(lines) == sum(row["lines"] for row in record["contours"])
+    drawn = ezdxf.readfile(f"{stem}.dxf").modelspace().query("POLYLINE")
+    assert len(drawn) == sum(row["lines"] for row in record["contours"]) == int(rows[:, 0].max())
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import ezdxf
 import numpy as np
@@ -17,7 +18,7 @@ import stage_readings
 from cli.commands import musat
 from compilation.scenes import surface_of
 from musatpy.arrays import FloatArray
-from musatpy.compilation.other_bottoms import NO_BOTTOM, NOT_IN_OTHER, NOT_ON_IT, PAST_ENDS, contoured
+from musatpy.compilation.other_bottoms import NO_BOTTOM, NOT_IN_OTHER, NOT_ON_IT, PAST_ENDS, Contoured, contoured
 from musatpy.errors import SoundingError
 from musatpy.interchange.any_file import write_layers
 from musatpy.interchange.layers import Grid
@@ -39,63 +40,56 @@ def others(*lines: tuple[float, list[tuple[float, float]]]) -> ContourLines:
     return ContourLines(places=places, angular=False, depth=np.array([depth for depth, _ in lines]))
 
 
+def beside(*lines: tuple[float, list[tuple[float, float]]], **how: Any) -> Contoured:
+    """Return contours of a bottom 40 m wide beside others."""
+    return contoured([surface_of(patch(0.0, 40.0))], others(*lines), **how)
+
+
 @pytest.mark.parametrize(("x", "depth"), [(60.0, 1.0), (45.0, -0.5)])
 @pytest.mark.parametrize("turned", [1, -1])
 def test_a_contour_on_the_deeper_side_says_that_the_bottom_is_deeper(x: float, depth: float, turned: int) -> None:
     """Compiled 5 m are at x 50: where the other has them farther out, the compiled bottom is deeper than 5 m."""
-    compared = contoured([surface_of(patch(0.0, 40.0))], others((5.0, [(x, -10.0), (x, 60.0)][::turned])))
-    forward, backward = compared.distances
-    assert (forward.of, backward.of) == ("compiled", "other")
-    for way in (forward, backward):
-        assert way.length == pytest.approx(40.0, abs=1.0)  # a sample at the edge
+    compared = beside((5.0, [(x, -10.0), (x, 60.0)][::turned]))
+    assert [way.of for way in compared.distances] == ["compiled", "other"]
+    for way in compared.distances:
+        assert way.length == pytest.approx(40.0, abs=1.0) and way.beyond == 0.0  # a sample at the edge
         assert (way.mean, way.rms, way.most) == pytest.approx([abs(x - 50.0)] * 3)
-        assert way.mean_depth == pytest.approx(depth)
-        assert (way.rms_depth, way.most_depth) == pytest.approx([abs(depth)] * 2)
-        assert way.beyond == 0.0
+        assert (way.mean_depth, way.rms_depth, way.most_depth) == pytest.approx([depth, abs(depth), abs(depth)])
     (area,) = compared.areas
     assert area.area == pytest.approx(40.0 * abs(x - 50.0)) and area.width == pytest.approx(abs(x - 50.0))
     assert compared.rms == pytest.approx(abs(x - 50.0)) and not area.reason
 
 
 def test_a_datum_is_added_to_the_depths_of_the_other() -> None:
-    compared = contoured([surface_of(patch(0.0, 40.0))], others((4.5, [(52.0, -10.0), (52.0, 60.0)])), datum=0.5)
+    compared = beside((4.5, [(52.0, -10.0), (52.0, 60.0)]), datum=0.5)
     assert [row.depth for row in compared.areas] == [5.0]
-    again = contoured([surface_of(patch(0.0, 40.0))], others((0.3, [(9.0, -10.0), (9.0, 60.0)])), levels=[3 * 0.1])
-    assert [(row.depth, row.reason) for row in again.areas] == [(0.3, "")]
     assert compared.distances[0].mean == pytest.approx(2.0)
+    again = beside((0.3, [(9.0, -10.0), (9.0, 60.0)]), levels=[3 * 0.1])
+    assert [(row.depth, row.reason) for row in again.areas] == [(0.3, "")]
 
 
 def test_a_turned_contour_has_depths_on_both_sides() -> None:
     """Deeper in the north, shoaler in the south: the mean depth is none, its RMS that of an even spread."""
-    compared = contoured([surface_of(patch(0.0, 40.0))], others((5.0, [(48.0, -20.0), (52.0, 60.0)])))
-    forward = compared.distances[0]
-    assert forward.mean_depth == pytest.approx(0.0, abs=1e-6)
+    forward = beside((5.0, [(48.0, -20.0), (52.0, 60.0)])).distances[0]
     most = SLOPE * 20.0 * np.sin(np.arctan(4.0 / 80.0))
+    assert forward.mean_depth == pytest.approx(0.0, abs=1e-6)
     assert forward.rms_depth == pytest.approx(most / np.sqrt(3.0), rel=1e-3)  # of 40 steps
     assert forward.most_depth == pytest.approx(0.95 * most, abs=most / 20.0)
 
 
-def test_what_lies_past_an_end_is_left_out_and_has_no_area() -> None:
-    """The other contour ends in the middle: half of the compiled one has no partner."""
-    compared = contoured([surface_of(patch(0.0, 40.0))], others((5.0, [(60.0, -10.0), (60.0, 20.0)])))
+def test_what_lies_past_an_end_or_too_far_is_left_out_and_has_no_area() -> None:
+    """A contour that ends in the middle; of two of a depth, 10 m and 35 m off, the first is within 20 m."""
+    compared = beside((5.0, [(60.0, -10.0), (60.0, 20.0)]))
     forward, backward = compared.distances
-    assert (forward.length, forward.beyond) == pytest.approx((20.0, 20.0))
+    assert (forward.length, forward.beyond, forward.most) == pytest.approx((20.0, 20.0, 10.0))
     assert backward.length == pytest.approx(20.0, abs=1.0) and backward.beyond == 0.0  # a sample at the edge
-    assert forward.most == pytest.approx(10.0) and compared.areas[0].area == pytest.approx(200.0)
-
-
-def test_contours_of_other_places_are_no_partners() -> None:
-    """Of two contours of a depth, one 10 m beside that of the surface and one 35 m, the first is within 20 m."""
-    both = others((5.0, [(60.0, -10.0), (60.0, 60.0)]), (5.0, [(85.0, -10.0), (85.0, 60.0)]))
-    bottom = surface_of(patch(0.0, 40.0))
-    whole, near = contoured([bottom], both), contoured([bottom], both, farthest=20.0)
-    assert [row.beyond for row in whole.distances] == [0.0, 0.0]
-    assert whole.distances[1].most > 30.0
+    assert compared.areas[0].area == pytest.approx(200.0)
+    both = (5.0, [(60.0, -10.0), (60.0, 60.0)]), (5.0, [(85.0, -10.0), (85.0, 60.0)])
+    whole, near, none = (beside(*both, farthest=farthest) for farthest in (np.inf, 20.0, 5.0))
+    assert [row.beyond for row in whole.distances] == [0.0, 0.0] and whole.distances[1].most > 30.0
     forward, backward = near.distances
-    assert (forward.length, backward.length) == pytest.approx((40.0, 40.0), abs=1.0)
-    assert backward.beyond == pytest.approx(40.0, abs=1.0) and backward.most == pytest.approx(10.0)
-    assert near.areas[0].area == pytest.approx(400.0, rel=0.02)
-    none = contoured([bottom], both, farthest=5.0)
+    assert (forward.length, backward.length, backward.beyond) == pytest.approx((40.0,) * 3, abs=1.0)
+    assert backward.most == pytest.approx(10.0) and near.areas[0].area == pytest.approx(400.0, rel=0.02)
     assert not none.distances and none.areas[0].reason == PAST_ENDS
 
 
@@ -222,10 +216,8 @@ def test_contours_are_read_by_other_programs(tmp_path: Path) -> None:
     fields = dict(zip(meta["fields"], values, strict=True))
     rings = [depth for depth in fields["depth"].tolist() if depth > 0.0]
     assert meta["crs"] == "EPSG:32620" and rings == [5.0, 10.0, 15.0]
-    assert (
-        fields["index_line"][fields["depth"] == 10.0].all()
-        and not fields["index_line"][fields["depth"] == 5.0].any()
-    )
+    thick = set(fields["depth"][fields["index_line"].astype(bool)].tolist())
+    assert 10.0 in thick and not {5.0, 15.0} & thick
     for depth, shape in zip(fields["depth"].tolist(), shapely.from_wkb(encoded), strict=True):
         xyz = shapely.get_coordinates(shape, include_z=True)
         np.testing.assert_array_equal(xyz[:, 2], -depth)
@@ -241,25 +233,21 @@ def test_contours_are_read_by_other_programs(tmp_path: Path) -> None:
     assert len(pyogrio.raw.read(tmp_path / "a.geojson")[2]) == len(encoded)
 
 
-def test_depths_below_a_datum_and_drying_heights(tmp_path: Path) -> None:
-    """Of the band of heights: contours at the depths' heights, a drying one above the datum."""
-    source = raster(tmp_path / "a.tif")
+def test_depths_below_a_datum_drying_heights_and_heights(tmp_path: Path) -> None:
+    """Of the band of heights: contours at the heights of depths, a drying one too; heights without a datum."""
+    source, target = raster(tmp_path / "a.tif"), tmp_path / "a.gpkg"
     words = ("--band", "height", "--datum", str(DATUM), "--depth", "10", "--depth", "-4")
-    assert drawn_by(source, "-o", tmp_path / "a.gpkg", *words).exit_code == 0
-    meta, _, encoded, values = pyogrio.raw.read(tmp_path / "a.gpkg")
-    depth = dict(zip(meta["fields"], values, strict=True))["depth"]
-    heights = [shapely.get_coordinates(shape, include_z=True)[0, 2] for shape in shapely.from_wkb(encoded)]
-    assert set(depth.tolist()) == {-4.0, 10.0}
-    np.testing.assert_allclose(heights, DATUM - depth, rtol=0.0, atol=1e-9)
-
-
-def test_heights_are_contoured_as_heights(tmp_path: Path) -> None:
-    source = raster(tmp_path / "a.tif")
-    result = drawn_by(source, "-o", tmp_path / "a.gpkg", "--band", "height", "--depth", "-50")
-    assert result.exit_code == 0 and "1 line of 1 height" in result.output
-    meta, _, encoded, _ = pyogrio.raw.read(tmp_path / "a.gpkg")
-    assert meta["fields"].tolist()[0] == "height"
-    assert shapely.get_coordinates(shapely.from_wkb(encoded), include_z=True)[0, 2] == -50.0
+    for name, values, options in (
+        ("depth", {10.0, -4.0}, words),
+        ("height", {-50.0}, (*words[:2], "--depth", "-50")),
+    ):
+        result = drawn_by(source, "-o", target, *options)
+        assert result.exit_code == 0 and (name == "depth" or "1 line of 1 height" in result.output)
+        meta, _, encoded, columns = pyogrio.raw.read(target)
+        of = dict(zip(meta["fields"], columns, strict=True))[name]
+        heights = [shapely.get_coordinates(shape, include_z=True)[0, 2] for shape in shapely.from_wkb(encoded)]
+        assert set(of.tolist()) == values
+        np.testing.assert_allclose(heights, DATUM - of if name == "depth" else of, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize(

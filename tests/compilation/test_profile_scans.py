@@ -114,13 +114,10 @@ def test_a_scan_along_y_has_its_lines_across() -> None:
     assert [scan.scan for scan in scans_of(result, lines)] == ["Y"]
 
 
-def test_a_line_without_readings_is_told() -> None:
+def test_lines_without_readings_and_scans_of_no_extent_are_told() -> None:
     xy = side_by_side()
     result = deck_of(xy[xy[:, 1] != 20.0], *SCAN)
     assert [part.reason for part in profiles_of(result)] == ["", "", "0 readings with a position", "", ""]
-
-
-def test_a_scan_of_no_extent_is_none() -> None:
     (part,) = profiles_of(deck_of(line(), *card(ends("J", 300.0, 50.0, 300.0, 90.0), scan="X   40.0")))
     assert part.profile is None and part.reason.startswith("the scan has no extent")
 
@@ -137,9 +134,6 @@ def test_the_pace_of_a_profile_is_that_of_its_stages() -> None:
     assert ways[:, 0].max() != ways[:, 1].max()  # the bottom rises under the mark, and one stage goes farther
     assert fastest == pytest.approx(ways.max() / 2.0, rel=1e-9)
     assert 15.0 * scale < mean < 30.0 * scale
-
-
-def test_without_times_there_is_no_pace() -> None:
     (part,) = profiles_of(deck_of(line(), *card(ends("J", 200.0, 50.0, 1600.0, 50.0)), times=False))
     assert np.isnan(part.pace).all() and part.turns == 0
 

@@ -12,7 +12,6 @@ from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.adjustment.wavy_water import CREST, Sea, sea_of
 from musatpy.arrays import FloatArray
-from musatpy.as11_runs import run_of
 from musatpy.compilation.compiled import compiled
 from musatpy.compilation.loop import Loop
 from musatpy.compilation.stereomodels import Stereomodel, set_up
@@ -145,16 +144,6 @@ def test_partials_of_the_stages_through_waves() -> None:
         np.testing.assert_allclose(stages.by_mark[..., axis], by, rtol=0.0, atol=1e-7)
 
 
-def test_a_mark_goes_through_a_wave_without_a_jump(sea: Stereomodel) -> None:
-    run = sea.run
-    assert run.sea is not None
-    height = run.sea.surface.relief(PLACES, run.sea.time[0]).height + run.block.photos.tide[0]
-    below, above = (np.column_stack([PLACES, height + rise]) for rise in (-1e-11, 1e-11))
-    loop = Loop(stereo=sea)
-    jump = loop.stages(in_model(sea, below)).xy[:, 0] - loop.stages(in_model(sea, above)).xy[:, 0]
-    assert np.abs(jump).max() < 1e-9
-
-
 def corrected(run: AdjustedRun, apparent: FloatArray) -> TruePoints:
     """Return the true points of apparent ones (k, 3) of both photos."""
     photos = run.block.photos
@@ -218,16 +207,6 @@ def test_the_commands_go_through_the_waves_of_the_run(runs: Path, tmp_path: Path
     for listing in ("image.lst", "image.setup.lst"):
         text = (tmp_path / listing).read_text()
         assert "Through the waves of the run (SW, CHOP), as they stood at each exposure." in text
-
-
-def test_a_punched_deck_has_its_waves(runs: Path) -> None:
-    (punched,) = runs.glob("*.pun")
-    sea, of_record_ = run_of(punched).sea, run_of(runs / "strip.json").sea
-    assert sea is not None and of_record_ is not None
-    places = np.random.default_rng(0).uniform(-900.0, 900.0, (50, 2))
-    for time in (0.0, 37.5):
-        heights = [of.surface.relief(places, time).height for of in (sea, of_record_)]
-        np.testing.assert_allclose(heights[0], heights[1], rtol=0.0, atol=1e-3)
 
 
 def test_the_formulas_of_1983_are_of_still_water(runs: Path) -> None:

@@ -145,15 +145,6 @@ def test_a_run_that_has_not_converged_is_not_compiled_from() -> None:
         of_solution(solution)
 
 
-def test_the_sigma_of_a_y_parallax_is_that_of_both_pointings() -> None:
-    """Vertical photos from one height: y right less y left, whose sigma is that of a coordinate times root 2."""
-    run = pair(3000.0, 1810.0)
-    xy = np.array([[[46.0, 20.0], [-46.0, 20.007]]])
-    points = true_points(run, (0, 1), readings_at(xy, submerged=False))
-    assert points.y_parallax[0] == pytest.approx(0.007, rel=1e-9)
-    assert points.y_parallax_sigma[0] == pytest.approx(0.005 * np.sqrt(2.0), rel=1e-9)
-
-
 def start() -> model.Block:
     block = read_deck(FIXTURES / "st_thomas/st_thomas.crd")
     return with_options(block, program=model.Program.IIIA, refraction=model.Refraction.RIGOROUS)
@@ -181,18 +172,6 @@ def test_the_same_readings_of_two_rays_are_the_same_point(solution: model.Soluti
     three = (rays == 3) & ~control
     assert three.any() and (found.sigma[three] > 0.01).all() and (found.test[three] < 3.0).all()
     assert np.isnan(found.sigma[control]).all() and control.any()
-
-
-def test_kept_out_points_of_the_same_readings_are_the_same_too() -> None:
-    block = start()
-    rays = np.bincount(block.plates.point)
-    held = np.concatenate([block.control.point, block.equal_elevations.point])
-    chosen = np.setdiff1d(np.flatnonzero(rays == 2), held)[::3]
-    out = np.isin(block.plates.point, chosen)
-    solution = adjust(altered(block, plates={"triangulated": block.plates.triangulated & ~out}))
-    found = against(solution, block.plates.xy, 0.005 * solution.unit_sigma)
-    kept = np.isin(found.points, chosen)
-    assert kept.any() and found.length[kept].max() < 1e-6 and found.sigma[kept].max() < 1e-5
 
 
 def test_a_point_of_which_the_run_has_kept_out_one_reading_is_not_tested() -> None:
@@ -346,12 +325,3 @@ def test_remarks_say_why_there_is_no_depth_and_angles_are_those_of_wet_rays() ->
     run = pair(3000.0, 1810.0, TIDES)
     xy = flat_images(run, np.array([[700.0, 300.0, -12.0]]))[0]
     np.testing.assert_allclose(np.tan(deep), np.linalg.norm(xy, axis=1) / 152.4, rtol=1e-6)
-
-
-def test_apparent_points_of_dry_ones_are_themselves(in_feet: Path) -> None:
-    rows = read_rows(in_feet / "st_thomas_as11.json")["points"]
-    dry = [row for row in rows if not row["submerged"]]
-    assert dry and all(row["apparent"] == row["position"] for row in dry)
-    deep = [row for row in rows if row["depth"] and row["depth"] > 5.0]
-    # In air the water looks shallower by a quarter or more of the depth.
-    assert all(row["apparent"][2] - row["position"][2] > 0.25 * row["depth"] for row in deep)

@@ -75,20 +75,34 @@ def test_a_deck_without_stations(name: str, method: str, control: int, plane: st
         assert np.abs(error / sigma).max() < 4.0
 
 
-def test_the_run_of_what_is_punched_stays_where_it_is(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "method", "control"),
+    [
+        ("lab", "SINGLE-RAY", 20),
+        pytest.param("tank", "SINGLE-FERMAT", 20, marks=pytest.mark.slow),
+        pytest.param("aerial", "SINGLE-RAY", 20, marks=pytest.mark.slow),
+        pytest.param("lab", "COMBINED", 8, marks=pytest.mark.slow),
+        pytest.param("aerial", "COMBINED", 12, marks=pytest.mark.slow),
+    ],
+)
+def test_the_run_of_what_is_punched_stays_where_it_is(name: str, method: str, control: int, tmp_path: Path) -> None:
     """IIIA solves the same problem: its first step is none, to the digits of the cards."""
-    block, _, _ = deck_block("lab", "SINGLE-RAY", 20)
+    block, _, _ = deck_block(name, method, control)
     deck = written(tmp_path, block)
     assert orient(deck, "--punch").exit_code == 0
     values = record(deck)
     solution = musatpy.adjust(musatpy.read_deck(deck.with_suffix(".pun")))
-    row = values["stations"][0]
     assert solution.sigma0 == pytest.approx(values["fit"]["sigma0"], rel=1e-6)
-    sigma = np.sqrt(np.diagonal(solution.stations.covariance[0]))
-    np.testing.assert_allclose(sigma, [*row["position_sigma"], *row["attitude_sigma"]], rtol=1e-4)
-    assert np.abs((solution.stations.position[0] - row["position"]) / sigma[:3]).max() < 1e-3
+    assert solution.degrees_of_freedom == values["fit"]["redundancy"]
+    for photo, row in enumerate(values["stations"]):
+        sigma = np.sqrt(np.diagonal(solution.stations.covariance[photo]))
+        np.testing.assert_allclose(sigma, [*row["position_sigma"], *row["attitude_sigma"]], rtol=1e-4)
+        assert np.abs((solution.stations.position[photo] - row["position"]) / sigma[:3]).max() < 1e-3
     assert solution.water is not None
     np.testing.assert_allclose(solution.water.tilt_sigma, values["plane"]["slope_sigma"], rtol=1e-4)
+    places = dict(zip(solution.block.points.ids.tolist(), solution.points.covariance, strict=True))
+    for row in (row for row in values["points"] if row["sigma"] and row["sigma"][0]):
+        np.testing.assert_allclose(row["sigma"], np.sqrt(np.diagonal(places[row["point"]])), rtol=1e-4)
 
 
 @pytest.mark.slow

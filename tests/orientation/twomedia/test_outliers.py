@@ -118,15 +118,3 @@ def test_a_point_is_tested_against_the_others(method):
                 ) == pytest.approx(square, rel=2e-3)
                 break
             row -= k
-
-
-@pytest.mark.slow
-def test_squares_of_the_test_values_of_good_points_are_1_in_the_mean():
-    """Pairs of one condition a point: four standard deviations of the mean of 40 draws."""
-    true, rng = geometry("lab", "PAIR-SUCCESSIVE"), np.random.default_rng(8)
-    method, clean, squares = METHODS["PAIR-SUCCESSIVE"], sights_of(true), []
-    for _ in range(40):
-        sights = replace(clean, image=clean.image + rng.normal(size=clean.image.shape) * clean.image_sigma)
-        problem = problem_of(sights, method, WaterPlane())
-        squares.append(np.mean(np.square(CRITICAL * deviations(adjust(problem, truth_of(true))))))
-    assert np.mean(squares) == pytest.approx(1.0, abs=4.0 * np.std(squares) / np.sqrt(40))

@@ -69,17 +69,3 @@ def test_control_that_does_not_hold_a_strip(count: int) -> None:
     if count == 2:  # a level plane holds the tilts
         at = orient_strip(sights, LEVEL).orientation()
         assert np.abs(at.station - strip_truth(true)[0].station).max() < 1e-8
-
-
-def test_points_are_those_of_the_triplets_that_show_them_most_often() -> None:
-    sights, _ = strip_sights(strip_scene("lab", 5, 24), noise=1.0)
-    strip = orient_strip(sights, WaterPlane())
-    rays = np.zeros((len(strip.triplets), len(sights.points)), dtype=int)
-    place = np.full((*rays.shape, 3), np.nan)
-    for number, (triplet, move) in enumerate(zip(strip.triplets, strip.moves, strict=True)):
-        here = (sights.photo >= number) & (sights.photo < number + 3)
-        rays[number] = np.bincount(sights.point[here], minlength=len(sights.points))
-        place[number, triplet.points] = move.apply(triplet.place)
-    best = rays.argmax(axis=0)
-    np.testing.assert_array_equal(strip.points, place[best, np.arange(len(best))])
-    assert rays.max(axis=0).min() == 2 and rays.max() == 3

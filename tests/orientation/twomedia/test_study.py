@@ -11,8 +11,8 @@ from musatpy.orientation.twomedia.helmert import adjust
 from musatpy.orientation.twomedia.oriented import Oriented, PlaneVerdict, orient
 from musatpy.orientation.twomedia.precision import inflation
 from musatpy.orientation.twomedia.rays import WATER, Orientation, image_rays, images_of
-from musatpy.orientation.twomedia.sights import PlaneTreatment, Sights, WaterPlane
-from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, basins_of, precision_of, study
+from musatpy.orientation.twomedia.sights import Sights, WaterPlane
+from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, basins_of, precision_of
 from orientation.twomedia.geometries import (
     HOUSE,
     KINDS,
@@ -41,14 +41,6 @@ def test_images_are_the_inverse_of_rays_where_the_water_is_higher() -> None:
     rays = image_rays(at, sights.photo, sights.image[None], wet, rise)
     images = images_of(at, sights.photo, rays.origin + 0.7 * rays.direction, wet, rise)
     np.testing.assert_allclose(images[0], sights.image, atol=1e-13)  # tangents: rounding
-
-
-def test_points_over_the_water_that_should_be_wet_have_no_image() -> None:
-    at = truth_of(geometry("lab", "SINGLE-RAY"))
-    point = np.array([[[0.5, 0.5, float(at.level[0]) + 0.5]]])
-    first, none = np.array([0]), np.zeros(1)
-    assert np.isnan(images_of(at, first, point, np.array([True]), none)).all()
-    assert np.isfinite(images_of(at, first, point, np.array([False]), none)).all()
 
 
 @pytest.mark.parametrize("method", ["SINGLE-FERMAT", "PAIR-INDEPENDENT", "COMBINED", "TRIPLET"])
@@ -100,18 +92,6 @@ def test_precision_with_dry_control_is_that_of_photos_of_it() -> None:
 
 
 @pytest.mark.slow
-def test_an_outlier_is_no_point_of_a_design() -> None:
-    sights = sights_of(geometry("lab", "SINGLE-RAY"), 20)
-    image = sights.image.copy()
-    image[3] += 0.05
-    result = orient(replace(sights, image=image), METHODS["SINGLE-RAY"], WaterPlane())
-    precision = precision_of(result, np.array([0.4]), np.array([0.0, 0.5]))
-    assert precision.shares[1] in (9 / 19, 10 / 19)
-    assert np.isfinite(precision.sigma).all()
-    assert precision.at_hand == pytest.approx(level_sigma(result), rel=1e-6)
-
-
-@pytest.mark.slow
 def test_starts_near_the_solution_lead_to_it() -> None:
     """In axes whose origin is far away too: the error of the level is one over the points."""
     shift = np.array([300.0, -200.0, 5.0])
@@ -152,18 +132,6 @@ def test_other_solutions_are_told_apart() -> None:
     assert (np.abs(again.at.vector - basins.roots) <= 1e-4 * result.sigma + 1e-9).all()
 
 
-@pytest.mark.slow
-def test_water_that_is_held_has_no_precision() -> None:
-    true = geometry("lab", "SINGLE-RAY")
-    at = truth_of(true)
-    slope = (float(at.slope[0, 0]), float(at.slope[0, 1]))
-    plane = WaterPlane(treatment=PlaneTreatment.KNOWN, slope=slope, level=float(at.level[0]))
-    result = study(orient(sights_of(true, 20), METHODS["SINGLE-RAY"], plane))
-    assert result.precision is None
-    assert result.basins.shares[0, 0] >= 0.99
-    assert not result.basins.errors[..., -WATER:].any()
-
-
 def straight(name: str, method: str) -> Sights:
     """Return the sights of a geometry through water that does not refract."""
     true, at = geometry(name, method), truth_of(geometry(name, method))
@@ -186,11 +154,6 @@ def test_weakest_directions_of_one_photo_from_the_air():
     assert np.isnan(factors[9])
     assert 0.0 < result.weakest[0].eigenvalue < result.weakest[1].eigenvalue < 1e-4
     assert not result.free
-
-
-def test_photos_are_named_where_there_are_several():
-    result = orient(sights_of(geometry("aerial", "PAIR-SUCCESSIVE")), METHODS["PAIR-SUCCESSIVE"], WaterPlane())
-    assert result.weakest[0].words == "phi of P1 with level with Z0 of P1 with omega of P1"
 
 
 @pytest.mark.slow
