@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from musatpy.compilation.against_run import against_run, model_set_up
 from musatpy.compilation.answers import places_of
@@ -16,7 +16,7 @@ from musatpy.compilation.bottom import Bottom, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.profiles import oddities, profiles_of, scans_of
 from musatpy.compilation.stereomodels import faults_of_pair, unadjusted
-from musatpy.compilation.triangulation import AdjustedRun, of_block, of_record
+from musatpy.compilation.triangulation import TABLES, AdjustedRun, of_block, of_record, of_tables
 from musatpy.compilation.verdicts import lost, slips, verdict_of, warnings_of
 from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
 from musatpy.figures import FORM, ImageForm
@@ -26,14 +26,18 @@ from musatpy.formats.compilation_deck import place_of, read_compilation, with_co
 from musatpy.formats.musat import check_deck
 from musatpy.interchange.geojson import write_each
 from musatpy.interchange.layers import Lines, Points
-from musatpy.model import Verdict
+from musatpy.model import Solution, Verdict
 from musatpy.model.compilation import AGAIN
 from musatpy.reports import compilation, compilation_comparisons
 from musatpy.reports.compilation_bottom import contours_csv, grid_csv
 from musatpy.reports.compilation_points import CompilationReport, profiles_csv
 from musatpy.reports.pages import csv_files
-from musatpy.reports.record import dumps
+from musatpy.reports.record import dumps, held_tables
 from musatpy.runs import ExitStatus, output_paths
+from musatpy.statistics import Statistics
+
+if TYPE_CHECKING:
+    from musatpy.adjustment.wavy_water import Sea
 
 _NAMED = 10  # readings without a position that are told at their cards
 
@@ -230,6 +234,14 @@ def run_of(path: Path, anyway: bool = False) -> AdjustedRun:
         if not anyway and (fault := unadjusted(run)):
             raise CompilationError([Problem(message=fault)])
     return run
+
+
+def of_solution(solution: Solution, sea: Sea | None = None) -> AdjustedRun:
+    """Return the triangulation of a solution, with the waves that were given beside its block, if any.
+
+    Raises `CompilationError` where it cannot be compiled from.
+    """
+    return of_tables(held_tables(Statistics(solution), TABLES), sea=sea)
 
 
 def _other_than_run(path: Path) -> str:

@@ -104,7 +104,17 @@ MAY_IMPORT: dict[str, set[str]] = {
         "jobs",
     },
     "as11_comparisons": {"as11_runs", "compilation", "geometry", "reports", "soundings"},
-    "as11_runs": {"model", "formats", "compilation", "interchange", "plots", "reports", "runs"},
+    "as11_runs": {
+        "model",
+        "formats",
+        "compilation",
+        "adjustment",
+        "interchange",
+        "plots",
+        "reports",
+        "runs",
+        "statistics",
+    },
     "orient_runs": {"model", "formats", "orientation", "orienting", "reports", "runs"},
     "plots": {  # of reports, the schemas of records, and the tables of a solution
         "model",

@@ -6,10 +6,11 @@ import numpy as np
 
 from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.as11_runs import of_solution
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.joined_surfaces import DepthPoints, JoinedSurface
 from musatpy.compilation.stereomodels import Stereomodel
-from musatpy.compilation.triangulation import AdjustedRun, of_solution
+from musatpy.compilation.triangulation import AdjustedRun
 from musatpy.compilation.true_points import Readings
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs

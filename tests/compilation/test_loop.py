@@ -11,10 +11,11 @@ from compilation.scenes import MODEL, at_depth, deck_of_cards, flat_images, grid
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import FloatArray
+from musatpy.as11_runs import of_solution
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.stereomodels import Stereomodel, set_up
-from musatpy.compilation.triangulation import AdjustedRun, of_solution
+from musatpy.compilation.triangulation import AdjustedRun
 from musatpy.compilation.verdicts import warnings_of
 from musatpy.errors import CompilationError
 from musatpy.reports.record import dumps, record

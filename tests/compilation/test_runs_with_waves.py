@@ -12,10 +12,11 @@ from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.adjustment.wavy_water import CREST, Sea, sea_of
 from musatpy.arrays import FloatArray
+from musatpy.as11_runs import of_solution
 from musatpy.compilation.compiled import compiled
 from musatpy.compilation.loop import Loop
 from musatpy.compilation.stereomodels import Stereomodel, set_up
-from musatpy.compilation.triangulation import AdjustedRun, of_solution
+from musatpy.compilation.triangulation import AdjustedRun
 from musatpy.compilation.true_points import NOT_FOLLOWED, ThroughWaves, true_points
 from musatpy.errors import CompilationError
 from musatpy.formats.compilation_deck import compilation_bytes

@@ -22,9 +22,10 @@ from compilation.scenes import (
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import FloatArray
+from musatpy.as11_runs import of_solution
 from musatpy.compilation.against_run import AgainstRun, against_run
 from musatpy.compilation.compiled import compiled
-from musatpy.compilation.triangulation import AdjustedRun, of_record, of_solution
+from musatpy.compilation.triangulation import AdjustedRun, of_record
 from musatpy.compilation.true_points import BEHIND, CompiledPoints, Readings, true_points
 from musatpy.errors import CompilationError
 from musatpy.geometry.geodesy import Ellipsoid

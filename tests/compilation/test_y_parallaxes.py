@@ -13,10 +13,11 @@ from compilation.scenes import INDEX, at_depth, compiled_again, flat_images, gri
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import FloatArray
+from musatpy.as11_runs import of_solution
 from musatpy.compilation.compiled import Compiled, parallax_tests
 from musatpy.compilation.loop import Loop
 from musatpy.compilation.stereomodels import set_up
-from musatpy.compilation.triangulation import AdjustedRun, of_solution
+from musatpy.compilation.triangulation import AdjustedRun
 from musatpy.compilation.true_points import CompiledPoints, true_points
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.probability import student_as_normal

@@ -15,9 +15,10 @@ from compilation.scenes import readings_at
 from musatpy import model
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import BoolArray, FloatArray
+from musatpy.as11_runs import of_solution
 from musatpy.compilation.loop import Loop
 from musatpy.compilation.stereomodels import set_up
-from musatpy.compilation.triangulation import of_record, of_solution
+from musatpy.compilation.triangulation import of_record
 from musatpy.compilation.true_points import PointSigmas
 from musatpy.compilation.true_points import true_points as points_of_readings
 from musatpy.correction.photographs import of_table

@@ -11,8 +11,8 @@ import pytest
 from cli.commands import musat
 from musatpy import adjust
 from musatpy.arrays import FloatArray
+from musatpy.as11_runs import of_solution
 from musatpy.compilation.compiled import Compiled, compiled
-from musatpy.compilation.triangulation import of_solution
 from musatpy.errors import SpecError
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.model.compilation import StageReadings

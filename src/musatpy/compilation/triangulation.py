@@ -16,7 +16,7 @@ from musatpy.adjustment.network import job_frame, participation
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.wavy_water import Sea, sea_of
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import AdjustmentError, CompilationError, Problem
 from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame
@@ -32,7 +32,6 @@ from musatpy.model import (
     Points,
     Program,
     Refraction,
-    Solution,
     StationPairs,
     SystemSpec,
     Treatment,
@@ -48,6 +47,7 @@ from musatpy.records.tables import Tables, flags, numbers
 UNCONVERGED = "the run has not converged"
 PUNCHED = "from a punched deck: sigmas are those of stages and water alone"
 _CONTROL = ("control", "equal_elevations", "distances", "height_differences")
+TABLES = (*run_tables.BLOCK, *run_tables.COVARIANCES, "solution", "verdict", *_CONTROL)  # of a record that it takes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,11 +121,6 @@ class AdjustedRun:
         return int(rows[0])
 
 
-def fault_of_run(unconverged: str) -> list[str]:
-    """Return why a run cannot be compiled from that has not converged, for a reason."""
-    return [f"{UNCONVERGED}: {unconverged} (--anyway compiles from it)"] if unconverged else []
-
-
 def waves_of_run(block: Block, adjusted: FloatArray | None, given: Sea | None = None) -> Sea | None:
     """Return the waves on the water of a block, or those `given` beside it, with `adjusted` (k, 4) parameters.
 
@@ -143,64 +138,31 @@ def waves_of_run(block: Block, adjusted: FloatArray | None, given: Sea | None = 
     return replace(sea, surface=sea.trains.with_values(adjusted).surface)
 
 
-def of_solution(solution: Solution, sea: Sea | None = None) -> AdjustedRun:
-    """Return the triangulation of a solution, with the waves that were given beside its block, if any.
-
-    Raises `CompilationError` where it cannot be compiled from.
-    """
-    block, water = solution.block, solution.water
-    faults = fault_of_run("" if solution.converged else solution.reason)
-    if solution.pairs is None:
-        faults.append("the solution has no covariances of its stations")
-    if faults or solution.pairs is None:
-        raise CompilationError([Problem(message=fault) for fault in faults])
-    stations = solution.stations
-    photos, adjusted = block.photos, block.water
-    if water is not None:
-        photos = replace(photos, tide=water.tide)
-    if water is not None and adjusted is not None:
-        east, north = water.tilt.tolist()
-        adjusted = replace(adjusted, index=water.index, tilt_east=east, tilt_north=north)
-    waves = None if water is None or water.waves is None else water.waves.value
-    return AdjustedRun(
-        block=_compilable(
-            block,
-            replace(photos, position=stations.position, attitude=stations.attitude),
-            adjusted,
-        ),
-        given=block.photos.position,
-        covariance=stations.covariance,
-        pairs=solution.pairs,
-        levels=solution.level_pairs,
-        water=solution.water_precision,
-        position=solution.points.position,
-        point_covariance=solution.points.covariance,
-        triangulated=block.plates.triangulated,
-        control=np.isin(np.arange(len(block.points.ids)), known_points(block)),
-        unit_sigma=solution.unit_sigma,
-        freedom=float(max(solution.degrees_of_freedom, 0)) or np.inf,
-        sea=waves_of_run(block, waves, sea),
-        stated=block.answer_in,
-    )
-
-
 def of_record(path: Path, anyway: bool = False) -> AdjustedRun:
     """Return the triangulation of the record of a run; `anyway` also of one that has not converged.
 
     Raises `RecordError` where it is none, `CompilationError` where it cannot be compiled from, and `OSError`.
     """
-    tables = read_record(path, (*run_tables.BLOCK, *run_tables.COVARIANCES, "solution", "verdict", *_CONTROL))
-    solution, stations, points = (tables[name] for name in ("solution", "stations", "points"))
-    unconverged = "" if solution["converged"] else str(solution["reason"])
-    if faults := fault_of_run("" if anyway else unconverged):
-        raise CompilationError([Problem(file=str(path), message=fault) for fault in faults])
-    if tables["adjusted_water"] is not None and (fault := run_tables.water_fault(tables)):
-        raise CompilationError([Problem(file=str(path), message=fault)])
-    block = run_tables.block_of(tables)
     try:
-        sea = waves_of_run(replace(block, **run_tables.given_waves(tables)), run_tables.adjusted_waves(tables))
+        return of_tables(read_record(path, TABLES), anyway)
     except CompilationError as error:
         raise CompilationError([replace(problem, file=str(path)) for problem in error.problems]) from error
+
+
+def of_tables(tables: Tables, anyway: bool = False, sea: Sea | None = None) -> AdjustedRun:
+    """Return the triangulation of the `TABLES` of a record, with the waves that were given beside its deck, if any.
+
+    Raises `CompilationError` where it cannot be compiled from; `anyway` also takes one that has not converged.
+    """
+    solution, stations, points = (tables[name] for name in ("solution", "stations", "points"))
+    unconverged = "" if solution["converged"] else str(solution["reason"])
+    faults = [f"{UNCONVERGED}: {unconverged} (--anyway compiles from it)"] if unconverged and not anyway else []
+    if not faults and tables["adjusted_water"] is not None and (fault := run_tables.water_fault(tables)):
+        faults = [fault]
+    if faults:
+        raise CompilationError([Problem(message=fault) for fault in faults])
+    block = run_tables.block_of(tables)
+    given = replace(block, **run_tables.given_waves(tables))
     caution, because = (UNCONVERGED, unconverged) if unconverged else _doubts(tables)
     return AdjustedRun(
         block=block,
@@ -212,10 +174,10 @@ def of_record(path: Path, anyway: bool = False) -> AdjustedRun:
         position=numbers(points, "position", 3),
         point_covariance=numbers(points, "covariance", 3, 3),
         triangulated=flags(tables["plates"], "triangulated"),
-        control=np.isin(points["point"], _known_of(tables)),
+        control=np.isin(block.points.ids, _known_of(tables)),
         unit_sigma=float(solution["unit_sigma"] or 1.0),
         freedom=float(max(solution["degrees_of_freedom"], 0)) or np.inf,
-        sea=sea,
+        sea=waves_of_run(given, run_tables.adjusted_waves(tables), sea),
         stated=run_tables.answer_spec(tables),
         caution=caution,
         because=because,
@@ -364,13 +326,6 @@ def _water_of_cards(block: Block, sea: Sea | None) -> WaterPrecision | None:
         stations=np.zeros((len(block.photos.ids), 6, count)),
         levels=np.empty((0, count)),
     )
-
-
-def known_points(block: Block) -> IntArray:
-    """Return the points that control or a group of equal elevations holds."""
-    held = block.control.point[block.control.known.any(axis=1)]
-    measured = [table.point.reshape(-1) for table in (block.distances, block.height_differences)]
-    return np.concatenate([held, block.equal_elevations.point, *measured])
 
 
 def covariances_in(run: AdjustedRun, pattern: Pattern, size: int) -> Cofactors:
