@@ -25,15 +25,16 @@ from orientation.twomedia.geometries import (
     KINDS,
     METHODS,
     Kind,
+    block_of,
     geometry,
     level_of,
+    level_of_origin,
     points_of,
     scene,
     sights_of,
     stations_of,
     truth_of,
 )
-from orientation.twomedia.referee import block_of, level_of_origin
 from reference.compare import beside, covariance_difference, free_cofactors
 from reference.dense_bundle import Network, starting_state
 

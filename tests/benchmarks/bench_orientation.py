@@ -31,13 +31,15 @@ from orientation.twomedia.geometries import (
     KINDS,
     METHODS,
     Scene,
+    corners,
     geometry,
     points_of,
     scene,
     sights_of,
+    strip_scene,
+    strip_sights,
     truth_of,
 )
-from orientation.twomedia.strip_scenes import corners, strip_scene, strip_sights
 
 POINTS = {"SINGLE-RAY": 20, "SINGLE-FERMAT": 20}  # 100 in the others
 CONTROL = {"SINGLE-RAY": 20, "SINGLE-FERMAT": 20, "COMBINED": 8}

@@ -1,6 +1,5 @@
 """`musat as11 compile`: the deck of St. Thomas against its truth, and decks that are wrong."""
 
-import json
 import re
 import sqlite3
 from collections.abc import Callable
@@ -248,19 +247,6 @@ def test_what_is_no_record_is_refused_with_the_cards_of_the_deck(tmp_path: Path)
     result = compiled(other, deck, tmp_path)
     assert result.exit_code == 1
     assert "is not the record of a run" in result.output and "STG.class" in result.output
-
-
-@pytest.mark.slow
-def test_a_run_over_no_water_is_refused_unless_it_names_its_liquid(run_record: Path, tmp_path: Path) -> None:
-    record = json.loads(run_record.read_text())
-    record["water"]["index"] = record["adjusted_water"]["index"] = 1.45
-    odd = tmp_path / "odd.json"
-    odd.write_text(json.dumps(record))
-    refused = compiled(odd, stage_readings.DECK, tmp_path)
-    assert refused.exit_code == 1 and "1.45 is not within 1.3 to 1.4, as that of water is" in refused.stderr
-    record["water"]["liquid"] = "GLYCEROL"
-    odd.write_text(json.dumps(record))
-    assert compiled(odd, stage_readings.DECK, tmp_path).exit_code == 0
 
 
 @pytest.mark.slow

@@ -131,20 +131,6 @@ def test_stages_of_marks_look_at_them_through_the_waves_of_their_exposures(sea: 
         np.testing.assert_allclose(bent.origin + reach[:, None] * bent.direction, below, rtol=0.0, atol=1e-9)
 
 
-def test_partials_of_the_stages_through_waves() -> None:
-    """In a model whose X is not east."""
-    stereo = set_up(of_solution(adjust(read_deck(FIXTURES / "waves" / "unknown.crd"))), "1", "2")
-    assert np.abs(stereo.axes - np.eye(3)).max() > 0.4
-    places = grid((-100.0, 100.0), 200.0, 6)
-    marks = np.concatenate([at_depth(places, depth) for depth in (-2.0, 3.0, 12.0)])
-    loop = Loop(stereo=stereo)
-    stages = loop.stages(marks)
-    h = 0.01
-    for axis, step in enumerate(h * np.eye(3)):
-        by = (loop.stages(marks + step).xy - loop.stages(marks - step).xy) / (2.0 * h)
-        np.testing.assert_allclose(stages.by_mark[..., axis], by, rtol=0.0, atol=1e-7)
-
-
 def corrected(run: AdjustedRun, apparent: FloatArray) -> TruePoints:
     """Return the true points of apparent ones (k, 3) of both photos."""
     photos = run.block.photos

@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -143,26 +144,29 @@ def test_a_slip_may_be_compiled_anyway_and_is_a_warning_then(run_record: Path, t
     assert "and 247 readings more without a position" in result.output
 
 
-def test_photos_without_a_common_point_are_told_at_their_card(run_record: Path, tmp_path: Path) -> None:
-    record = read_rows(run_record)
+def apart(record: dict[str, Any]) -> None:
     record["station_pairs"] = [pair for pair in record["station_pairs"] if pair["photos"] != ["21", "22"]]
-    apart = tmp_path / "apart.json"
-    apart.write_text(json.dumps(with_columns(record)))
-    result = compiled(apart, changed(tmp_path))
-    message = "changed.crd:4 cols 23-30 MDL.right: model 2122: photos 21 and 22 share no point of the run"
-    assert result.exit_code == 1 and message in result.output
 
 
-def test_a_base_along_the_vertical_is_told_at_its_card(run_record: Path, tmp_path: Path) -> None:
-    """Photo 22 put 400 m above photo 21."""
-    record = read_rows(run_record)
+def one_above_the_other(record: dict[str, Any]) -> None:
+    """Put photo 22 400 m above photo 21."""
     left, right = (row for row in record["stations"] if row["photo"] in ("21", "22"))
     right["position"] = [*left["position"][:2], left["position"][2] + 400.0]
-    above = tmp_path / "above.json"
-    above.write_text(json.dumps(with_columns(record)))
-    result = compiled(above, changed(tmp_path))
-    message = "MDL.right: model 2122: photos 21 and 22 have no base across the vertical: "
-    assert result.exit_code == 1 and message in result.output
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [(apart, "share no point of the run"), (one_above_the_other, "have no base across the vertical: ")],
+)
+def test_photos_that_make_no_model_are_told_at_their_card(
+    run_record: Path, tmp_path: Path, change: Callable[[dict[str, Any]], None], message: str
+) -> None:
+    record = read_rows(run_record)
+    change(record)
+    (tmp_path / "run.json").write_text(json.dumps(with_columns(record)))
+    result = compiled(tmp_path / "run.json", changed(tmp_path))
+    place = "changed.crd:4 cols 23-30 MDL.right: model 2122: photos 21 and 22"
+    assert result.exit_code == 1 and f"{place} {message}" in result.output
 
 
 def test_places_by_two_coordinates_of_a_geocentric_job_are_refused(run_record: Path, tmp_path: Path) -> None:

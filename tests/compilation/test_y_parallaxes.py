@@ -8,53 +8,18 @@ from typing import cast
 import numpy as np
 import pytest
 
-from altered import altered, with_options
+from altered import with_options
 from compilation.scenes import INDEX, at_depth, compiled_again, flat_images, grid, pair, readings_at
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import FloatArray
 from musatpy.as11_runs import of_solution
 from musatpy.compilation.compiled import Compiled, parallax_tests
-from musatpy.compilation.loop import Loop
-from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import AdjustedRun
 from musatpy.compilation.true_points import CompiledPoints, true_points
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.probability import student_as_normal
 from musatpy.refraction.flat import air_tangent
-from musatpy.simulation import simulate
-from musatpy.simulation.simulation_spec import spec_from_table
-
-
-def strip() -> AdjustedRun:
-    """Return a run of three photos over tilted water whose tides, tilt and index have sigmas."""
-    spec = {
-        "seed": 3,
-        "job": {"system": "LOCL"},
-        "flight": {"photos": 3, "height": 1500.0, "attitude_scatter": 1.0},
-        "water": {"level": 0.2, "tides": [0.4, -0.3, 0.1], "tilt": [120.0, -70.0], "tilt_on_card": [118.0, -68.0]},
-        "terrain": {"level": 12.0, "relief": 6.0},
-        "points": {"per_site": 6},
-        "shoal": [{"share": 0.6, "depth": [2.0, 20.0]}],
-        "control": [{"kind": "full", "number": 9, "sigma": 0.05}],
-        "measurement": {"noise": 4.0},
-        "options": {"program": "IIIA"},
-    }
-    photos = {"tide_sigma": np.array([0.1, 0.2, 0.15]), "tide_group": np.array(["A", "A", "B"])}
-    water = {"sigma": 0.002, "tilt_sigma": 5e-5}
-    solution = adjust(altered(simulate(spec_from_table(spec)).block, photos=photos, water=water))
-    assert solution.converged
-    return of_solution(solution)
-
-
-def test_points_of_the_stages_of_marks_are_the_marks() -> None:
-    """Over water that tilts about the middle of the stations, off the origin of the model."""
-    run = strip()
-    stereo = set_up(run, *run.block.photos.ids[1:].tolist())
-    marks = np.column_stack([grid((-300.0, 300.0), 500.0, 5), np.linspace(-20.0, -2.0, 25)])
-    xy = Loop(stereo=stereo).stages(marks).xy
-    points = true_points(run, (1, 2), readings_at(xy))
-    np.testing.assert_allclose(stereo.model(run.frame.working(points.position)), marks, rtol=0.0, atol=1e-9)
 
 
 def test_points_are_the_same_whatever_the_chunk(monkeypatch: pytest.MonkeyPatch) -> None:

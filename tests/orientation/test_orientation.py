@@ -84,18 +84,6 @@ def angles(found: np.ndarray, true: np.ndarray) -> np.ndarray:
     return np.linalg.norm(found - true, axis=(1, 2)) / np.sqrt(2.0)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("relief", [0.0, 0.02, 0.1])
-@pytest.mark.parametrize(("tilt", "oblique"), [(0.03, 0.0), (0.03, 0.5), (0.2, 0.0)])
-def test_exact_images_give_the_exact_orientation(relief: float, tilt: float, oblique: float) -> None:
-    x1, x2, R, b = pairs(20, tilt, relief, 0.0, 0.0, oblique)
-    found = relative_orientations(x1, x2, np.ones(x1.shape[:2]), NOISE)
-    assert found.is_sound.all()
-    # the last step of a Gauss-Newton that converges quadratically
-    assert angles(found.rotation, R).max() < 1e-6
-    assert np.linalg.norm(found.base - b, axis=1).max() < 1e-6
-
-
 @pytest.mark.parametrize("relief", [0.0, 0.05])
 @pytest.mark.parametrize("oblique", [0.0, 0.5])
 def test_gross_errors_do_not_draw_the_orientation(relief: float, oblique: float) -> None:

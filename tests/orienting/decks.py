@@ -7,9 +7,18 @@ import numpy as np
 from musatpy import model
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Sights
-from orientation.twomedia.geometries import KINDS, Scene, geometry, sights_of, truth_of
-from orientation.twomedia.referee import block_of
-from orientation.twomedia.strip_scenes import corners, strip_scene, strip_sights, strip_truth
+from orientation.twomedia.geometries import (
+    KINDS,
+    Scene,
+    block_of,
+    corners,
+    geometry,
+    sights_of,
+    strip_scene,
+    strip_sights,
+    strip_truth,
+    truth_of,
+)
 
 UNITS = {"lab": 100.0, "tank": 100.0, "aerial": 1.0}  # of the deck, in a metre
 

@@ -1,18 +1,23 @@
-"""Geometries in which the methods are tried, with their truth: a laboratory, a tank and photos from the air.
+"""Geometries in which the methods are tried, with their truth: a laboratory, a tank, photos from the air, strips.
 
 Built in the paper's axes (Z down, image vectors (x, y, c), plane a X + b Y + Z + d = 0) by a ray trace of its own,
 and given in those of the house.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy import model
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.collinearity import attitude_from_matrix
+from musatpy.geometry.geodesy import middle_of
+from musatpy.model.tables import taken
 from musatpy.orientation.twomedia.methods import METHODS as METHODS
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Method, Sights
+from musatpy.units import ARC_SECOND
+from orientation.flights import fly
 
 HOUSE = np.array([1.0, -1.0, -1.0])  # the axes of the house from those of the paper
 N, A, B = 1.34, 0.03, -0.02
@@ -189,3 +194,118 @@ def geometry(name: str, method: str, draw: int = 0) -> Scene:
 def control_of(method: Method) -> int:
     """Return the number of control points that a method is tried with."""
     return {"SINGLE-RAY": 20, "SINGLE-FERMAT": 20, "COMBINED": 5}.get(method.name, 0)
+
+
+REACH = 1.4  # bases that a photo sees along the strip, to either side
+
+
+def strip_scene(name: str, photos: int, per_photo: int = 40, seed: int = 5) -> Scene:
+    """Return a strip along X, its stations and attitudes by chance."""
+    kind = KINDS[name]
+    draws, B = np.random.default_rng(seed), kind.B
+    stations = np.stack([np.arange(photos) * B, *draws.normal(size=(2, photos)) * 0.02 * B], axis=1)
+    angles = 0.03 * draws.normal(size=(photos, 3))
+    number = int(per_photo * (photos + 2 * REACH) / (2 * REACH))
+    X = draws.uniform(-REACH * B, (photos - 1 + REACH) * B, number)
+    Y = draws.uniform(-kind.width, kind.width, number)
+    depth = draws.uniform(kind.least, kind.largest, number)
+    points = np.stack([X, Y, depth - level_of(kind)], axis=1)
+    return scene(kind, points, stations, angles, plane=(0.0, 0.0))
+
+
+def corners(true: Scene) -> list[int]:
+    """Return six points: near both sides of the strip at its beginning, middle and end."""
+    length = true.stations[-1, 0]
+    places = [(X, Y) for X in (0.0, length / 2.0, length) for Y in (-0.6 * true.kind.width, 0.6 * true.kind.width)]
+    return [int(np.argmin(np.hypot(*(true.points[:, :2] - place).T))) for place in places]
+
+
+def strip_sights(
+    true: Scene, noise: float = 0.0, seed: int = 1, control: list[int] | None = None
+) -> tuple[Sights, IntArray]:
+    """Return sights of a strip, errors of `noise` sigmas in images and control, and the rows of the points."""
+    every = sights_of(true)
+    draws = np.random.default_rng(seed)
+    image = every.image + noise * draws.normal(size=every.image.shape) * every.image_sigma
+    off = np.abs(true.points[every.point] - true.stations[every.photo])[:, :2]
+    seen = (off < [REACH * true.kind.B, 1.02 * true.kind.width]).all(axis=1)
+    seen &= np.bincount(every.point[seen], minlength=len(true.points))[every.point] >= 2
+    rows, point = np.unique(every.point[seen], return_inverse=True)
+    known = np.full(true.points.shape, np.nan)
+    sigma = np.full(true.points.shape, 1e-5 * true.kind.H)
+    known[control or []] = true.points[control or []] * HOUSE
+    known = known + noise * sigma * draws.normal(size=known.shape)
+    return (
+        replace(
+            every,
+            photo=every.photo[seen],
+            point=point,
+            points=np.array([f"{row:05d}" for row in rows]),
+            image=image[seen],
+            image_sigma=every.image_sigma[seen],
+            wet=every.wet[rows],
+            control=known[rows],
+            control_sigma=sigma[rows],
+        ),
+        rows,
+    )
+
+
+def strip_truth(true: Scene) -> tuple[Orientation, FloatArray]:
+    """Return the true photos over level water, and the points, in the axes of the house."""
+    return replace(truth_of(true)[0], slope=np.zeros(2)), true.points * HOUSE
+
+
+def block_of(scene: Scene, sights: Sights, start: Orientation) -> model.Block:
+    """Return the block of a scene: IIIA, level and tilt of the water unknown, started at an orientation."""
+    m = len(sights.photos)
+    bare = fly(np.tile([0.0, 0.0, 3000.0], (3, 1)), np.zeros((3, 3)), control=1).block
+    f = 1000.0 * scene.kind.c
+    known = np.flatnonzero(sights.is_control)
+    return replace(
+        bare,
+        options=model.Options(
+            program=model.Program.IIIA,
+            system=model.CoordinateSystem.LOCAL,
+            refraction=model.Refraction.RIGOROUS,
+            water_level=model.WaterLevel.ONE,
+            water_tilt=model.Treatment.ADJUST,
+            plate_sigma=f * float(sights.image_sigma[0, 0]),
+            max_iterations=60,
+            rotation_limit=1e-7 * ARC_SECOND,
+            translation_limit=1e-12 * scene.kind.H,
+        ),
+        water=model.Water(index=float(start.index)),
+        cameras=replace(bare.cameras, focal_length=np.array([f]), format_size=np.full((1, 2), 5 * f)),
+        photos=replace(
+            taken(bare.photos, np.arange(m) % 3),
+            ids=np.array([str(photo) for photo in range(m)]),
+            position=start.station,
+            attitude=start.attitude,
+            tide=np.full(m, float(start.level + start.station[:, :2].mean(axis=0) @ start.slope)),
+        ),
+        points=model.Points(ids=sights.points, bathymetric=sights.wet),
+        plates=replace(
+            bare.plates,
+            photo=sights.photo,
+            point=sights.point,
+            xy=f * sights.image,
+            sigma=f * sights.image_sigma,
+            triangulated=np.ones(len(sights.photo), dtype=bool),
+        ),
+        control=replace(
+            bare.control,
+            point=known,
+            kind=np.full(len(known), model.ControlKind.FULL),
+            fixed=(sights.control_sigma[known] == 0.0).all(axis=1),
+            position=sights.control[known],
+            sigma=np.where(sights.control_sigma[known] > 0.0, sights.control_sigma[known], np.nan),
+        ),
+    )
+
+
+def level_of_origin(solution: model.Solution) -> float:
+    """Return the level of the water at (0, 0): its tides hold at the origin of the axes of the adjustment."""
+    assert solution.water is not None
+    origin = middle_of(solution.block.photos.position)
+    return float(solution.water.tide[0] - origin[:2] @ solution.water.tilt)

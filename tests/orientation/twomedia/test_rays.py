@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from adjustment.test_real_cases import load_case
-from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, scale_restraint
+from musatpy.geometry.collinearity import scale_restraint
 from musatpy.orientation.twomedia.helmert import HelmertProblem, adjust
 from musatpy.orientation.twomedia.oriented import orient
 from musatpy.orientation.twomedia.rays import (
@@ -21,7 +20,7 @@ from musatpy.orientation.twomedia.rays import (
     paper_partials,
     paper_vector,
 )
-from musatpy.orientation.twomedia.sights import PlaneTreatment, Sights, WaterPlane, problem_of
+from musatpy.orientation.twomedia.sights import PlaneTreatment, WaterPlane, problem_of
 from orientation.twomedia.geometries import (
     ANGLES,
     HOUSE,
@@ -88,48 +87,6 @@ def test_a_point_on_the_flight_line_is_regular_in_the_dot_form():
     assert abs(value[0]) < 1e-12  # of 1 m over the sine of a parallax of a third of a radian
     assert np.isfinite(partials).all()
     assert np.abs(partials).max() < 100.0
-
-
-def test_a_plane_turned_with_the_frame_gives_the_same_rays():
-    """Stations, photos and plane turned by one rotation: so are the water points and the refracted rays."""
-    true = geometry("lab", "TRIPLET")
-    at, sights, turn = truth_of(true), sights_of(true), rotation(0.1, -0.15, 0.7)
-    up = turn @ [-at.slope[0, 0], -at.slope[0, 1], 1.0]
-    foot = turn @ [0.0, 0.0, at.level[0]]
-    slope = -up[:2] / up[2]
-    turned = Orientation(
-        attitude=attitude_from_matrix(attitude_matrix(at.attitude) @ turn.T),
-        station=at.station @ turn.T,
-        slope=slope[None],
-        level=np.array([foot[2] - slope @ foot[:2]]),
-        index=at.index,
-    )
-    wet, rise = sights.wet[sights.point], np.zeros(len(sights.point))
-    before, after = (image_rays(each, sights.photo, sights.image[None], wet, rise) for each in (at, turned))
-    np.testing.assert_allclose(after.origin, before.origin @ turn.T, atol=1e-13)
-    np.testing.assert_allclose(after.direction, before.direction @ turn.T, atol=1e-13)
-
-
-@pytest.mark.parametrize(("name", "digit"), [("mikhail", 1e-5), ("dewitt", 1e-4)])
-def test_with_an_index_of_one_it_is_the_resection_in_air(name, digit):
-    """All points a hundred metres deep in water of index 1, to the last printed digit of two examples."""
-    case = load_case("resections")[name]
-    rows = case["points_id_x_y_X_Y_Z"]
-    count, control = len(rows), np.array([row[3:] for row in rows])
-    sights = Sights(
-        photos=np.array(["A"]),
-        points=np.array([row[0] for row in rows]),
-        photo=np.zeros(count, dtype=int),
-        point=np.arange(count),
-        image=np.array([row[1:3] for row in rows]) / case["f_mm"],
-        image_sigma=np.full((count, 2), 0.02 / case["f_mm"]),
-        wet=np.ones(count, dtype=bool),
-        control=control,
-        control_sigma=np.zeros((count, 3)),
-    )
-    water = WaterPlane(treatment=PlaneTreatment.KNOWN, level=float(control[:, 2].max()) + 100.0, index=1.0)
-    result = orient(sights, METHODS["SINGLE-RAY"], water)
-    np.testing.assert_allclose(result.at.station[0], case["expected_XYZ"], atol=digit)
 
 
 @pytest.mark.parametrize("method", ["SINGLE-RAY", "PAIR-INDEPENDENT", "PAIR-SUCCESSIVE", "TRIPLET"])

@@ -8,8 +8,7 @@ from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.twomedia.oriented import OrientationError
 from musatpy.orientation.twomedia.sights import WaterPlane
 from musatpy.orientation.twomedia.strip import joined, orient_strip, triplets
-from orientation.twomedia.geometries import Scene
-from orientation.twomedia.strip_scenes import corners, strip_scene, strip_sights, strip_truth
+from orientation.twomedia.geometries import Scene, corners, strip_scene, strip_sights, strip_truth
 
 LEVEL = WaterPlane(treatment=PlaneTreatment.LEVEL)
 
