@@ -21,7 +21,7 @@ import numpy as np
 import pyproj
 
 from musatpy.arrays import FloatArray
-from musatpy.compilation.loop import Loop
+from musatpy.compilation.loop import stages
 from musatpy.compilation.rasters import RasterBottom
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import of_record
@@ -76,10 +76,10 @@ def measured(*arguments: str) -> tuple[list[str], str]:
 
 def loop_cycles(stereo: Stereomodel) -> None:
     """Print the time of a cycle of the loop, one mark, both stages, and its CPU time, which others disturb less."""
-    loop, marks, spent = Loop(stereo=stereo), places(CYCLES), []
+    marks, spent = places(CYCLES), []
     for mark in marks:
         start = time.perf_counter(), time.process_time_ns()
-        loop.stages(mark[None])
+        stages(stereo, mark[None])
         spent.append((1e3 * (time.perf_counter() - start[0]), 1e-6 * (time.process_time_ns() - start[1])))
     (median, most), (cpu, most_cpu) = np.quantile(spent, [0.5, 0.99], axis=0).T
     print(f"loop, a cycle: median {median:.3f} ms, 99 % within {most:.3f} ms (asked: 5 ms)")
@@ -88,8 +88,8 @@ def loop_cycles(stereo: Stereomodel) -> None:
 
 def batches(stereo: Stereomodel) -> None:
     """Print points a second of marks to stages, stages to marks, and stages to points with sigmas."""
-    loop, marks = Loop(stereo=stereo), places(BATCH)
-    xy = loop.stages(marks).xy
+    marks = places(BATCH)
+    xy = stages(stereo, marks)
     readings = Readings(
         ids=np.arange(BATCH).astype(str), submerged=np.ones(BATCH, bool), xy=xy,
         sigma=np.full(xy.shape, 0.005),
@@ -102,7 +102,7 @@ def batches(stereo: Stereomodel) -> None:
             air_tangent(H, depth, D[:, side], stereo.index)
 
     for name, work in (
-        ("mark to stages, with partials", lambda: loop.stages(marks)),
+        ("mark to stages", lambda: stages(stereo, marks)),
         ("stages to points with sigmas", lambda: true_points(stereo.run, stereo.photos, readings)),
     ):
         turns = [(seconds(bare, 1), seconds(work, 1)) for _ in range(TURNS)]
@@ -116,13 +116,12 @@ def through_waves(folder: Path) -> None:
     subprocess.run([*_MUSAT, "run", "-q", str(WAVES), "-o", str(folder)], check=True)
     stereo = set_up(of_record(folder / "strip.json"), "837", "838")
     marks = np.random.default_rng(2).uniform([-250.0, -600.0, -20.0], [250.0, 600.0, -2.0], (FEW, 3))
-    loop = Loop(stereo=stereo)
-    xy = loop.stages(marks).xy
+    xy = stages(stereo, marks)
     readings = Readings(
         ids=np.arange(FEW).astype(str), submerged=np.ones(FEW, bool), xy=xy, sigma=np.full(xy.shape, 0.005)
     )
     for name, work in (
-        ("mark to stages", lambda: loop.stages(marks)),
+        ("mark to stages", lambda: stages(stereo, marks)),
         ("stages to points with sigmas", lambda: true_points(stereo.run, stereo.photos, readings)),
     ):
         print(f"{name} through waves: {FEW / seconds(work):,.0f} points/s")

@@ -18,7 +18,7 @@ from musatpy.adjustment.job import adjust
 from musatpy.arrays import FloatArray
 from musatpy.as11_runs import of_solution
 from musatpy.compilation.compiled import Compiled, compiled
-from musatpy.compilation.loop import Drive, Loop
+from musatpy.compilation.loop import Drive, stages
 from musatpy.compilation.printed import AS_1983, Shortcuts, printed_points, true_coordinates
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import AdjustedRun
@@ -52,7 +52,7 @@ def test_stages_of_true_marks_are_traced_images() -> None:
     points = at_depth(grid((200.0, 1600.0), 1700.0, 5), 12.0)
     stereo = set_up(run, "1", "2")
     marks = stereo.model(run.frame.working(points))
-    np.testing.assert_allclose(Loop(stereo=stereo).stages(marks).xy, flat_images(run, points), rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(stages(stereo, marks), flat_images(run, points), rtol=0.0, atol=1e-10)
 
 
 def test_tilted_water_rises_to_the_east() -> None:
@@ -61,30 +61,20 @@ def test_tilted_water_rises_to_the_east() -> None:
     water = model.Water(index=1.34, tilt_east=2e-3, tilt_north=0.0)
     stereo = set_up(replace(run, block=replace(run.block, water=water)), "1", "2")
     marks = stereo.model(run.frame.working(np.array([[1905.0, 300.0, 1.0], [-95.0, 300.0, -1.0]])))
-    wet, dry = Loop(stereo=stereo).stages(marks).xy - Loop(stereo=stereo, drive=Drive.AIR).stages(marks).xy
+    wet, dry = stages(stereo, marks) - stages(stereo, marks, Drive.AIR)
     assert np.abs(wet).max() > 1e-3 and np.abs(dry).max() < 1e-12
-
-
-@pytest.mark.parametrize("drive", Drive)
-def test_partials_of_the_stages(st_thomas: Stereomodel, drive: Drive) -> None:
-    """Central differences over 1 m; the vertical is held, and what its turn adds is up to 1.5e-6 of them."""
-    loop, h = Loop(stereo=st_thomas, drive=drive), 0.5
-    partials = loop.stages(MARKS).by_mark
-    for axis, step in enumerate(h * np.eye(3)):
-        by = (loop.stages(MARKS + step).xy - loop.stages(MARKS - step).xy) / (2 * h)
-        np.testing.assert_allclose(partials[..., axis], by, rtol=0.0, atol=1.5e-6 * np.abs(partials).max())
 
 
 def test_the_mark_goes_through_the_water_line_without_a_jump(st_thomas: Stereomodel) -> None:
     """Below 1e-6 um at depth 0, where the formulas change."""
     frame = st_thomas.run.frame
-    level = frame.level(st_thomas.working(MARKS))
+    level, slope = frame.level(st_thomas.working(MARKS)), np.array([2e-5, -1e-5]) @ frame.axes(np.zeros(3))[:2]
     level[:, 2] = st_thomas.tides[0]
     for _ in range(3):  # the tilted water stands higher or lower there
-        loop, mark = Loop(stereo=st_thomas), st_thomas.model(frame.from_level(level))
-        level[:, 2] = st_thomas.tides[0] + st_thomas.working(mark) @ st_thomas.water_slope
+        mark = st_thomas.model(frame.from_level(level))
+        level[:, 2] = st_thomas.tides[0] + st_thomas.working(mark) @ slope
     places = (frame.from_level(level + np.array([0.0, 0.0, rise])) for rise in (-1e-12, 1e-12))
-    below, above = (loop.stages(st_thomas.model(place)).xy for place in places)
+    below, above = (stages(st_thomas, st_thomas.model(place)) for place in places)
     assert np.abs(below - above)[:, 0].max() < 1e-9
 
 
@@ -92,8 +82,8 @@ def test_true_marks_need_water(solution: model.Solution) -> None:
     run = of_solution(solution)
     dry = replace(run, block=replace(run.block, water=None))
     with pytest.raises(CompilationError, match="drive AIR"):
-        Loop(stereo=set_up(dry, "21", "22"))
-    assert Loop(stereo=set_up(dry, "21", "22"), drive=Drive.AIR).stages(MARKS).xy.shape == (4, 2, 2)
+        stages(set_up(dry, "21", "22"), MARKS)
+    assert stages(set_up(dry, "21", "22"), MARKS, Drive.AIR).shape == (4, 2, 2)
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from cli.commands import musat
 from compilation.scenes import readings_at
 from musatpy import read_deck
 from musatpy.as11_runs import run_of
-from musatpy.compilation.loop import Loop
+from musatpy.compilation.loop import stages
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import AdjustedRun, of_block
 from musatpy.compilation.true_points import Readings, true_points
@@ -100,11 +100,11 @@ def test_sigmas_from_a_punched_deck_are_those_of_the_pointing(runs: Path, tmp_pa
     """B'B of four image coordinates of 5 um: here by differences of what both stages read of a moved mark."""
     run = run_of(runs / "result.pun")
     stereo = set_up(run, "21", "22")
-    loop, mark = Loop(stereo=stereo), np.array([[300.0, -900.0, -12.0]])
+    mark = np.array([[300.0, -900.0, -12.0]])
     steps = 0.01 * np.eye(3)
-    B = np.stack([(loop.stages(mark + s).xy - loop.stages(mark - s).xy).ravel() / 0.02 for s in steps], axis=1)
+    B = np.stack([(stages(stereo, mark + s) - stages(stereo, mark - s)).ravel() / 0.02 for s in steps], axis=1)
     expected = np.sqrt(np.diagonal(np.linalg.inv(B.T @ B))) * 0.005
-    covariance = true_points(run, stereo.photos, readings_at(loop.stages(mark).xy)).covariance[0]
+    covariance = true_points(run, stereo.photos, readings_at(stages(stereo, mark))).covariance[0]
     turned = stereo.axes @ run.frame.axes(stereo.working(mark))[0].T
     assert np.allclose(np.sqrt(np.diagonal(turned @ covariance @ turned.T)), expected, rtol=1e-5)
 
@@ -135,8 +135,8 @@ def test_sigmas_on_the_water_cards_of_a_punched_deck_are_in_those_of_points(leve
 
 def one_reading(run: AdjustedRun) -> Readings:
     """Return the reading of a submerged point on the first two photos."""
-    xy = Loop(stereo=set_up(run, *run.block.photos.ids[:2].tolist())).stages(np.array([[300.0, -900.0, -12.0]])).xy
-    return readings_at(xy)
+    stereo = set_up(run, *run.block.photos.ids[:2].tolist())
+    return readings_at(stages(stereo, np.array([[300.0, -900.0, -12.0]])))
 
 
 @pytest.mark.parametrize(

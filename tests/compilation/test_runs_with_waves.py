@@ -14,7 +14,7 @@ from musatpy.adjustment.wavy_water import CREST, Sea, sea_of
 from musatpy.arrays import FloatArray
 from musatpy.as11_runs import of_solution
 from musatpy.compilation.compiled import compiled
-from musatpy.compilation.loop import Loop
+from musatpy.compilation.loop import stages
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import AdjustedRun
 from musatpy.compilation.true_points import NOT_FOLLOWED, ThroughWaves, true_points
@@ -60,7 +60,7 @@ def test_errors_of_a_wave_are_in_the_sigmas() -> None:
         levels=np.empty((0, 1)),
     )  # fmt: skip
     stereo = set_up(run, "1", "2")
-    xy = Loop(stereo=stereo).stages(in_model(stereo, at_depth(PLACES, 9.0))).xy
+    xy = stages(stereo, in_model(stereo, at_depth(PLACES, 9.0)))
     readings = readings_at(xy)
     assert run.sea is not None
     values = run.sea.trains.values
@@ -118,7 +118,7 @@ def sea() -> Stereomodel:
 def test_stages_of_marks_look_at_them_through_the_waves_of_their_exposures(sea: Stereomodel) -> None:
     """The ray of each stage, followed down through the wave of its time, meets the mark."""
     run, ground = sea.run, at_depth(PLACES, 11.0)
-    xy = Loop(stereo=sea).stages(in_model(sea, ground)).xy
+    xy = stages(sea, in_model(sea, ground))
     rays = sea.rays(xy) @ sea.axes
     assert run.sea is not None
     for photo in range(2):
@@ -142,7 +142,7 @@ def corrected(run: AdjustedRun, apparent: FloatArray) -> TruePoints:
 
 def test_apparent_points_become_the_true_ones_through_waves(sea: Stereomodel) -> None:
     true = at_depth(PLACES, 8.0)
-    apparent = true_points(sea.run, (0, 1), readings_at(Loop(stereo=sea).stages(in_model(sea, true)).xy)).apparent
+    apparent = true_points(sea.run, (0, 1), readings_at(stages(sea, in_model(sea, true)))).apparent
     done = corrected(sea.run, apparent)
     np.testing.assert_allclose(done.position, true, rtol=0.0, atol=1e-6)
 
@@ -163,7 +163,7 @@ def test_readings_off_the_known_water_are_the_only_ones_lost() -> None:
     measured = Gridded(x=x, y=y, height=z)
     run = wavy(replace(swell(), surface=measured))
     whole, places = set_up(wavy(swell()), "1", "2"), PLACES[::4]
-    xy = Loop(stereo=whole).stages(in_model(whole, at_depth(places, 5.0))).xy
+    xy = stages(whole, in_model(whole, at_depth(places, 5.0)))
     points = true_points(run, (0, 1), readings_at(xy))
     lost = places[:, 0] > 405.0
     assert points.reasons == dict.fromkeys(np.flatnonzero(lost).tolist(), NOT_FOLLOWED)

@@ -308,7 +308,7 @@ def told() -> dict[str, tuple[str | None, FloatArray]]:
     kinds = {"LAND": "G ", "SHORE": "S "}
     readings = [stage_card(name, kinds.get(name, "GB"), xy[row]) for row, name in enumerate(heights)]
     result = compiled(run, deck_of_cards(MODEL, *readings))
-    return dict(zip(heights, zip(result.remarks, result.incidence, strict=True), strict=True))
+    return dict(zip(heights, zip(result.remarks, result.points.incidence, strict=True), strict=True))
 
 
 def test_remarks_say_why_there_is_no_depth_and_angles_are_those_of_wet_rays() -> None:

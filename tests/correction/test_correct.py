@@ -16,7 +16,7 @@ from musatpy import model
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.as11_runs import of_solution
-from musatpy.compilation.loop import Loop
+from musatpy.compilation.loop import stages
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import of_record
 from musatpy.compilation.true_points import PointSigmas
@@ -285,7 +285,7 @@ def test_points_below_waves_are_those_of_their_model(tmp_path: Path) -> None:
     pointing = triangulation.block.options.plate_sigma * triangulation.unit_sigma
     system, stereo = LongitudeLatitude(triangulation.ellipsoid), set_up(triangulation, "837", "838")
     true = np.array([[float(row[f"true_{axis}"]) for axis in "xyz"] for row in rows])
-    xy = Loop(stereo=stereo).stages(stereo.model(triangulation.frame.from_level(system.level(true)))).xy
+    xy = stages(stereo, stereo.model(triangulation.frame.from_level(system.level(true))))
     points = points_of_readings(triangulation, stereo.photos, readings_at(xy, sigma=pointing))
     back = system.coordinates(triangulation.frame.level(triangulation.frame.working(points.apparent)))
     given_places = np.array([[float(row[axis]) for axis in "xyz"] for row in rows])

@@ -19,7 +19,7 @@ from scipy.interpolate import LinearNDInterpolator
 from cli.commands import musat
 from compilation.scenes import grid, readings_at
 from musatpy.arrays import FloatArray
-from musatpy.compilation.loop import Loop
+from musatpy.compilation.loop import stages
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import of_record
 from musatpy.compilation.true_points import true_points
@@ -70,7 +70,7 @@ def bottom_of(record: Path, system: System | None = None) -> tuple[FloatArray, F
     assert run.ellipsoid is not None
     stereo, system = set_up(run, "21", "22"), system or LongitudeLatitude(run.ellipsoid)
     true = np.column_stack([grid((-600.0, 600.0), 1200.0, 7), np.linspace(-20.0, -2.0, 49)])
-    readings = readings_at(Loop(stereo=stereo).stages(true).xy)
+    readings = readings_at(stages(stereo, true))
     apparent = run.frame.working(true_points(run, stereo.photos, readings).apparent)
     first, second = (system.coordinates(run.frame.level(points)) for points in (stereo.working(true), apparent))
     return first, second
@@ -89,7 +89,7 @@ def test_points_of_a_model_are_those_of_its_compilation(run_record: Path, tmp_pa
     run = of_record(run_record)
     stereo = set_up(run, "21", "22")
     level = LongitudeLatitude(run.ellipsoid).level(true)
-    xy = Loop(stereo=stereo).stages(stereo.model(run.frame.from_level(level))).xy
+    xy = stages(stereo, stereo.model(run.frame.from_level(level)))
     pointing = run.block.options.plate_sigma * run.unit_sigma
     points = true_points(run, stereo.photos, readings_at(xy, sigma=pointing))
     expected = np.sqrt(np.diagonal(points.covariance, axis1=1, axis2=2))

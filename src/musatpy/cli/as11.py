@@ -312,7 +312,7 @@ def drive_command(
     import numpy as np
 
     from musatpy.as11_runs import run_of
-    from musatpy.compilation.loop import Drive, Loop, driven, driven_csv, read_path
+    from musatpy.compilation.loop import Drive, driven, driven_csv, read_path
     from musatpy.compilation.stereomodels import set_up
     from musatpy.files import write_files
 
@@ -322,10 +322,10 @@ def drive_command(
     if triangulation.caution:
         complain(f"{name_of(run)}: {triangulation.caution}")
     stereo = set_up(triangulation, left, right)
-    loop = Loop(stereo=stereo, drive=Drive.AIR if air else Drive.TRUE)
-    result = driven(loop, read_path(path, stereo, of_job=of_job), rate)
+    path_in_model = read_path(path, stereo, of_job=of_job)
+    result = driven(stereo, path_in_model, rate, Drive.AIR if air else Drive.TRUE)
     write_files({target: driven_csv(result).encode()})
-    if len(off := result.off(loop)):
+    if len(off := result.off(stereo)):
         cycles = count_of(len(off), "cycle")
         complain(f"{name_of(path)}: {cycles} off the plates, t = {off[0]:g} to {off[-1]:g} s")
     late = f"{1e3 * np.quantile(result.seconds, 0.99):.2f} ms, at most {1e3 * result.seconds.max():.2f}"

@@ -14,15 +14,21 @@ import numpy as np
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.network import Network, group_points
 from musatpy.adjustment.propagation import pieces
-from musatpy.adjustment.sightings import image_coordinates
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.waterline import water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.compiled import CompiledModel, plates_of_run, points_of_run, same_readings
-from musatpy.compilation.loop import Drive, Loop
+from musatpy.compilation.loop import Drive, stages
 from musatpy.compilation.stereomodels import off_plate
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in
-from musatpy.compilation.true_points import CompiledPoints, Readings, network_of, network_of_plates, true_points
+from musatpy.compilation.true_points import (
+    CompiledPoints,
+    Readings,
+    images_of,
+    network_of,
+    network_of_plates,
+    true_points,
+)
 from musatpy.geometry.collinearity import in_front
 from musatpy.model.compilation import AGAIN
 from musatpy.model.tables import taken
@@ -129,13 +135,8 @@ def against_run(model: CompiledModel, again: BoolArray) -> AgainstRun:
 def predicted(model: CompiledModel, points: IntArray) -> FloatArray:
     """Return what the stages (r, 2, 2) mm should read of points (r,) of the run."""
     run = model.stereo.run
-    readings = Readings.of(np.zeros((len(points), 2, 2)), run.block.points.bathymetric[points], model.pointing)
-    _, network, state = network_of(run, model.stereo.photos, readings)
-    state = replace(state, ground=run.frame.working(run.position[points]))
-    line = water_line(network, state, readings.submerged)
-    network = network.with_plates(network.xy, line.wet)
-    xy = image_coordinates(network, state, np.arange(2 * len(points)), state.ground[network.point])
-    return np.swapaxes(xy.reshape(2, len(points), 2), 0, 1)
+    ground, submerged = run.frame.working(run.position[points]), run.block.points.bathymetric[points]
+    return images_of(run, model.stereo.photos, ground, submerged)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -315,7 +316,7 @@ def _expected(model: CompiledModel) -> Expected:
     depth = np.repeat(DEPTHS if with_water else DEPTHS[:1], len(places))
     xy = np.tile(places, (len(depth) // len(places), 1))
     place = _below_water(model, xy, depth)
-    images = Loop(stereo=stereo, drive=Drive.TRUE if with_water else Drive.AIR).stages(place).xy
+    images = stages(stereo, place, Drive.TRUE if with_water else Drive.AIR)
     shown = ~off_plate(stereo, images).any(axis=1)
     points = _compiled(model, images[shown], depth[shown] > 0.0)
     exact = replace(model, stereo=replace(stereo, run=stereo.run.without_errors))

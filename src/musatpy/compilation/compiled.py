@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.compilation.loop import Drive, Loop, stages_of
+from musatpy.compilation.loop import Drive, stages_of
 from musatpy.compilation.printed import Shortcuts, printed_points
 from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
 from musatpy.compilation.triangulation import AdjustedRun
 from musatpy.compilation.true_points import CompiledPoints, Readings, true_points
 from musatpy.errors import CompilationError, Problem, ProblemsError
-from musatpy.geometry.geodesy import Frame, surface
+from musatpy.geometry.geodesy import Frame
 from musatpy.model.compilation import RECOVERABLE, SHORE, Compilation, Mode, SoundingDatum
 from musatpy.probability import student_as_normal
 from musatpy.soundings.s44 import order_names, orders_met
@@ -101,10 +101,9 @@ class Compiled:
     Positions (k, 3) are in the system of the job, true ones in `points`; apparent ones are where straight rays
     meet, of dry points their position; both in their models (m) too. sigma (k, 3) m along east, north, up; heights
     (k,) m of the job, depths below the sounding datum with their sigmas, heights over the mean tide of both photos;
-    incidence (k, 2) rad in air of wet rays with the normal of the water, without its waves; y-parallaxes over their
-    sigmas, as normal variables. `reasons`: why points have no position; `remarks`: why they have no depth, and
-    whether their y-parallax is beyond its limit; `orders` of S-44 that submerged points meet by their sigmas and
-    that of the datum, empty where there is no depth.
+    y-parallaxes over their sigmas, as normal variables. `reasons`: why points have no position; `remarks`: why they
+    have no depth, and whether their y-parallax is beyond its limit; `orders` of S-44 that submerged points meet by
+    their sigmas and that of the datum, empty where there is no depth.
     """
 
     deck: Compilation
@@ -127,7 +126,6 @@ class Compiled:
     over_water: FloatArray
     on_shore: BoolArray  # of the shoreline, with a position
     too_high: BoolArray  # flagged as submerged, above the water by their sigmas
-    incidence: FloatArray
     y_parallax_test: FloatArray
     reasons: list[str | None]
     remarks: list[str | None]
@@ -192,7 +190,6 @@ def _table(run: AdjustedRun, deck: Compilation, datum: DepthDatum, models: Seque
         over_water=over_water,
         on_shore=on_shore,
         too_high=submerged & (over_water > ABOVE * sigma[:, 2]),
-        incidence=np.concatenate([_incidences(model) for model in models]),
         y_parallax_test=test,
         reasons=[points.reasons.get(row) for row in range(len(rows))],
         remarks=_remarks(points, submerged, on_shore, np.abs(test) > MISSED),
@@ -209,7 +206,7 @@ def _compiled_model(run: AdjustedRun, deck: Compilation, row: int, stereo: Stere
     sigma = np.where(np.isfinite(stages.sigma[rows]), stages.sigma[rows], pointing)
     xy, marks = stages.xy[rows], np.flatnonzero(stages.as_points[rows])
     drive = Drive.TRUE if models.true_marks[row] and len(marks) else Drive.AIR
-    xy[marks] = stages_of(Loop(stereo=stereo, drive=drive), stages.place[rows[marks]], stages.parallax[rows[marks]])
+    xy[marks] = stages_of(stereo, stages.place[rows[marks]], stages.parallax[rows[marks]], drive)
     readings = Readings.of(xy, stages.submerged[rows], sigma[:, None, None], stages.ids[rows])
     printed = Shortcuts(
         shared_point=models.rays[row] == "SHARED",
@@ -275,17 +272,6 @@ def _in_models(models: Sequence[CompiledModel], position: FloatArray) -> FloatAr
         out[first : first + len(here)][known] = model.stereo.model(model.stereo.run.frame.working(here[known]))
         first += len(here)
     return out
-
-
-def _incidences(model: CompiledModel) -> FloatArray:
-    points, stereo, frame = model.points, model.stereo, model.stereo.run.frame
-    angle = np.full((len(model.rows), 2), np.nan)
-    rows = np.flatnonzero(points.wet.any(axis=1) & np.isfinite(points.position).all(axis=1))
-    ground = np.repeat(frame.working(points.position[rows])[:, None], 2, axis=1)
-    over = surface(frame, stereo.water_slope, stereo.tides, ground)
-    rays = stereo.rays(model.readings.xy[rows]) @ stereo.axes
-    angle[rows] = np.arccos(np.clip(-np.einsum("kmi,kmi->km", over.normal, rays), -1.0, 1.0))
-    return np.where(points.wet, angle, np.nan)
 
 
 def _remarks(points: CompiledPoints, submerged: BoolArray, on_shore: BoolArray, off: BoolArray) -> list[str | None]:

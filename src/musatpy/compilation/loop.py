@@ -15,24 +15,22 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 
-from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import FloatArray
 from musatpy.compilation.stereomodels import Stereomodel, off_plate
+from musatpy.compilation.true_points import images_of
 from musatpy.errors import CompilationError, Problem
-from musatpy.geometry import collinearity
-from musatpy.geometry.geodesy import surface
 from musatpy.model import CoordinateSystem
 from musatpy.pointfiles.columns import FileColumn, Wanted
 from musatpy.pointfiles.point_tables import read_table
-from musatpy.refraction import flat
 from musatpy.units import DEGREE
 
+_STEP = 0.01  # m, to either side of a mark, for the direction of its images
 _MOST_CYCLES = 1e7  # two days at 50 Hz: more is another unit of time
 
 
@@ -43,65 +41,28 @@ class Drive(StrEnum):
     AIR = "AIR"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Stages:
-    """Plate coordinates xy (k, 2, 2) mm of both stages, and their partials by_mark (k, 2, 2, 3) mm/m."""
+def stages(stereo: Stereomodel, mark: FloatArray, drive: Drive = Drive.TRUE) -> FloatArray:
+    """Return the stages (k, 2, 2) mm of marks (k, 3) in the model.
 
-    xy: FloatArray
-    by_mark: FloatArray
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Loop:
-    """The loop of one stereomodel; waves on its water, if any, are looked up once.
-
-    Raises `CompilationError` where marks are true points and the water is not known at both photos.
+    Raises `CompilationError` where marks are true points and the water is not known at both photos, and
+    `AdjustmentError` where a ray cannot be followed through waves.
     """
-
-    stereo: Stereomodel
-    drive: Drive = Drive.TRUE
-    sea: WorkingSea | None = field(init=False)
-
-    def __post_init__(self) -> None:
-        run, tides = self.stereo.run, self.stereo.tides
-        if self.drive is Drive.TRUE and (run.block.water is None or not np.isfinite(tides).all()):
-            raise CompilationError([Problem(message="true marks need water with a tide at both photos: drive AIR")])
-        object.__setattr__(self, "sea", None if run.sea is None else WorkingSea.of(run.sea, run.frame).known)
-
-    def stages(self, mark: FloatArray) -> Stages:
-        """Return the stages of marks (k, 3) in the model, with their partials.
-
-        Raises `AdjustmentError` where a ray cannot be followed through waves.
-        """
-        stereo, axes = self.stereo, self.stereo.axes
-        v, by_mark = mark[:, None] - stereo.stations, np.eye(3)
-        if self.drive is Drive.TRUE:
-            bent = self._incidence(mark)
-            v = bent.v.reshape(-1, 2, 3) @ axes.T
-            by_mark = axes @ bent.by_ground.reshape(-1, 2, 3, 3) @ axes.T
-        focal_length, principal_point = stereo.camera("focal_length"), stereo.camera("principal_point")
-        with np.errstate(divide="ignore", invalid="ignore"):  # as high as a camera: infinite
-            xy, by_v = collinearity.image_by_vector(v, stereo.rotation, focal_length, principal_point)
-            return Stages(xy=xy, by_mark=by_v @ by_mark)
-
-    def _incidence(self, mark: FloatArray) -> flat.Incidence:
-        """Return the rays (2 k,) from both stations to marks through the water, in working axes."""
-        stereo, frame, count = self.stereo, self.stereo.run.frame, len(mark)
-        ground = np.repeat(stereo.working(mark), 2, axis=0)
-        camera, tide = np.tile(stereo.working(stereo.stations), (count, 1)), np.tile(stereo.tides, count)
-        if self.sea is not None:
-            return self.sea.incidence(np.tile(stereo.photos, count), camera, ground, tide, stereo.index)
-        over = surface(frame, stereo.water_slope, tide, ground)
-        return flat.incidence(camera, ground, over.normal, over.depth, stereo.index)
+    run = stereo.run
+    if drive is Drive.AIR:
+        return stereo.images(np.repeat(mark[:, None], 2, axis=1))
+    if run.block.water is None or not np.isfinite(stereo.tides).all():
+        raise CompilationError([Problem(message="true marks need water with a tide at both photos: drive AIR")])
+    with np.errstate(divide="ignore", invalid="ignore"):  # as high as a camera: infinite
+        return images_of(run, stereo.photos, stereo.working(mark), np.ones(len(mark), dtype=bool))
 
 
-def stages_of(loop: Loop, place: FloatArray, parallax: FloatArray) -> FloatArray:
+def stages_of(stereo: Stereomodel, place: FloatArray, parallax: FloatArray, drive: Drive) -> FloatArray:
     """Return the stages (k, 2, 2) mm of model points (k, 3) m with y-parallaxes (k,) mm, NaN where not read."""
-    stages = loop.stages(place)
-    xy, along = stages.xy, stages.by_mark[..., 1]
+    step = np.array([0.0, _STEP, 0.0])
+    along = stages(stereo, place + step, drive) - stages(stereo, place - step, drive)
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
     half = 0.5 * np.nan_to_num(parallax)[:, None] * [-1.0, 1.0]
-    return np.asarray(xy + half[..., None] * along)
+    return np.asarray(stages(stereo, place, drive) + half[..., None] * along)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,9 +86,9 @@ class Driven:
         speed = change / np.diff(self.t)
         return float(speed[np.isfinite(speed)].max(initial=0.0))
 
-    def off(self, loop: Loop) -> FloatArray:
+    def off(self, stereo: Stereomodel) -> FloatArray:
         """Return the times at which the mark stands off the plates."""
-        return self.t[off_plate(loop.stereo, self.xy).any(axis=1)]
+        return self.t[off_plate(stereo, self.xy).any(axis=1)]
 
 
 def read_path(source: Path, stereo: Stereomodel, *, of_job: bool = False) -> FloatArray:
@@ -150,7 +111,7 @@ def read_path(source: Path, stereo: Stereomodel, *, of_job: bool = False) -> Flo
     return path
 
 
-def driven(loop: Loop, path: FloatArray, rate: float) -> Driven:
+def driven(stereo: Stereomodel, path: FloatArray, rate: float, drive: Drive = Drive.TRUE) -> Driven:
     """Return what driving a path (r, 4) does at so many cycles a second; between rows the mark goes straight.
 
     Raises `CompilationError` for a path of more than ten million cycles.
@@ -162,10 +123,10 @@ def driven(loop: Loop, path: FloatArray, rate: float) -> Driven:
     t = path[0, 0] + np.arange(math.floor(cycles) + 1) / rate
     marks = np.stack([np.interp(t, path[:, 0], path[:, axis]) for axis in (1, 2, 3)], axis=1)
     xy, seconds = np.empty((len(t), 2, 2)), np.empty(len(t))
-    loop.stages(marks[:1])  # what the first cycle loads
+    stages(stereo, marks[:1], drive)  # what the first cycle loads
     for cycle in range(len(t)):
         start = time.perf_counter()
-        xy[cycle] = loop.stages(marks[cycle : cycle + 1]).xy[0]
+        xy[cycle] = stages(stereo, marks[cycle : cycle + 1], drive)[0]
         seconds[cycle] = time.perf_counter() - start
     return Driven(t=t, xy=xy, seconds=seconds, rate=rate)
 

@@ -71,13 +71,6 @@ class Stereomodel:
         return self.run.block.photos.tide[list(self.photos)]
 
     @property
-    def water_slope(self) -> FloatArray:
-        """Slope (3,) of the tilted water of the run, working."""
-        water = self.run.block.water
-        tilt = np.zeros(2) if water is None else np.array([water.tilt_east or 0.0, water.tilt_north or 0.0])
-        return np.asarray(tilt @ self.run.frame.axes(np.zeros(3))[:2])
-
-    @property
     def index(self) -> float:
         """Refractive index of the water, 1 without any."""
         return self.run.block.water.index if self.run.block.water else 1.0

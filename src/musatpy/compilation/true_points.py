@@ -25,13 +25,14 @@ from musatpy.adjustment.propagation import (
     point_covariances,
 )
 from musatpy.adjustment.result import bathymetric_points
-from musatpy.adjustment.sightings import residuals, straight_rays
+from musatpy.adjustment.sightings import image_coordinates, residuals, straight_rays
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
 from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, in_front, widest_angle
+from musatpy.geometry.geodesy import surface
 from musatpy.model import (
     Block,
     PlateMeasurements,
@@ -45,7 +46,7 @@ PARALLEL_RAYS, BEHIND = "its rays are parallel", "its rays meet behind a camera"
 NOT_FOLLOWED = "its rays cannot be followed through the water"
 _SHAPES: dict[str, tuple[int, ...]] = {
     "position": (3,), "covariance": (3, 3), "apparent": (3,), "water_level": (), "depth": (), "depth_sigma": (),
-    "incidence": (), "residual": (2, 2), "y_parallax": (), "y_parallax_sigma": (), "pointing_share": (),
+    "incidence": (2,), "residual": (2, 2), "y_parallax": (), "y_parallax_sigma": (), "pointing_share": (),
 }  # fmt: skip
 
 
@@ -78,7 +79,7 @@ class CompiledPoints:
     covariance (k, 3, 3) along east, north, up; apparent (k, 3) where the straight rays meet. Depths are below the
     mean water of both photos. residual (k, 2, 2) mm, adjusted minus read; y_parallax (k,) mm by which the right
     image is off, with its sigma of pointing, stations and water, and the share of pointing in its variance; wet (k,
-    2) rays.
+    2) rays, and their angles of incidence (k, 2) rad in air with the normal of the water, without its waves.
     """
 
     position: FloatArray
@@ -164,8 +165,15 @@ def _from_rays(run: AdjustedRun, photos: tuple[int, int], readings: Readings) ->
     out.residual[:] = np.swapaxes(v.reshape(2, count, 2), 0, 1)
     out.wet[:] = line.wet.reshape(2, count).T
     bathymetric = bathymetric_points(block, measured, state, groups, np.sqrt(depth))
-    for name in ("apparent", "water_level", "depth", "depth_sigma", "incidence"):
+    for name in ("apparent", "water_level", "depth", "depth_sigma"):
         getattr(out, name)[bathymetric.point] = getattr(bathymetric, name)
+    bent = np.flatnonzero(known & out.wet.any(axis=1))
+    rays = bent[:, None] + [0, count]
+    _, air = straight_rays(network, state, rays)
+    places = np.repeat(ground[bent, None], 2, axis=1)
+    over = surface(network.frame, network.slope(state.tilt), state.tide[network.photo[rays]], places)
+    angle = np.arccos(np.clip(-np.einsum("kmi,kmi->km", over.normal, air), -1.0, 1.0))
+    out.incidence[bent] = np.where(out.wet[bent], angle, np.nan)
     return out
 
 
@@ -196,6 +204,18 @@ def network_of_plates(run: AdjustedRun, points: Points, plates: PlateMeasurement
         wide = extended(block, network, state)
         network, state = wide.network, wide.state
     return block, network, state
+
+
+def images_of(run: AdjustedRun, photos: tuple[int, int], ground: FloatArray, submerged: BoolArray) -> FloatArray:
+    """Return what the stages (k, 2, 2) mm should read of points, ground (k, 3) in working coordinates.
+
+    Raises `AdjustmentError` where a ray cannot be followed through waves.
+    """
+    _, network, state = network_of(run, photos, Readings.of(np.zeros((len(ground), 2, 2)), submerged, 1.0))
+    state = replace(state, ground=ground)
+    network = network.with_plates(network.xy, water_line(network, state, submerged).wet)
+    xy = image_coordinates(network, state, np.arange(2 * len(ground)), ground[network.point])
+    return np.swapaxes(xy.reshape(2, len(ground), 2), 0, 1)
 
 
 def _at_rest(

@@ -9,7 +9,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation.against_run import AgainstRun
 from musatpy.compilation.compiled import ABOVE, MISSED, Compiled, CompiledModel
-from musatpy.compilation.loop import Drive, Loop
+from musatpy.compilation.loop import Drive, stages
 from musatpy.compilation.stereomodels import slip_of
 from musatpy.compilation.triangulation import PUNCHED
 from musatpy.compilation.true_points import Readings, true_points
@@ -106,7 +106,7 @@ def _lost_without_parallax(compiled: Compiled, model: CompiledModel) -> float:
     if not len(position):
         return 0.0
     run, true = stereo.run, stereo.run.frame.working(position)
-    shared = np.repeat(stereo.half_way(Loop(stereo=stereo).stages(stereo.model(true)).xy)[:, None], 2, axis=1)
+    shared = np.repeat(stereo.half_way(stages(stereo, stereo.model(true)))[:, None], 2, axis=1)
     readings = Readings.of(stereo.images(shared), np.ones(len(true), dtype=bool), model.pointing)
     again = true_points(run.without_errors, stereo.photos, readings).position
     return float(np.nanmax(np.linalg.norm(run.frame.working(again) - true, axis=1), initial=0.0))

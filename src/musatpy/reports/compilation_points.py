@@ -78,7 +78,7 @@ POINTS: Rows[CompilationReport, Compiled] = Rows(
         Field("depth_sigma", "number?", "of the depth", "points.depth_sigma", "Sigma\nm", "F7.3"),
         Field("datum_depth", "number?", "below the sounding datum", heading="Below datum\nm", edit="F11.3"),
         Field("datum_depth_sigma", "number?", "of that", heading="Sigma\nm", edit="F7.3"),
-        Field("incidence", "2 number?", "of wet rays, in air",
+        Field("incidence", "2 number?", "of wet rays, in air", "points.incidence",
               heading=("Incid. L\ndegrees", "Incid. R\ndegrees"), edit="F8.3"),
         Field("wet", "2 boolean", "the ray goes through the water", "points.wet"),
         Field("y_parallax", "number?", "by which the right image is off its epipolar curve",
