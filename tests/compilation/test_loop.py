@@ -38,44 +38,12 @@ def solution() -> model.Solution:
     return adjust(read_deck(FIXTURES / "st_thomas/st_thomas.crd"))
 
 
-@pytest.fixture(scope="module")
-def st_thomas(solution: model.Solution) -> Stereomodel:
-    """Return a model with tilted water, tides apart."""
-    run = of_solution(solution)
-    assert run.block.water is not None
-    tilted = replace(run.block.water, tilt_east=2e-5, tilt_north=-1e-5)
-    return set_up(replace(run, block=replace(run.block, water=tilted)), "21", "22")
-
-
 def test_stages_of_true_marks_are_traced_images() -> None:
     run = pair(3000.0, 1810.0, (0.4, -0.3))
     points = at_depth(grid((200.0, 1600.0), 1700.0, 5), 12.0)
     stereo = set_up(run, "1", "2")
     marks = stereo.model(run.frame.working(points))
     np.testing.assert_allclose(stages(stereo, marks), flat_images(run, points), rtol=0.0, atol=1e-10)
-
-
-def test_tilted_water_rises_to_the_east() -> None:
-    """By 2 m over 1 km: a mark at 1 m is wet to the east of the stations' middle, one at -1 m dry to the west."""
-    run = pair(3000.0, 1810.0)
-    water = model.Water(index=1.34, tilt_east=2e-3, tilt_north=0.0)
-    stereo = set_up(replace(run, block=replace(run.block, water=water)), "1", "2")
-    marks = stereo.model(run.frame.working(np.array([[1905.0, 300.0, 1.0], [-95.0, 300.0, -1.0]])))
-    wet, dry = stages(stereo, marks) - stages(stereo, marks, Drive.AIR)
-    assert np.abs(wet).max() > 1e-3 and np.abs(dry).max() < 1e-12
-
-
-def test_the_mark_goes_through_the_water_line_without_a_jump(st_thomas: Stereomodel) -> None:
-    """Below 1e-6 um at depth 0, where the formulas change."""
-    frame = st_thomas.run.frame
-    level, slope = frame.level(st_thomas.working(MARKS)), np.array([2e-5, -1e-5]) @ frame.axes(np.zeros(3))[:2]
-    level[:, 2] = st_thomas.tides[0]
-    for _ in range(3):  # the tilted water stands higher or lower there
-        mark = st_thomas.model(frame.from_level(level))
-        level[:, 2] = st_thomas.tides[0] + st_thomas.working(mark) @ slope
-    places = (frame.from_level(level + np.array([0.0, 0.0, rise])) for rise in (-1e-12, 1e-12))
-    below, above = (stages(st_thomas, st_thomas.model(place)) for place in places)
-    assert np.abs(below - above)[:, 0].max() < 1e-9
 
 
 def test_true_marks_need_water(solution: model.Solution) -> None:

@@ -23,7 +23,6 @@ from musatpy.formats.compilation_deck import compilation_bytes
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model.compilation import Compilation
 from musatpy.model.tables import empty
-from musatpy.refraction import bending
 from musatpy.refraction.apparent import Fault, Stations, TruePoints
 from musatpy.refraction.apparent import true_points as true_points_of_apparent
 from musatpy.refraction.surface import Gridded
@@ -113,22 +112,6 @@ def test_images_traced_through_waves_come_back_as_the_truth() -> None:
 @pytest.fixture(scope="module")
 def sea() -> Stereomodel:
     return set_up(wavy(swell()), "1", "2")
-
-
-def test_stages_of_marks_look_at_them_through_the_waves_of_their_exposures(sea: Stereomodel) -> None:
-    """The ray of each stage, followed down through the wave of its time, meets the mark."""
-    run, ground = sea.run, at_depth(PLACES, 11.0)
-    xy = stages(sea, in_model(sea, ground))
-    rays = sea.rays(xy) @ sea.axes
-    assert run.sea is not None
-    for photo in range(2):
-        camera = run.block.photos.position[photo] - [0.0, 0.0, run.block.photos.tide[photo]]
-        below = ground - [0.0, 0.0, run.block.photos.tide[photo]]
-        bent = bending.refracted_ray(
-            run.sea.surface, np.broadcast_to(camera, ground.shape), rays[:, photo], 1.34, run.sea.time[photo]
-        )
-        reach = (below[:, 2] - bent.origin[:, 2]) / bent.direction[:, 2]
-        np.testing.assert_allclose(bent.origin + reach[:, None] * bent.direction, below, rtol=0.0, atol=1e-9)
 
 
 def corrected(run: AdjustedRun, apparent: FloatArray) -> TruePoints:
