@@ -194,7 +194,7 @@ def test_waves_beside_a_deck_are_given_again() -> None:
         of_solution(solution)
     sea = of_solution(solution, given).sea
     assert sea is not None and solution.water is not None and solution.water.waves is not None
-    np.testing.assert_allclose(sea.trains.values, solution.water.waves.value, rtol=1e-12)
+    np.testing.assert_allclose(sea.trains.values, solution.water.waves.value, rtol=1e-11)  # digits of a record
 
 
 def test_waves_without_the_time_of_an_exposure_are_refused(runs: Path, tmp_path: Path) -> None:

@@ -52,20 +52,30 @@ class RelativeOrientations:
 def relative_orientations(x1: FloatArray, x2: FloatArray, weight: FloatArray, floor: float) -> RelativeOrientations:
     """Return the orientations of k pairs by the tangents x1, x2 (k, m, 2) and weights (k, m) of common points.
 
-    A pair needs five points; `floor` is the least standard deviation (tangent) that the images may show.
+    A pair needs five points; `floor` is the least standard deviation (tangent) that the images may show. Of the
+    minima the one before both cameras is taken, then with small residuals, then over level ground: flat ground
+    leaves two solutions, and in the false one base and normal of the ground have changed places.
     """
-    return _best(x1, x2, solutions(x1, x2, weight, floor))
+    minima = solutions(x1, x2, weight, floor)
+    of_starts = (_ground_tilt(x1, x2, minima), minima.scale, minima.front)
+    tilt, scale, front = (values.reshape(-1, len(x1)) for values in of_starts)
+    ahead = front >= _IN_FRONT
+    allowed = ahead | ~ahead.any(axis=0)
+    good = allowed & (scale <= _AS_GOOD * np.where(allowed, scale, np.inf).min(axis=0))
+    choice, pairs = np.where(good, tilt, np.inf).argmin(axis=0), np.arange(len(x1))
+    best = minima[choice * len(x1) + pairs]
+    checked = (best.weight > 0).sum(axis=1) > _UNKNOWNS
+    return replace(best, sigma=np.where(checked | (tilt[choice, pairs] < _LEVEL), best.sigma, np.inf))
 
 
-def solutions(x1: FloatArray, x2: FloatArray, weight: FloatArray, floor: float) -> list[RelativeOrientations]:
-    """Return the minima that the starts of k pairs lead to: both of the homography, and two vertical photos."""
+def solutions(x1: FloatArray, x2: FloatArray, weight: FloatArray, floor: float) -> RelativeOrientations:
+    """Return the minima (3 k) that starts of k pairs lead to: both of the homography, and two vertical photos."""
     robust = weight * plane_similarity(x1, x2, weight)[2]
     H = _homographies(x1, x2, robust, floor)
     starts = [*_decompose(H, x1, weight), _vertical(x1, x2, weight)]
     R, b = (np.concatenate(parts) for parts in zip(*starts, strict=True))
     pairs = np.tile(np.arange(len(x1)), len(starts))
-    minima = _adjust(x1[pairs], x2[pairs], weight[pairs], R, b, floor)
-    return [minima[rows] for rows in np.arange(len(pairs)).reshape(len(starts), -1)]
+    return _adjust(x1[pairs], x2[pairs], weight[pairs], R, b, floor)
 
 
 def model_points(
@@ -300,32 +310,10 @@ def _described(
     )
 
 
-def _best(x1: FloatArray, x2: FloatArray, minima: list[RelativeOrientations]) -> RelativeOrientations:
-    """Return the best solution of each pair: before both cameras, then small residuals, then level ground.
-
-    Flat ground leaves two solutions; in the false one base and normal of the ground have changed places.
-    """
-    scale = np.stack([minimum.scale for minimum in minima])
-    front = np.stack([minimum.front for minimum in minima])
-    tilt = np.stack([_ground_tilt(x1, x2, minimum) for minimum in minima])
-    ahead = front >= _IN_FRONT
-    allowed = ahead | ~ahead.any(axis=0)
-    least = np.where(allowed, scale, np.inf).min(axis=0)
-    good = allowed & (scale <= _AS_GOOD * least)
-    choice = np.where(good, tilt, np.inf).argmin(axis=0)
-    rows = np.arange(len(choice))
-    merged = {
-        name: np.stack([getattr(minimum, name) for minimum in minima])[choice, rows]
-        for name in RelativeOrientations.__dataclass_fields__
-    }
-    checked = (merged["weight"] > 0).sum(axis=1) > _UNKNOWNS
-    merged["sigma"] = np.where(checked | (tilt[choice, rows] < _LEVEL), merged["sigma"], np.inf)
-    return RelativeOrientations(**merged)
-
-
 def _ground_tilt(x1: FloatArray, x2: FloatArray, solution: RelativeOrientations) -> FloatArray:
-    """Return the larger angle (k,) rad between the normal of the ground and the axes of the two cameras."""
-    X, _ = model_points(x1, x2, solution.rotation, solution.base)
+    """Return the larger angles rad between the normal of the ground and the axes of the cameras, start by start."""
+    times = len(solution.scale) // len(x1)
+    X, _ = model_points(np.tile(x1, (times, 1, 1)), np.tile(x2, (times, 1, 1)), solution.rotation, solution.base)
     weight = np.where(np.isfinite(X).all(axis=-1), solution.weight, 0.0)
     X = np.where(weight[..., None] > 0, X, 0.0)
     share = weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)

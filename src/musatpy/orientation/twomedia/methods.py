@@ -146,16 +146,16 @@ def _relative(sights: Sights, plane: WaterPlane, base: float, *, along_base: boo
     """
     points, (first, second) = sights.common((0, 1))
     trials = []
-    for minimum in solutions(first[None], second[None], np.ones((1, len(points))), _LEAST_ERROR):
-        X, _ = model_points(first[None], second[None], minimum.rotation, minimum.base)
-        direction, R = minimum.base[0], minimum.rotation[0]
+    minima = solutions(first[None], second[None], np.ones((1, len(points))), _LEAST_ERROR)
+    for direction, R, front in zip(minima.base, minima.rotation, minima.front, strict=True):
+        X, _ = model_points(first, second, R, direction)
         M = along_axes(direction) if along_base else np.eye(3)
         scale = base / (direction @ M)[0]
-        if minimum.front[0] < 0.5 or not np.isfinite(X).all() or scale <= 0.0:
+        if front < 0.5 or not np.isfinite(X).all() or scale <= 0.0:
             continue
         attitude = attitude_from_matrix(np.stack([M, R @ M]))
         station = scale * np.stack([np.zeros(3), direction @ M])
-        planes = _trial_planes(scale * X[0] @ M, sights.wet[points], station, M[2] + (R @ M)[2], plane)
+        planes = _trial_planes(scale * X @ M, sights.wet[points], station, M[2] + (R @ M)[2], plane)
         trials += [(attitude, station, slope, level) for slope, level in planes]
     return _orientations(trials, 2, plane.index)
 
