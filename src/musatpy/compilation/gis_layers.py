@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,46 +18,35 @@ from musatpy.geometry.systems import Geocentric
 from musatpy.interchange.layers import Grid, LayerColumn, Lines, Points
 from musatpy.units import MICROMETRE
 
-if TYPE_CHECKING:
-    import pyproj
 
+def _placement(compiled: Compiled, crs: str) -> tuple[Callable[[FloatArray], FloatArray], dict[str, Any]]:
+    """Return how positions (k, 3) of the job come into the system of layers, and this with what heights are.
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Placement:
-    """The system of layers, and how positions (k, 3) of the job come into it."""
-
-    places: Callable[[FloatArray], FloatArray]
-    crs: pyproj.CRS | None
-    heights: str
-
-
-def _placement(compiled: Compiled, crs: str) -> _Placement:
-    """Return the system of layers: `crs`; a map about the points of a job on an ellipsoid; that of a local job.
-
-    The datum of the map is the ellipsoid of the job and no more. Raises `SystemsError` for a system that is not on
-    the ellipsoid of the job, and `CompilationError` for one of a local job.
+    `crs`; a map about the points of a job on an ellipsoid; that of a local job. The datum of the map is the
+    ellipsoid of the job and no more. Raises `SystemsError` for a system that is not on the ellipsoid of the job,
+    and `CompilationError` for one of a local job.
     """
     position, system = compiled.points.position, compiled.run.map_system
     known = np.isfinite(position).all(axis=1)
     if system is None or not known.any():
         if crs:
             raise CompilationError([Problem(message="--crs: the run is a local job, in no system of a register")])
-        return _Placement(places=np.asarray, crs=None, heights="heights of the job")
+        return np.asarray, {"crs": None, "heights": "heights of the job"}
     import pyproj
 
     heights, frame = "above the ellipsoid of the job", compiled.run.frame
     if not crs:
         plan = MapPlan.about(system, position[known])
-        return _Placement(places=plan.places, crs=pyproj.CRS.from_user_input(plan.map.definition), heights=heights)
+        return plan.places, {"crs": pyproj.CRS.from_user_input(plan.map.definition), "heights": heights}
     assert system.ellipsoid is not None  # of a job that is on one
     target = system_of(crs, system.ellipsoid)
     if isinstance(target, Geocentric):
         raise CompilationError([Problem(message=f"--crs: {crs} is geocentric, and maps are not")])
-    return _Placement(
-        places=lambda positions: target.coordinates(frame.level(frame.working(positions))),
-        crs=crs_of(crs),
-        heights=heights,
-    )
+
+    def places(positions: FloatArray) -> FloatArray:
+        return target.coordinates(frame.level(frame.working(positions)))
+
+    return places, {"crs": crs_of(crs), "heights": heights}
 
 
 def layers_of(compiled: Compiled, bottoms: Sequence[Bottom], crs: str = "") -> dict[str, Points | Lines]:
@@ -66,25 +54,24 @@ def layers_of(compiled: Compiled, bottoms: Sequence[Bottom], crs: str = "") -> d
 
     Heights are those of the job. Raises `SystemsError` and `CompilationError` for a system that it is not in.
     """
-    at = _placement(compiled, crs)
-    place: dict[str, Any] = {"crs": at.crs, "heights": at.heights}
-    position = compiled.points.position
-    known = np.isfinite(position).all(axis=1)
-    xyz = at.places(position[known])
-    layers: dict[str, Points | Lines] = {"points": Points(xyz=xyz, columns=_columns(compiled, known), **place)}
+    places, system = _placement(compiled, crs)
+    known = np.isfinite(compiled.points.position).all(axis=1)
+    xyz = places(compiled.points.position[known])
+    layers: dict[str, Points | Lines] = {"points": Points(xyz=xyz, columns=_columns(compiled, known), **system)}
     for bottom in bottoms:
         if any(sheet.contours.lines for sheet in bottom.sheets):
-            layers[bottom.of.layer] = _contours(bottom, compiled.datum, at, place)
+            layers[bottom.of.layer] = _contours(bottom, compiled.datum, places, system)
     return layers
 
 
-def _contours(bottom: Bottom, datum: DepthDatum, at: _Placement, place: dict[str, Any]) -> Lines:
+def _contours(
+    bottom: Bottom, datum: DepthDatum, places: Callable[[FloatArray], FloatArray], system: dict[str, Any]
+) -> Lines:
     """Return contours as lines; those at one height have no rounding of the way there."""
     lines = [(sheet, line) for sheet in bottom.sheets for line in sheet.contours.lines]
     paths = []
     for sheet, line in lines:
-        vertices = bottom.vertices(sheet, line, datum)
-        path = at.places(vertices)
+        path = places(bottom.vertices(sheet, line, datum))
         if bottom.of is Of.HEIGHT:
             path[:, 2] = line.level
         elif datum.geoid is None:
@@ -95,7 +82,7 @@ def _contours(bottom: Bottom, datum: DepthDatum, at: _Placement, place: dict[str
         str(bottom.of): LayerColumn.of([line.level for _, line in lines], "m"),
         "index_line": LayerColumn.of([int(line.index) for _, line in lines]),
     }
-    return Lines.of_paths(paths, columns=columns, **place)
+    return Lines.of_paths(paths, columns=columns, **system)
 
 
 def raster_of(grid: PostGrid, datum: DepthDatum) -> Grid:

@@ -168,10 +168,10 @@ def _from_rays(run: AdjustedRun, photos: tuple[int, int], readings: Readings) ->
     for name in ("apparent", "water_level", "depth", "depth_sigma"):
         getattr(out, name)[bathymetric.point] = getattr(bathymetric, name)
     bent = np.flatnonzero(known & out.wet.any(axis=1))
-    rays = bent[:, None] + [0, count]
-    _, air = straight_rays(network, state, rays)
+    of_both = bent[:, None] + np.array([0, count])
+    _, air = straight_rays(network, state, of_both)
     places = np.repeat(ground[bent, None], 2, axis=1)
-    over = surface(network.frame, network.slope(state.tilt), state.tide[network.photo[rays]], places)
+    over = surface(network.frame, network.slope(state.tilt), state.tide[network.photo[of_both]], places)
     angle = np.arccos(np.clip(-np.einsum("kmi,kmi->km", over.normal, air), -1.0, 1.0))
     out.incidence[bent] = np.where(out.wet[bent], angle, np.nan)
     return out
