@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 from musatpy.model import extensions
 from musatpy.model.options import CoordinateSystem
@@ -141,6 +142,20 @@ class CauseKind(StrEnum):
         return _SCALES.get(self.unit, 1.0)
 
 
+_NOUNS = {  # of a cause, before the name of its point or photo
+    CauseKind.VERTICAL: "height on the control card",
+    CauseKind.HORIZONTAL: "position on the control card",
+    CauseKind.START: "starting values of the station",
+    CauseKind.FLAG: "flag",
+    CauseKind.NAME: "name of the image",
+    CauseKind.EXCHANGED_IMAGES: "exchanged images",
+    CauseKind.IMAGES: "all images",
+}
+_NAMED_BY_COMPONENT = (
+    CauseKind.AXES, CauseKind.CONTROL, CauseKind.LABELS, CauseKind.PRINCIPAL_POINT, CauseKind.START, CauseKind.TIDES
+)  # fmt: skip
+
+
 def mnemonics(cards: str, system: CoordinateSystem) -> tuple[str, ...]:
     """Return the mnemonics of cards in a job: of `CTG/CTX ATT` in one of a local system CTX and ATT."""
     return tuple(card.split("/")[0 if system is CoordinateSystem.GEOGRAPHIC else -1] for card in cards.split())
@@ -187,15 +202,28 @@ class Cause:
     rank: int = 1  # in its group, from 1; equal: explains the same
     advice: str  # what to check
 
+    @classmethod
+    def of_row(cls, row: Mapping[str, Any]) -> Cause:
+        """Return the cause in a row of the table of a record."""
+        size = tuple(math.nan if value is None else value for value in row["size"])
+        said = {name: row[name] for name in ("cards", "photos", "points", "component", "unit", "advice")}
+        return cls(kind=CauseKind(row["cause"]), size=size, **said)
+
+    @property
+    def name(self) -> str:
+        """What is wrong, in words: `position on the control card of point 112`."""
+        noun = _NOUNS.get(self.kind, str(self.kind))
+        if self.kind is CauseKind.FLAG and len(self.points) > 1:
+            noun = "flags"
+        elif self.kind in _NAMED_BY_COMPONENT:
+            noun += f" ({self.component})" if self.component and self.component not in noun else ""
+        owners = " on ".join(text for text in (named("point", self.points), named("photo", self.photos)) if text)
+        return f"{noun} of {owners}" if owners else noun
+
     def __str__(self) -> str:
-        owner = [text for text in (named("photo", self.photos), named("point", self.points)) if text]
-        component = "" if self.kind is CauseKind.UNIT or self.component in self.kind else self.component
-        name = " ".join(part for part in (self.kind, component, *owner) if part)
-        if self.kind is CauseKind.FLAG:
-            name = f"flag{'s' if len(self.points) > 1 else ''} of {owner[-1]}"
         known = [f"{value:.3f}" for value in self.size if math.isfinite(value) and self.kind is not CauseKind.UNIT]
         size = f", off by {', '.join(known)} {self.unit}".rstrip() if known else ""
-        return f"{name}{size}: {self.advice}"
+        return f"{self.name}{size}: {self.advice}"
 
 
 def named(noun: str, names: Iterable[object]) -> str:

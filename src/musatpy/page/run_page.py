@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -10,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.model import Cause, CauseKind, Refraction
+from musatpy.model import Cause, Refraction
 from musatpy.page import flight
 from musatpy.page.accuracy import (
     analysis_table,
@@ -184,12 +183,7 @@ def _causes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     for row in rows:
         lead = "or: " if row["group"] in groups else ""
         groups.add(row["group"])
-        cause = Cause(
-            kind=CauseKind(row["cause"]),
-            size=tuple(math.nan if value is None else value for value in row["size"]),
-            **{name: row[name] for name in ("cards", "photos", "points", "component", "unit", "advice")},
-        )
-        sentences.append(f"{lead}{cause}")
+        sentences.append(f"{lead}{Cause.of_row(row)}")
     return sentences
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import TextArray
+from musatpy.model import Cause
 from musatpy.records.inquiry import About, InquiredImages
 from musatpy.reports.editing import edited, number_text
 from musatpy.reports.pages import text_of, wrapped
@@ -199,12 +200,9 @@ def _without(about: About) -> Iterator[str]:
 
 def _causes(about: About) -> Iterator[str]:
     for number, cause in enumerate(about.causes[:_CAUSES]):
-        size = ", ".join(_number("F12.3", value) for value in cause["size"])
-        off = f", off by {size} {cause['unit']}".rstrip() if size else ""
-        name = " ".join(part for part in (cause["cause"], cause["component"]) if part)
         if not number:
             yield ""
-        yield from wrapped([f"possible cause of what does not fit: {name}{off}: {cause['advice']}"])
+        yield from wrapped([f"possible cause of what does not fit: {Cause.of_row(cause)}"])
 
 
 def _neighbours(about: About) -> Iterator[str]:

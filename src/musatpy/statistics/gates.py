@@ -109,9 +109,13 @@ def stations(statistics: Quality) -> Iterator[Reason]:
         drowned = sees_water & (height <= water)
         buried = (height < ground) & ~(given_height < ground)
         upwards = _looks_up(solution.stations.attitude) & ~_looks_up(given_attitude)
-    for what, rows in (("below the water", drowned), ("below its ground", buried), ("looking up", upwards)):
+    for what, rows in (
+        ("is below the water", drowned),
+        ("is below the ground that it shows", buried),
+        ("looks above the horizon", upwards),
+    ):
         if rows.any():
-            text = f"{named('photo', photos.ids[rows])}: camera {what}"
+            text = f"{named('photo', photos.ids[rows])}: the camera {what}"
             yield Reason(Grade.REJECTED, Concern.STATION, text, _STATIONS)
 
 
@@ -125,7 +129,8 @@ def far_points(statistics: Quality) -> Iterator[Reason]:
         far = np.flatnonzero(np.isfinite(nearest) & (nearest > FARTHEST * height))
     if len(far):
         largest = float(nearest[far].max())
-        text = f"{named('point', points.ids[far])}: {largest:.2g} m from the cameras, which fly {height:.0f} m high"
+        away = f"{largest:.2g} m away from the cameras, which fly {height:.0f} m high"
+        text = f"{named('point', points.ids[far])}: {away}"
         yield Reason(Grade.REJECTED, Concern.DISTANCE, text, _POINTS)
 
 
@@ -212,8 +217,8 @@ def flags(statistics: Quality) -> Iterator[Reason]:
     ):
         if len(rows):
             text = (
-                f"{_who(statistics, rows)} {without}, and up to {tests.wrong_side[rows].max():.2f} m "
-                f"({tests.sigmas[rows].max():.1f} sigmas) {side} photos: {_heights(statistics, rows, flag)}"
+                f"{_who(statistics, rows)} {without}, but up to {tests.wrong_side[rows].max():.2f} m "
+                f"({tests.sigmas[rows].max():.1f} sigmas) {side} their photos: {_heights(statistics, rows, flag)}"
             )
             yield Reason(Grade.DOUBTFUL, Concern.FLAGS, text, FLAGS)
     if (len(below) or len(above)) and not datum and (apart := _apart(statistics)):
@@ -226,8 +231,8 @@ def straight(statistics: Quality) -> Iterator[Reason]:
     wet = block.points.bathymetric & (statistics.solution.points.status != PointStatus.NOT_DETERMINED)
     if wet.any() and not refracts(block):
         text = (
-            f"refraction NONE: {_many(int(wet.sum()), 'point')} flagged as submerged adjusted as if there were no "
-            "water; about a quarter of their depth is missing"
+            f"refraction NONE: {_many(int(wet.sum()), 'point')} flagged as submerged are adjusted as if there "
+            "were no water; about a quarter of their depth is missing"
         )
         yield Reason(Grade.DOUBTFUL, Concern.REFRACTION, text, "Options")
 
@@ -237,14 +242,12 @@ def flag_notes(statistics: Quality) -> Iterator[str]:
     tests = statistics.flags
     rows = np.flatnonzero(tests.near & ~tests.flagged)
     if len(rows):
-        text = (
-            f"{_who(statistics, rows)} not flagged as submerged, and below the water of some photos, or of all by"
-        )
-        yield f"{text} less than {tests.limit:.1f} sigmas"
+        who, less = _who(statistics, rows), f"by less than {tests.limit:.1f} sigmas"
+        yield f"{who} not flagged as submerged, but below the water of some photos, or of all {less}"
     rows = np.flatnonzero(tests.near & tests.flagged)
     if len(rows):
-        text = f"{_who(statistics, rows)} flagged as submerged, and above the water of all photos"
-        yield f"{text} by less than {tests.limit:.1f} sigmas"
+        who = _who(statistics, rows)
+        yield f"{who} flagged as submerged, but above the water of all photos by less than {tests.limit:.1f} sigmas"
 
 
 def _datum(statistics: Quality) -> str:
@@ -257,7 +260,9 @@ def _datum(statistics: Quality) -> str:
         for flagged, what in ((True, "flagged as submerged are above"), (False, "without the flag are below"))
         if len(rows := tests.doubted_of(flagged))
     ]
-    return f"{', '.join(counts)}: {_apart(statistics) or 'no one offset between tides and control explains it'}"
+    return (
+        f"{', '.join(counts)}: {_apart(statistics) or 'no single offset between tides and control explains that'}"
+    )
 
 
 def _apart(statistics: Quality) -> str:
@@ -280,7 +285,8 @@ def _heights(statistics: Quality, rows: IntArray, flag: str) -> str:
         other = tests.other_height[row]
         name = f"{ids[tests.point[row]]} at " if len(rows) > 1 else "at "
         texts.append(
-            f"{name}{tests.height[row]:.3f} m" + (f", {other:.3f} m {flag} it" if np.isfinite(other) else "")
+            f"{name}{tests.height[row]:.3f} m"
+            + (f", {flag} the flag at {other:.3f} m" if np.isfinite(other) else "")
         )
     text, solution = "; ".join(texts), statistics.solution
     if solution.other_flags is not None and squares_choose(solution):

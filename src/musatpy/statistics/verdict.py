@@ -111,9 +111,9 @@ def sigma0(statistics: Quality) -> Iterator[Reason]:
     if value <= limit:
         return
     gross = value > options.sigma0_limit
-    text = f"sigma0 {_number(value)} is above its limit {limit:.2f} of 99.9 %"
+    text = f"sigma0 {_number(value)} is above its 99.9 % limit {limit:.2f}"
     if gross:
-        text += f", {options.sigma0_limit:g} to be rejected"
+        text += f" and above {options.sigma0_limit:g}, from which a run is rejected"
     yield Reason(Grade.REJECTED if gross else Grade.DOUBTFUL, Concern.SIGMA0, text, _SIGMA0)
 
 
@@ -132,8 +132,8 @@ def observations(statistics: Quality) -> Iterator[Reason]:
         failed = np.abs(test) > limit
     control = observed.kind == ObservationKind.CONTROL
     for rows, concern, text in (
-        (failed & ~control, Concern.OBSERVATION, "beyond its test"),
-        (failed & control, Concern.CONTROL, "fits only because others bend"),
+        (failed & ~control, Concern.OBSERVATION, "observations beyond their test"),
+        (failed & control, Concern.CONTROL, "control that fits only because other observations bend"),
     ):
         worst = np.flatnonzero(rows)
         worst = worst[falling(np.abs(test[worst]), 1)]  # as they are printed
@@ -150,7 +150,8 @@ def common(statistics: Quality) -> Iterator[Reason]:
     if errors is None or not len(errors.beyond):
         return
     texts = [_common_error(errors, row) for row in errors.beyond[:_LISTED].tolist()]
-    text = f"an error common to all (limit {errors.limit:.1f}): {a_few(texts, len(errors.beyond), '; or ')}"
+    parameters = a_few(texts, len(errors.beyond), "; or ")
+    text = f"an error common to all observations (limit {errors.limit:.1f}): {parameters}"
     yield Reason(Grade.DOUBTFUL, Concern.COMMON, text, COMMON_ERRORS)
 
 
@@ -173,7 +174,8 @@ def check_points(statistics: Quality) -> Iterator[Reason]:
     worst = largest(check.squares)
     point = statistics.block.points.ids[statistics.block.control.point[check.row[worst]]]
     text = (
-        f"check points do not agree: chi-square {_number(squares)} of {components} components, worst point {point}"
+        f"the check points do not agree with the solution: chi-square {_number(squares)} of {components} "
+        f"components, the worst is point {point}"
     )
     yield Reason(Grade.DOUBTFUL, Concern.CHECK_POINTS, text, "Statistics: Check Points")
 
@@ -197,8 +199,8 @@ def given_stations(statistics: Quality) -> Iterator[Reason]:
         return
     worst = far[falling(distance[far], 2)]  # as they are printed
     text = (
-        f"{named('photo', block.photos.ids[worst])}: up to {distance[worst[0]]:.2f} flying heights from the given "
-        f"position (limit {options.station_limit:g})"
+        f"{named('photo', block.photos.ids[worst])}: stations up to {distance[worst[0]]:.2f} flying heights away "
+        f"from the given positions (limit {options.station_limit:g})"
     )
     yield Reason(Grade.DOUBTFUL, Concern.GIVEN_STATIONS, text, _STATION_ANALYSIS)
     yield from units(statistics)
@@ -230,7 +232,7 @@ def given_attitudes(statistics: Quality) -> Iterator[Reason]:
     own_axis = turn[far, 2, 2] > np.cos(limit)  # the tilt is as given
     if own_axis.all() and quarters.all() and (np.abs(np.abs(kappa) - quarters * 90.0 * DEGREE) < limit).all():
         turns = " or ".join(f"{90 * quarter:.0f}" for quarter in np.unique(quarters))
-        text += f", as with plates turned by {turns} degrees: compare kappa with the axes of the plates"
+        text += f", as if the plates were turned by {turns} degrees: compare kappa with the axes of the plates"
     yield Reason(Grade.DOUBTFUL, Concern.GIVEN_STATIONS, text, "Camera Station Attitude Analysis")
 
 
@@ -241,7 +243,7 @@ def units(statistics: Quality) -> Iterator[Reason]:
     if whose:
         others = {"control": "stations", "stations": "control"}[whose]
         far = f"the adjusted stations are {scale:.3f} times as far apart as the given ones"
-        text = f"{far}, as with {whose} in feet and {others} in metres"
+        text = f"{far}, as if {whose} were in feet and {others} in metres"
         yield Reason(Grade.DOUBTFUL, Concern.UNIT, text, _STATION_ANALYSIS)
         return
     ground = ground_heights(statistics)
@@ -253,8 +255,8 @@ def units(statistics: Quality) -> Iterator[Reason]:
     other = other_focal_length(focal, ratio, _SAME_SCALE)
     if other:
         text = (
-            f"the stations are {ratio:.3f} times as high above ground as given, as with a focal length of "
-            f"{other:g} mm instead of {focal:g}"
+            f"the stations are {ratio:.3f} times as high above ground as given, as if the focal length "
+            f"were {other:g} mm and not {focal:g} mm"
         )
         yield Reason(Grade.DOUBTFUL, Concern.CAMERA, text, _STATION_ANALYSIS)
 
@@ -288,7 +290,9 @@ def undetermined(statistics: Quality) -> Iterator[Reason]:
         yield Reason(Grade.DOUBTFUL, Concern.UNDETERMINED, text, "Water")
     if solution.points.lost:
         points = named("point", statistics.block.points.ids[list(solution.points.lost)])
-        text = f"{points}: not determined by the rays, and not stated; more rays are needed, or other ones"
+        text = (
+            f"{points}: not determined by their rays, so they have no position; they need more rays, or other ones"
+        )
         yield Reason(Grade.DOUBTFUL, Concern.UNDETERMINED, text, "Points That Took No Part")
 
 
@@ -316,16 +320,16 @@ def notes(statistics: Quality) -> Iterator[str]:
         low = test.factor < test.low
         side, why = ("below", "larger") if low else ("above", "smaller")
         limit = float(np.sqrt(test.low if low else test.high))
-        text = f"sigma0 {_number(statistics.solution.unit_sigma)} is {side} its limit {limit:.2f} of 95 %"
-        yield f"{text}: the sigmas given may be {why} than the errors"
+        text = f"sigma0 {_number(statistics.solution.unit_sigma)} is {side} its 95 % limit {limit:.2f}"
+        yield f"{text}: the given sigmas may be {why} than the errors"
     water = statistics.solution.water
     if water is not None and (names := [name for name, needed in water.undetermined.items() if not needed]):
-        yield f"{a_few(names[:_LISTED], len(names))}: not determined, and no image depends on it"
+        yield f"{a_few(names[:_LISTED], len(names))}: not determined, but no image depends on it"
     if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
         um = statistics.block.options.plate_sigma / MICROMETRE
         given = um / statistics.solution.plate_factor
         made = f"its variance component makes it {um:.1f} um"
-        yield f"the plate sigma is a guess of {given:.1f} um: {made}, by which the job is adjusted and tested"
+        yield f"the plate sigma is a guess of {given:.1f} um: {made}, with which the job is adjusted and tested"
     yield from flag_notes(statistics)
 
 
