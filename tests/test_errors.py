@@ -113,7 +113,7 @@ def test_a_run_that_linear_algebra_refuses_names_photos_and_points(tmp_path, mon
     assert result.status == ExitStatus.UNUSABLE
     messages = [problem.headline() for problem in result.problems]
     assert messages[0].startswith("the adjustment cannot be computed")
-    assert any("most at odds: point 104 on photo 23" in message for message in messages)
+    assert any("worst at the start of the run: point 104 on photo 23" in message for message in messages)
     assert not any("SVD" in message for message in messages)
 
 

@@ -67,9 +67,9 @@ def test_a_forgotten_flag_is_named_with_both_heights(name: str) -> None:
     (reason,) = of_flags(solution)[:1]
     assert reason == verdict(solution).reasons[0]
     assert (reason.grade, reason.concern) == (DOUBTFUL, model.Concern.FLAGS)
-    assert reason.text.startswith(f"point {name} is not flagged as submerged (B), and up to ")
+    assert reason.text.startswith(f"point {name} is not flagged as submerged (B), but up to ")
     assert table(solution) == {name: pytest.approx((height(solution, name), right), abs=1e-3)}
-    assert f"at {height(solution, name):.3f} m, {table(solution)[name][1]:.3f} m with it" in reason.text
+    assert f"at {height(solution, name):.3f} m, with the flag at {table(solution)[name][1]:.3f} m" in reason.text
     assert "v'Pv" not in reason.text  # which cannot choose the flag here
     assert solution.causes[0].kind is model.CauseKind.FLAG and solution.causes[0].points == (name,)
 
@@ -83,7 +83,7 @@ def test_a_shallow_point_moves_little_without_its_flag_and_is_noted() -> None:
         assert not of_flags(solution)
     (note,) = verdict(without("209")).notes
     assert note.startswith(
-        "point 209 is not flagged as submerged, and below the water of some photos, or of all by less"
+        "point 209 is not flagged as submerged, but below the water of some photos, or of all by less"
     )
 
 
@@ -127,8 +127,8 @@ def test_a_flagged_point_above_the_water_is_doubted() -> None:
     solution = adjust(with_flags(st_thomas(), True, "204"))
     (reason,) = of_flags(solution)
     assert (reason.grade, reason.concern) == (DOUBTFUL, model.Concern.FLAGS)
-    assert reason.text.startswith("point 204 is flagged as submerged (B), and up to ")
-    assert "above the water of all photos" in reason.text and "without it" in reason.text
+    assert reason.text.startswith("point 204 is flagged as submerged (B), but up to ")
+    assert "above the water of all their photos" in reason.text and "without the flag" in reason.text
     assert table(solution)["204"][1] == pytest.approx(height(adjust(st_thomas()), "204"), abs=1e-6)
 
 
@@ -188,7 +188,7 @@ def test_flagged_points_without_refraction_are_doubtful() -> None:
     (reason,) = verdict(solution).reasons
     assert reason.grade is DOUBTFUL and reason.concern is model.Concern.REFRACTION
     assert reason.text.startswith(
-        "refraction NONE: 8 points flagged as submerged adjusted as if there were no water"
+        "refraction NONE: 8 points flagged as submerged are adjusted as if there were no water"
     )
     dry = with_options(with_flags(st_thomas(), False, *st_thomas().points.ids), refraction=model.Refraction.NONE)
     assert verdict(adjust(dry)).grade is model.Grade.ACCEPTED
@@ -263,4 +263,4 @@ def test_control_held_below_the_water_is_doubted_without_its_flag() -> None:
         photos={"tide": np.full(3, -2.5)},
     )
     reasons = of_flags(adjust(drowned))
-    assert reasons and "point 105 is not flagged as submerged (B), and up to 0.50 m" in reasons[0].text
+    assert reasons and "point 105 is not flagged as submerged (B), but up to 0.50 m" in reasons[0].text

@@ -157,7 +157,7 @@ def test_another_file_of_the_name_stays_and_a_name_with_blanks_can_be_copied(tmp
     (tmp_path / "points.csv").write_text("mine")
     ran = musat("example", "lagoon", "-o", tmp_path)
     assert ran.exit_code == 1
-    assert "points.csv is there already and is not that of the example; nothing is written" in ran.stderr
+    assert "points.csv exists already with other contents; nothing is written" in ran.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["points.csv"]
     assert (tmp_path / "points.csv").read_text() == "mine"
     assert f"cd '{tmp_path / 'a job'}'" in musat("example", "lagoon", "-o", tmp_path / "a job").stdout

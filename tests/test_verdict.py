@@ -78,9 +78,9 @@ UNDERGROUND, UP = {"position": put((0, 2), -50.0)}, {"attitude": put((0, 0), np.
 @pytest.mark.parametrize(
     ("wrong", "text", "by_card"),
     [
-        ({"position": put((0, 2), 0.1)}, "photo 21: camera below the water", True),  # the tide is 0.12 m
-        (UNDERGROUND, "photo 21: camera below its ground", False),
-        (UP, "photo 21: camera looking up", False),
+        ({"position": put((0, 2), 0.1)}, "photo 21: the camera is below the water", True),  # the tide is 0.12 m
+        (UNDERGROUND, "photo 21: the camera is below the ground", False),
+        (UP, "photo 21: the camera looks above the horizon", False),
     ],
 )
 def test_a_camera_where_none_can_be_unless_its_card_has_it_there(
@@ -142,8 +142,8 @@ def test_sigma0_against_its_limits() -> None:
         (3.01, 3.0, REJECTED), (3.01, 4.0, DOUBTFUL), (2.01, 2.0, REJECTED),
     ):  # fmt: skip
         assert concerns(with_sigma0(value, sigma0_limit=most)).get(of_sigma0) is grade, (value, most)
-    assert "above its limit" in verdict(with_sigma0(high * 1.001)).notes[0]
-    assert "below its limit" in verdict(with_sigma0(low * 0.999)).notes[0]
+    assert "above its 95 % limit" in verdict(with_sigma0(high * 1.001)).notes[0]
+    assert "below its 95 % limit" in verdict(with_sigma0(low * 0.999)).notes[0]
     assert not verdict(with_sigma0(high * 0.999)).notes and not verdict(with_sigma0(low * 1.001)).notes
 
 
@@ -152,7 +152,7 @@ def test_a_guessed_plate_sigma_has_sigma0_estimated() -> None:
     assert model.Concern.SIGMA0 not in concerns(found)
     assert verdict(found).notes == (
         "the plate sigma is a guess of 2.5 um: its variance component makes it 5.0 um, "
-        "by which the job is adjusted and tested",
+        "with which the job is adjusted and tested",
     )
 
 
@@ -317,20 +317,20 @@ def test_photos_turned_from_their_attitude_cards(axis: int, sign: float) -> None
     assert reason.grade is DOUBTFUL
     assert reason.text.startswith("photo ")
     assert "turned by up to 11.5 degrees from the given attitude (limit 11.3)" in reason.text
-    assert "as with plates" not in reason.text
+    assert "as if the plates" not in reason.text
     assert model.Concern.GIVEN_STATIONS not in concerns(with_options(far, initial=model.Initial.COMPUTE))
 
 
 @pytest.mark.parametrize(("degrees", "turns"), [(90.0, "90"), (-90.0, "90"), (180.0, "180")])
 def test_a_turned_plate_is_named(degrees: float, turns: str) -> None:
     texts = {axis: str(verdict(turned_card(solution(), axis, degrees)).reasons) for axis in (1, 2)}
-    assert f"as with plates turned by {turns} degrees" in texts[2]
-    assert "as with plates" not in texts[1]
+    assert f"as if the plates were turned by {turns} degrees" in texts[2]
+    assert "as if the plates" not in texts[1]
 
 
 @pytest.mark.parametrize(
     ("ratio", "text"),
-    [(1.27, ""), (305.0 / 152.25, "focal length of 305 mm instead of 152.25")],  # no camera of 193 mm
+    [(1.27, ""), (305.0 / 152.25, "focal length were 305 mm and not 152.25 mm")],  # no camera of 193 mm
 )
 def test_a_focal_length_of_another_camera(ratio: float, text: str) -> None:
     given = put((slice(None), 2), solution().stations.position[:, 2] * ratio)
@@ -396,8 +396,8 @@ def test_a_redundancy_number_of_a_hundredth_is_needed_to_test_an_image() -> None
 # --- decks ---
 
 DECKS = {
-    "cameras_underground": (REJECTED, "camera below its ground"),
-    "control_in_feet": (DOUBTFUL, "control in feet"),
+    "cameras_underground": (REJECTED, "the camera is below the ground"),
+    "control_in_feet": (DOUBTFUL, "as if control were in feet"),
     "iia_same_deck": (DOUBTFUL, "points 144, 112 are flagged as submerged (B)"),
     "iiia_false_minimum": (DOUBTFUL, "points 144, 112 are flagged as submerged (B)"),
     "point_at_4e15_converged": (REJECTED, ""),

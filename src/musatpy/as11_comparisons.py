@@ -152,4 +152,4 @@ def _warnings(compared: Sounded, soundings: Soundings) -> Iterator[str]:
     twice = len(rows) - len(first)
     if twice:
         name = soundings.names[first[count > 1].min()]
-        yield f"{twice} soundings are there already, {name} first: each counts as often as it is there"
+        yield f"{twice} soundings are given twice, {name} first: each counts as often as it is given"

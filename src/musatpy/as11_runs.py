@@ -301,7 +301,7 @@ def _lost(deck: Path, result: Compiled) -> Iterator[Problem]:
         place = place_of(str(deck), int(result.deck.lines.stages[row]), READINGS[int(as_points[row])])
         yield Problem(**place, message=message, severity="warning")
     if len(without) > _NAMED:
-        message = f"and {len(without) - _NAMED} readings more without a position: the listing has them"
+        message = f"and {len(without) - _NAMED} more readings without a position; see the listing"
         yield Problem(file=str(deck), message=message, severity="warning")
 
 

@@ -64,6 +64,6 @@ def write_example(example: Example, folder: Path) -> tuple[Path, ...]:
     files = {folder / name: content for name, content in example.contents().items()}
     for path, content in files.items():
         if path.exists() and (not path.is_file() or path.read_bytes() != content):
-            raise MusatError(f"{path} is there already and is not that of the example; nothing is written")
+            raise MusatError(f"{path} exists already with other contents; nothing is written")
     write_files(files)
     return tuple(files)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 _OF_ALL = (CauseKind.FOCAL_LENGTH, CauseKind.PRINCIPAL_POINT, CauseKind.INDEX)  # heights bend under them
-_STOPPED = "search stopped: the causes named are those found by then; --causes all looks four times as far"
+_STOPPED = "search stopped: the causes are those found until then; --causes all searches four times as long"
 
 
 def adjust(
@@ -149,7 +149,7 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
 
     waves = sea_of(block, sea)
     if waves is not None and waves.unknown.any():
-        message = "unknown waves and the search for blunders exclude each other: search with known waves"
+        message = "the search for blunders cannot be combined with unknown waves: search with known waves"
         raise AdjustmentError([Problem(message=message)])
     try:
         with numerics("the search for blunders"), np.errstate(all="ignore"):  # wild points are met, and given up
@@ -157,11 +157,11 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
             listed, ranked = findings(result), causes(result, sea)
     except (*GIVEN_UP, NumericalError) as error:
         solution = adjustment.adjust(block, progress, sea)
-        why = "without what it took out, unknowns were free"
+        why = "without the observations that it took out, unknowns were free"
         if isinstance(error, NumericalError):
             why = "points or stations run away in it"
         elif isinstance(error, SearchLimitError):
-            why = "it came to no end: more is wrong than it can tell apart"
+            why = "it did not end: more is wrong than it can tell apart"
         message = f"{SEARCH_GIVEN_UP}: {why}"
         return replace(solution, warnings=(*solution.warnings, message))
     edits = block.options.editing is Editing.EDIT

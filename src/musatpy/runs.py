@@ -193,7 +193,7 @@ def _edited_deck(
 ) -> tuple[dict[Path, bytes], tuple[str, ...]]:
     """Return the deck without the blunders that were found, and why there is none."""
     if solution.edited is None:
-        return {}, ("no edited deck: the options do not have blunders looked for (OP2 editing)",)
+        return {}, ("no edited deck: the options do not ask for a search for blunders (OP2 editing)",)
     return {place: deck_bytes(solution.edited, family)}, ()
 
 

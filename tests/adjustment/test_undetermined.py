@@ -59,7 +59,7 @@ def test_water_without_an_image_has_no_number_and_is_a_note(tmp_path: Path) -> N
     for values in (water.correction, water.correction_sigma, water.tilt_sigma, water.index_sigma):
         assert np.isnan(values).all()
     assert not undetermined(solution)
-    assert any("not determined, and no image depends on it" in note for note in verdict(solution).notes)
+    assert any("not determined, but no image depends on it" in note for note in verdict(solution).notes)
     # it is neither observed nor estimated: sigma0 is that of the job without water
     dry = musatpy.adjust(altered(st_thomas(()), water=None))
     assert solution.degrees_of_freedom == dry.degrees_of_freedom
@@ -270,9 +270,11 @@ def test_a_hopeless_job_ends_as_not_converged_and_names_the_culprit(spoilt, opti
     assert not solution.converged
     # whichever is above its limit; a step that is damped heavily can be below both
     assert re.search("still (moves|turns)|no step lowers the sum of squares", solution.reason)
-    assert "; most at odds: " in solution.reason
+    assert "; what fits worst: " in solution.reason
     assert "NOT CONVERGED" in listing(solution)
-    at_start = [text for text in solution.warnings if text.startswith("at the start of the run most at odds: ")]
+    at_start = [
+        text for text in solution.warnings if text.startswith("what fitted worst at the start of the run: ")
+    ]
     assert named in at_start[0].split(", ")[0]  # the worst comes first
 
 

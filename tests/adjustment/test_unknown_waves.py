@@ -298,7 +298,7 @@ def test_observed_parameters_are_observations() -> None:
     ("changes", "sea", "message"),
     [
         ({"program": Program.IIA}, {}, "unknown waves need the simultaneous adjustment, the program IIIA"),
-        ({"datum": Datum.FREE}, {}, "a free network and they exclude each other"),
+        ({"datum": Datum.FREE}, {}, "they cannot be combined with a free network"),
         ({}, {"surface": Trochoid(amplitude=0.4, length=40.0, azimuth=1.0)}, "only sinusoidal waves"),
         ({}, {"sigma": np.ones((2, 4))}, r"shape \(1, 4\)"),
         ({}, {"sigma": np.array([[0.1, 0.0, np.nan, 1.0]])}, "is positive, or not given"),

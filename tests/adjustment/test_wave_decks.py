@@ -134,7 +134,7 @@ def test_a_blunder_is_found_through_waves() -> None:
             {"options": lambda one: replace(one, program=model.Program.IIA, refraction=model.Refraction.NONE)},
             "RIGOROUS",
         ),
-        ({"options": lambda one: replace(one, water_tilt=model.Treatment.ADJUST)}, "exclude each other"),
+        ({"options": lambda one: replace(one, water_tilt=model.Treatment.ADJUST)}, "cannot be combined with"),
     ],
 )
 def test_what_waves_cannot_be_adjusted_with_is_said(changes, message: str) -> None:

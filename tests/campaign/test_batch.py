@@ -64,7 +64,7 @@ def test_doubtful_and_rejected_jobs(tmp_path):
         "cameras_underground": ("rejected", 4),
     }
     for stream in (ran.stdout, ran.stderr):  # the table, and what is wrong
-        assert "as with control in feet" in stream and "camera below its ground" in stream
+        assert "as if control were in feet" in stream and "the camera is below the ground" in stream
     (tmp_path / "cameras_underground.crd").unlink()
     assert musat("batch", ".", cwd=tmp_path).returncode == ExitStatus.DONE
     assert musat("batch", ".", "--strict", cwd=tmp_path).returncode == ExitStatus.REJECTED
@@ -169,10 +169,10 @@ def test_everything_wrong_with_a_manifest_is_told(tmp_path):
     told = [problem.headline() for problem in caught.value.problems]
     assert told[0].startswith(f"{manifest}:1 refraction: is no key here; there are formats,")
     assert told[1:] == [
-        f"{manifest}:2 job 1: {tmp_path}/none*.crd: no file is named so",
+        f"{manifest}:2 job 1: {tmp_path}/none*.crd: no file has this name",
         f"{manifest}:5 job 2.deck: is a deck, a folder or a glob, or a list of them",
         f"{manifest}:6 job 2.punch_edits: true or false is expected, not 'yes'",
-        f"{manifest}:7 job 3: the points of a restart are check points: it would not be the same job else",
+        f"{manifest}:7 job 3: the points of a restart are check points, or it would not be the same job",
         f"{manifest}:11 job 4: punch_points: what is punched is said by punch = restart or result",
         f"{manifest}:14 job 5: punch is one of restart, result, not 'all'",
         f"{manifest}:15 job 5.deck: has a null character, which no name has",
@@ -213,7 +213,7 @@ def test_results_that_would_go_over_something_are_refused(tmp_path):
     assert ran.exit_code == 2 and "no decks (*.crd) in this folder" in ran.stderr
     (tmp_path / "m.toml").write_text('[[job]]\ndeck = "a/small0.crd"\n')
     ran = commands.musat("batch", tmp_path / "m.toml", "-o", "x")
-    assert ran.exit_code == 2 and "a manifest says itself" in ran.stderr
+    assert ran.exit_code == 2 and "the manifest itself says" in ran.stderr
 
 
 def test_punched_decks_are_no_decks_of_their_folder(tmp_path):

@@ -70,10 +70,10 @@ def test_run_says_on_one_line_what_came_of_it(deck):
             [],
             4,
             ": REJECTED, sigma0 26.7346",
-            ": rejected: photos 1, 2, 3: camera below its ground",
+            ": rejected: photos 1, 2, 3: the camera is below the ground",
         ),
-        (DECK, ["--set", "OPT.plate_sigma=7.5"], 0, ": ACCEPTED, ", "note: sigma0 0.636 is below its limit"),
-        pytest.param(IN_FEET, ["-q"], 0, "", "control in feet", marks=pytest.mark.slow),
+        (DECK, ["--set", "OPT.plate_sigma=7.5"], 0, ": ACCEPTED, ", "note: sigma0 0.636 is below its 95 % limit"),
+        pytest.param(IN_FEET, ["-q"], 0, "", "as if control were in feet", marks=pytest.mark.slow),
         pytest.param(IN_FEET, ["-q", "--strict"], 4, "", "doubtful: ", marks=pytest.mark.slow),
     ],
 )

@@ -181,7 +181,7 @@ def test_columns_that_are_not_there_or_there_already(job: Path) -> None:
 def test_a_sigma_that_no_control_point_needs_is_refused(job: Path) -> None:
     result = musat(job / "mapped.csv", job / "true.csv", "-o", job / "out.csv", "--sigma", 0.02, *FAST)
     assert result.exit_code == 1
-    assert "there are sigmas, and one is given too: no control point is without its own" in result.output
+    assert "all control points have sigmas of their own, so none can be given" in result.output
     assert not list(job.glob("*out*"))
     # one point without is enough
     text = (job / "true.csv").read_text()

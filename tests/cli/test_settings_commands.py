@@ -107,7 +107,7 @@ def test_a_manifest_sets_fields_of_all_jobs_or_of_one(deck, tmp_path):
     }
     assert programs == {"iia": "IIA", "iiia": "IIIA"}
     ran = musat("batch", manifest, "--set", "OPT.program=IIIA")
-    assert ran.exit_code == 2 and "a manifest says itself" in ran.stderr
+    assert ran.exit_code == 2 and "the manifest itself says" in ran.stderr
 
 
 @pytest.mark.slow

@@ -208,7 +208,7 @@ def test_soundings_that_are_there_twice_are_told(run_record: Path, tmp_path: Pat
     lines = stage_readings.soundings().splitlines(keepends=True)
     result = compared(run_record, tmp_path, "".join([*lines, lines[5], lines[7]]))
     name = lines[5].partition(",")[0]
-    assert result.exit_code == 0 and f"2 soundings are there already, {name} first" in result.output
+    assert result.exit_code == 0 and f"2 soundings are given twice, {name} first" in result.output
 
 
 @pytest.mark.parametrize(

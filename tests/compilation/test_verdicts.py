@@ -67,7 +67,7 @@ PRE = "PRE NS       2122     M  0.000000    0.000000    100.000000  100.000000"
          "a second time of a reading"),
         ("END", "WTR 1.333000\nEND", "WTR.index: the run has water of the index 1.340000"),
         ("END", "WTR 1.340000                               2.000\nEND",
-         "WTR.tilt_sigma: the deck of the run says it"),
+         "WTR.tilt_sigma: the deck of the run states it"),
         ("END", "ELL WGS84\nEND", "ELL.name: the run is on another ellipsoid"),
         ("VDT MLLW        -0.1500  0.0500", "VDT MLLW        -0.1500  0.0500 nowhere.gtx",
          "VDT.geoid: geoid model nowhere.gtx"),
@@ -129,7 +129,7 @@ def test_slips_of_a_whole_model_are_named_and_refused(
 ) -> None:
     deck = tmp_path / "slip.crd"
     deck.write_bytes(in_model(change))
-    message = f"slip.crd:4 cols 14-30 MDL: model 2122: most of its readings make no points, and would if {said}"
+    message = f"slip.crd:4 cols 14-30 MDL: model 2122: most of its readings give no points, but would if {said}"
     result = compiled(run_record, deck)
     assert result.exit_code == 1 and message in result.output and not (tmp_path / "slip.lst").exists()
 
@@ -141,7 +141,7 @@ def test_a_slip_may_be_compiled_anyway_and_is_a_warning_then(run_record: Path, t
     result = compiled(run_record, deck, "--anyway")
     assert result.exit_code == 4 and "left and right were exchanged" in (tmp_path / "slip.lst").read_text()
     assert "slip.crd:8 cols 25-68 STG: warning: point 102 of model 2122 has no position: " in result.output
-    assert "and 247 readings more without a position" in result.output
+    assert "and 247 more readings without a position" in result.output
 
 
 def apart(record: dict[str, Any]) -> None:
@@ -277,7 +277,7 @@ def test_where_nothing_is_compiled_the_status_is_not_0(local_run: Path, tmp_path
     path = deck(tmp_path / "none.crd", moved("", 0.0))
     result = musat("as11", "compile", tmp_path / "run.json", path, "-o", tmp_path)
     assert result.exit_code == 4, result.output
-    assert "rejected: none of 30 readings makes a point: nothing is compiled (it is submerged" in result.stderr
+    assert "rejected: none of 30 readings gives a point: nothing is compiled (it is submerged" in result.stderr
     points = TRUST / "local_points.csv"
     result = musat("as11", "correct", tmp_path / "run.json", "1", "2", points, "-o", tmp_path / "true.csv")
     assert result.exit_code == 1 and "no tide of photo 1, 2, 3" in result.stderr

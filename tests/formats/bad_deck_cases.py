@@ -355,10 +355,10 @@ CASES: list[Case] = [
     # --- scales ---
     case(
         (FOLDER.parent / "verdict/control_in_feet.crd").read_bytes(),
-        "~104 CTX [-2321.6387      134.2685      63.8375] as with control in feet, and stations in metres",
+        "~104 CTX [-2321.6387      134.2685      63.8375] as if control were in feet and stations in metres",
     ),
     case(
         (FOLDER.parent / "st_thomas/st_thomas.crd").read_bytes().replace(b"152.25000", b"305.00000"),
-        "~5 CAM.focal_length [305.00000] 2.01 times as wide as on the photos, as with a focal length of 152.5 mm",
+        "~5 CAM.focal_length [305.00000] 2.01 times as wide as on the photos, as if the focal length were 152.5 mm",
     ),
 ]

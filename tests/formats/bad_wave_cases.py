@@ -94,11 +94,11 @@ CASES: list[Case] = [
     case(
         sea(wave(period=SWELL), water_options(tilt="ADJUST"), edits=(replace(2, "IIA ", "IIIA"),)),
         "~4 WTR.tilt_sigma [] no sigma: the measurements alone have to determine this unknown",
-        "51 OP2.water_tilt [ADJUST] a tilt of it and waves exclude each other",
+        "51 OP2.water_tilt [ADJUST] waves need level water: they cannot be combined with a tilt",
     ),
     case(
         sea(wave(period=SWELL), edits=(replace(4, f"1.340000{'':19}", f"1.340000{'':11}  -0.500"),)),
-        "4 WTR.tilt_east [-0.500] a tilt of it and waves exclude each other",
+        "4 WTR.tilt_east [-0.500] waves need level water: they cannot be combined with a tilt",
     ),
     case(
         sea(wave(period=SWELL), wave("ST", "STOK", length="40.000", depth="9.00"), sigmas(length="5.000")),
@@ -111,7 +111,7 @@ CASES: list[Case] = [
             water_options(datum="FREE"),
             edits=(replace(2, "IIA ", "IIIA"),),
         ),
-        "51 WVS.sigma_height [0.200] wave SW unknown: such waves need control, and no free network",
+        "51 WVS.sigma_height [0.200] wave SW unknown: such waves need control, not a free network",
     ),
     case(
         sea(
@@ -120,7 +120,7 @@ CASES: list[Case] = [
             f"{water_options():47}LIST",
             edits=(replace(2, "IIA ", "IIIA"),),
         ),
-        "51 WVS.sigma_crest [9.000] wave SW unknown: such waves and the editing LIST exclude each other",
+        "51 WVS.sigma_crest [9.000] wave SW unknown: such waves cannot be combined with the editing LIST",
     ),
     case(
         deck(RIGOROUS, timed, replace(12, "137.500", "       "), add(ORIGIN, wave(period=SWELL))),

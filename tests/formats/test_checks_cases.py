@@ -129,7 +129,7 @@ def test_control_through_water_shows_no_other_camera() -> None:
         deck_of_control.read_bytes().replace(b"                B  ", b"                   ").replace(b"FXB", b"FX ")
     )
     problem, *others = sorted(musat.check_deck(dry)[1], key=lambda one: "submerged" in one.message)
-    assert "as with a focal length of 210 mm" in problem.message
+    assert "as if the focal length were 210 mm" in problem.message
     assert all("flagged as submerged" in one.message for one in others)  # tides and low control without a flag
 
 

@@ -70,7 +70,7 @@ def test_a_set_value_is_checked_as_one_of_the_deck():
         ("OPT.plate_sigma=inf", "OPT.plate_sigma: 'inf' is not a number that fits F7.2"),
         ("OPT.plate_sigma=5.1234567", "'5.1234567' does not fit F7.2: 5.12346 would be read"),
         ("WTC.temperature=", "WTC.temperature: '' is not F"),
-        ("PLT.x=3", "PLT: a deck may have many such cards; set are OPT, OP2, RED"),
+        ("PLT.x=3", "PLT: a deck may have many such cards; --set takes OPT, OP2, RED"),
         ("OP2", "'OP2' is not CARD.FIELD=VALUE, such as OP2.water_level=ONE"),
     ],
 )

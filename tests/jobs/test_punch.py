@@ -140,9 +140,7 @@ def test_observed_stations_and_water_with_priors_stay_as_given(options: dict[str
         np.testing.assert_array_equal(getattr(punched.photos, name), getattr(block.photos, name))
     assert punched.water == block.water
     assert not np.array_equal(punched.photos.attitude, block.photos.attitude)
-    assert notes == (
-        "the tilted water turns about the middle of the stations as given: a restart moves that a little",
-    )
+    assert notes == ("tilted water turns about the middle of the given stations, which a restart moves a little",)
     assert apart(solution, again(solution)) < SAME
 
 
@@ -269,7 +267,7 @@ def test_what_a_result_leaves_out_is_noted() -> None:
     assert not {card[:3] for card in cards(block)} & {"EQL", "BAS", "DIS", "HDF"}
     assert len(block.plates.photo) == 48
     loose = replace(solution, converged=False, reason="so")
-    assert punched(loose, RESULT)[1][0] == "the run has not converged: these are no results"
+    assert punched(loose, RESULT)[1][0] == "the run has not converged: these are not results to use"
 
 
 def test_tides_and_water_of_a_result() -> None:

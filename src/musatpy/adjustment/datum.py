@@ -35,7 +35,7 @@ DATUM = (
     "rotation about up",
     "scale",
 )
-RUN_AWAY = "stations or points have run away: what is free of them cannot be told"
+RUN_AWAY = "stations or points have run away, so it cannot be said which of them are free"
 _FREE = 0.9  # share of a datum motion that must lie among the weak directions
 _NAMED_SHARE = 0.2  # of the largest part of a motion, for a part to be named
 _NAMED = 4  # unknowns named for one weak direction

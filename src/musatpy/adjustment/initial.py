@@ -42,7 +42,7 @@ MOST_MISSED = 30.0  # plate sigmas: a resection that misses its points by more i
 _MOSTLY = 0.7  # share of the photos of a mosaic that models must hold to be completed by resection
 _MOST_SHIFT = 0.1  # of the flying height, and
 _MOST_TURN = 5.0 * DEGREE  # a given value may be off; up to there adjustments start well
-_NOMINAL = "too little is known to place the block: what nothing gives of its place, heading and scale is arbitrary"
+_NOMINAL = "too little is known to place the block: its place, heading or scale is arbitrary where nothing gives it"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -386,7 +386,7 @@ def resected(block: Block, sights: Tangents, place: PhotoPlaces) -> PhotoPlaces:
         stations = {photo: _resected(block, sights, place, photo, ground) for photo in tried}
         good = {photo: station for photo, station in stations.items() if station is not None}
         if not good:
-            reason = "the known points that it shows agree with no station, or do not hold it"
+            reason = "no station agrees with the known points that it shows, or they do not determine it"
             return place.without(tried, reason)
         limit = _AS_SURE * min(station.sigma for station in good.values())
         for photo, station in good.items():

@@ -219,7 +219,7 @@ class Job:
             number = "1 pass" if len(passes) == 1 else f"{len(passes)} passes"
             reason = f"water points not at rest in {number}: {unrest_of_water(self.block, passes[-1])}"
         worst = most_at_odds(self.block, network, outcome.state) if reason else ()
-        return reason + (f"; most at odds: {', '.join(worst)}" if worst else "")
+        return reason + (f"; what fits worst: {', '.join(worst)}" if worst else "")
 
     def suspicions(self, first: State, reason: str) -> tuple[str, ...]:
         """Return a warning that names what is most at odds with the first state of a run that failed.
@@ -236,7 +236,7 @@ class Job:
         if counts.any():
             level = replace(level, ground=np.where(counts[:, None], level.ground, np.nan))
         worst = most_at_odds(self.block, network, level)
-        return (f"at the start of the run most at odds: {', '.join(worst)}",) if worst else ()
+        return (f"what fitted worst at the start of the run: {', '.join(worst)}",) if worst else ()
 
     def _failure(self, network: Network, outcome: Outcome) -> str:
         """Return why an iteration has failed, and what is above its limits and by how much."""

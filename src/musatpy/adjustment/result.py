@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 
 
 STRANDED = 3.0  # sigmas of a height above the water, from which a submerged point is told of
-NOT_MET = "its images are kept out, and do not meet"
+NOT_MET = "its images are kept out of the solution, and their rays do not meet"
 _APART = 100.0  # sigmas by which rays of a point miss each other that say nothing of it
 
 
@@ -220,7 +220,7 @@ def _idle_photos(network: Network, part: Participation) -> IntArray:
 def _what_is_odd(idle: TextArray, free: Freedom | None, dof: int) -> tuple[str, ...]:
     odd = [f"photo {photo} has no usable measurement: it stays where it was given" for photo in idle]
     if dof <= 0:
-        odd.append("no redundancy: sigma0 is the a priori 1, and nothing is checked by anything else")
+        odd.append("no redundancy: sigma0 is the a priori 1, and no observation is checked by another")
     if free and free.weak:
         odd.append(f"free network: {free.weak} of its {free.count} free motions the observations hold a little")
     return tuple(odd)

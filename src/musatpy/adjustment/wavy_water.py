@@ -285,7 +285,7 @@ def sea_of(block: Block, given: Sea | None) -> Sea | None:
         return given
     reasons = []
     if given is not None:
-        reasons.append("waves stand on the cards of the job, and others are given beside it")
+        reasons.append("the cards of the job have waves, but other waves are given too")
     if origin is None:
         reasons.append("waves need the place from which their crests count")
     if reasons or origin is None:
@@ -321,7 +321,7 @@ def require_sea(block: Block, sea: Sea) -> None:
     if options.program is not Program.IIIA and options.refraction is not Refraction.RIGOROUS:
         reasons.append("waves need the refraction RIGOROUS, or the program IIIA")
     if options.water_tilt is Treatment.ADJUST or (water and (water.tilt_east or water.tilt_north)):
-        reasons.append("waves stand on level water: a tilt of it and waves exclude each other")
+        reasons.append("waves need level water: they cannot be combined with a tilt")
     if np.shape(sea.time) != block.photos.tide.shape:
         reasons.append("waves need the time of every exposure above water")
     else:
@@ -349,7 +349,7 @@ def _why_not_unknown(block: Block, sea: Sea, sigma: FloatArray) -> list[str]:
     if block.options.program is not Program.IIIA and not sea.considered:
         reasons.append("unknown waves need the simultaneous adjustment, the program IIIA")
     if block.options.datum is Datum.FREE:
-        reasons.append("unknown waves need control: a free network and they exclude each other")
+        reasons.append("unknown waves need control: they cannot be combined with a free network")
     return reasons
 
 

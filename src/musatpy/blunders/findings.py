@@ -198,7 +198,7 @@ def _flags(search: BlunderSearch) -> Iterator[Finding]:
             test=float(beyond[point]),
             size=(abs(float(depth[point])),),
             action=Action.NONE,
-            note="treated as dry" if wet[point] else "treated as dry: its images do not say",
+            note="treated as dry" if wet[point] else "treated as dry, because its images do not tell",
         )
 
 

@@ -386,10 +386,12 @@ class MemberWords(NamedTuple):
 
 
 MEMBERS = {
-    (CauseKind.UNIT, CONTROL): MemberWords(CONTROL_CARD, "control", "stations and tides want"),
-    (CauseKind.UNIT, STATIONS): MemberWords(STATION_CARD, "stations", "control and tides want"),
-    (CauseKind.UNIT, PLATES_TO_FOCAL_LENGTH): MemberWords("PLT CAM", "plate coordinates", "the focal length wants"),
-    (CauseKind.UNIT, HEIGHTS): MemberWords(CONTROL_CARD, "heights of the control", "its plan wants"),
+    (CauseKind.UNIT, CONTROL): MemberWords(CONTROL_CARD, "control", "stations and tides imply"),
+    (CauseKind.UNIT, STATIONS): MemberWords(STATION_CARD, "stations", "control and tides imply"),
+    (CauseKind.UNIT, PLATES_TO_FOCAL_LENGTH): MemberWords(
+        "PLT CAM", "plate coordinates", "the focal length implies"
+    ),
+    (CauseKind.UNIT, HEIGHTS): MemberWords(CONTROL_CARD, "heights of the control", "its plan implies"),
     (CauseKind.AXES, Y_REVERSED): MemberWords(
         "PLT", "y of the plates", "y runs down: reverse its sign, or read how the axes were defined"
     ),
@@ -423,7 +425,7 @@ def in_words(revision: Hypothesis) -> MemberWords:
 
 def _other_unit(words: MemberWords, member: int, factor: float) -> str:
     """Return what to do about lengths that are `factor` times what the others want."""
-    whose, (others, _, wants) = words.component, words.advice.rpartition(" ")
+    whose, (others, _, imply) = words.component, words.advice.rpartition(" ")
     of_plates = member == PLATES_TO_FOCAL_LENGTH
     right, scale = ("millimetres", 1e3) if of_plates else ("metres", 1.0)
     unit, inverse = (length_unit(of_metres, _SAME_UNIT) for of_metres in (scale * factor, 1.0 / factor))
@@ -432,4 +434,4 @@ def _other_unit(words: MemberWords, member: int, factor: float) -> str:
         return f"{whose} in {units[0]}, all else in {units[1]}: read the unit again"
     if unit:
         return f"{whose} in {unit}, {others} in {right}: read the unit again"
-    return f"{whose} {factor:.5g} times what {others} {wants}: read both units again"
+    return f"{whose} {factor:.5g} times what {others} {imply}: read both units again"

@@ -54,7 +54,7 @@ def plan_of(sources: Sequence[Path], out: Path | None = None, options: JobOption
     if len(sources) > 1:
         raise MusatError("a manifest is run alone: it names all its decks")
     if out is not None or options not in (None, JobOptions()):
-        raise MusatError(f"{manifests[0]}: a manifest says itself where results go and how its decks are read")
+        raise MusatError(f"{manifests[0]}: the manifest itself says where results go and how its decks are read")
     return _of_manifest(manifests[0])
 
 
@@ -83,7 +83,7 @@ def decks_of(source: Path, seen_from: Path = Path()) -> list[Path]:
         decks = [Path(path) for path in sorted(glob(pattern, recursive=True))]
         decks = [path for path in decks if not os.path.isdir(path) or _is_named_as_deck(path)]
         if not decks:
-            raise MusatError(f"{source}: no file is named so")
+            raise MusatError(f"{source}: no file has this name")
         return decks
     return [source]
 

@@ -67,7 +67,7 @@ def datum_of(spec: SoundingDatum | None, run: AdjustedRun) -> DepthDatum:
     if not spec.geoid:
         return plain
     if run.map_system is None:
-        raise CompilationError([Problem(message="VDT: the run is a local job, and no grid of heights reaches it")])
+        raise CompilationError([Problem(message="VDT: the run is a local job: no grid of heights applies to it")])
     from musatpy.geometry.projected import Geoid  # PROJ, for few decks
 
     try:

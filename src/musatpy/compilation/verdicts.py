@@ -56,7 +56,7 @@ def warnings_of(compiled: Compiled) -> Iterator[str]:
         worst = rows[np.argsort(-sigmas[rows], kind="stable")[:_NAMED]]
         yield from (f"{_point(compiled, row)} {words(row)}" for row in np.sort(worst).tolist())
         if len(rows) > _NAMED:
-            yield f"and {len(rows) - _NAMED} points more, less so: the table of points has them"
+            yield f"and {len(rows) - _NAMED} more points that are less off; see the table of points"
 
 
 def _point(compiled: Compiled, row: int) -> str:
@@ -83,7 +83,7 @@ def slips(compiled: Compiled) -> Iterator[tuple[int, str]]:
     """Yield the models (rows) most of whose readings make no points, and what would."""
     for row, model in enumerate(compiled.models):
         if slip := slip_of(model.stereo, model.readings.xy):
-            yield row, f"model {model.name}: most of its readings make no points, and would if {slip}"
+            yield row, f"model {model.name}: most of its readings give no points, but would if {slip}"
 
 
 def lost(compiled: Compiled) -> Iterator[tuple[int, str]]:
@@ -158,7 +158,7 @@ def _positions(compiled: Compiled) -> Iterator[Reason]:
     section = "Points Without Coordinates"
     if lost.all():
         first = next((reason for reason in compiled.reasons if reason is not None), "")
-        text = f"none of {len(lost)} readings makes a point: nothing is compiled ({first})"
+        text = f"none of {len(lost)} readings gives a point: nothing is compiled ({first})"
         yield Reason(Grade.REJECTED, Concern.DISTANCE, text, section)
         return
     for model in compiled.models:

@@ -278,7 +278,7 @@ def system_of_points(
     if ellipsoid is None:
         if crs or geoid:
             message = (
-                f"--{'crs' if crs else 'geoid'}: the stations stand nowhere on the ellipsoid, nor do the points"
+                f"--{'crs' if crs else 'geoid'}: neither the stations nor the points have a place on the ellipsoid"
             )
             raise DepthError([Problem(message=message)])
         return cameras.system

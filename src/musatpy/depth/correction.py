@@ -250,7 +250,7 @@ def in_order(function: Callable[[Task], Done], tasks: Iterable[Task], jobs: int)
                 yield waiting.popleft().result()
         except BrokenExecutor as error:
             raise DepthError(
-                [Problem(message="a process at work was killed, perhaps for want of memory")]
+                [Problem(message="a process at work was killed, perhaps because memory ran out")]
             ) from error
         finally:
             for future in waiting:

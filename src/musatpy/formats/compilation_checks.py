@@ -135,7 +135,7 @@ def _grids(draft: Draft) -> Iterator[Problem]:
     rows = draft.rows["GRD"]
     for row, name in enumerate(rows["grids.ids"].tolist()):
         if strange := _NO_FILE.findall(name):
-            message = f"names files of the grid, and no file has {strange[0]} in its name"
+            message = f"is used in names of files, and no file can have {strange[0]} in its name"
             yield draft.problem("GRD", row, message, path="grids.ids")
     given = np.isfinite(np.concatenate([rows["grids.first"], rows["grids.second"]], axis=1))
     for row in np.flatnonzero(given.any(axis=1) & ~given.all(axis=1)).tolist():
@@ -171,7 +171,7 @@ def _of_run(draft: Draft, run: Block) -> Iterator[Problem]:
     """Yield what the deck says of water, ellipsoid and places, and the run otherwise."""
     water = draft.rows["WTR"]
     for path in (f"water.{name}" for name in _OF_RUN):
-        message = "the deck of the run says it: here the index is checked alone"
+        message = "the deck of the run states it; here only the index is checked"
         yield from draft.problems("WTR", np.isfinite(water[path]), message, path=path)
     known = "no water" if run.water is None else f"water of the index {run.water.index:.6f}"
     index = water["water.index"]
@@ -181,7 +181,7 @@ def _of_run(draft: Draft, run: Block) -> Iterator[Problem]:
         if message := _other_ellipsoid(draft, row, run):
             yield draft.problem("ELL", row, message, path="ellipsoid.name")
     if run.options.system is CoordinateSystem.GEOCENTRIC:
-        what = "X and Y of a geocentric job are no place"
+        what = "X and Y alone are no place in a geocentric job"
         grids, of_job = draft.rows["GRD"], draft.rows["PRE"]["profiles.system"] == "J"
         given = np.isfinite(np.concatenate([grids["grids.first"], grids["grids.second"]], axis=1)).any(axis=1)
         yield from draft.problems("GRD", given, f"{what}: leave corners blank", path="grids.first", component=0)
@@ -205,7 +205,7 @@ def _datum(draft: Draft, run: Block | None) -> Iterator[Problem]:
     for row, name in enumerate(draft.rows["VDT"]["datum.geoid"].tolist()):
         message = ""
         if name and run is not None and run.options.system is CoordinateSystem.LOCAL:
-            message = "the run is a local job, and no grid of heights reaches it"
+            message = "the run is a local job, and no grid of heights applies to it"
         elif name:
             from musatpy.geometry.projected import Geoid  # PROJ, for few decks
 

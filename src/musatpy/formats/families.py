@@ -218,7 +218,7 @@ class RecordSet:
             message = f"the plate coordinates are comparator readings (RED), and {self.name} holds refined ones"
             problems.append(Problem(message=message))
         if not problems and not contents:
-            problems.append(Problem(message=f"the family {self.name} can hold nothing of this"))
+            problems.append(Problem(message=f"the family {self.name} can hold nothing of this job"))
         if problems:
             raise DeckError(problems)
         return Rendered(contents=contents, left_out=self.left_out(given))

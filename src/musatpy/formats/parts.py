@@ -153,7 +153,7 @@ def block_of(parts: Tables) -> model.Block:
         raise DeckError(problems)
     said = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
     rows = {role: RoleRows.of(role, roles_of(family)[role], said.get(role) or nothing(role)) for role in ROLES}
-    block = _linked(draft_of_rows(rows, read_cards(b"", family)), "the parts do not go together")
+    block = _linked(draft_of_rows(rows, read_cards(b"", family)), "the parts do not fit together")
     return replace(block, given_in=spec_of(parts, system_rows.IN), stated_in=spec_of(parts, system_rows.OUT))
 
 

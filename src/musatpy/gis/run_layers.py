@@ -59,7 +59,7 @@ def target_system(tables: Tables, crs: str = "") -> TargetSystem:
     own = job_system(tables)
     if own.ellipsoid is None:
         if crs:
-            raise SystemsError([Problem(message="--crs: the run is a local job, in no system of a register")])
+            raise SystemsError([Problem(message="--crs: the run is a local job, which is in no registered system")])
         return TargetSystem(system=LocalRectangular(), crs=None, heights="heights of the job")
     if crs:
         target = system_of(crs, own.ellipsoid)

@@ -116,7 +116,7 @@ def written(path: Path, posts: Posts, bands: Mapping[str, str]) -> Iterator[Rast
                 dataset.close()
         with upsets(path, "cannot be written"), rasterio.open(temporary) as done:
             if any(_sum(done, posts, *rows_of) != crc for rows_of, crc in writer.sums.items()):
-                raise refuse(path, "", "what is read is not what was written: is the disk full?", "room for it")
+                raise refuse(path, "", "the file differs from what was written: is the disk full?", "room for it")
 
 
 @contextmanager

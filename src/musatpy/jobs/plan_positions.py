@@ -77,7 +77,7 @@ def ground_level(block: Block) -> float:
         known = heights[np.isfinite(heights)]
         if known.size:
             return float(np.median(known))
-    raise DeckError([Problem(message="neither control nor a tide says how high the ground is: give its height")])
+    raise DeckError([Problem(message="the height of the ground follows from neither control nor tides: give it")])
 
 
 def images_on_ground(block: Block, height: float) -> FloatArray:
@@ -87,7 +87,7 @@ def images_on_ground(block: Block, height: float) -> FloatArray:
     no station or attitude, or a ray does not come down. Raises `DeckError` for readings, which say no direction.
     """
     if block.raw:
-        message = "the plates are comparator readings (RED): where their points are is known after a run only"
+        message = "the plates are comparator readings (RED): where their points are is known only after a run"
         raise DeckError([Problem(message=message)])
     frame, photos, plates = frame_of(block), block.photos, block.plates
     known = np.asarray(np.isfinite(np.hstack([photos.position, photos.attitude])).all(axis=1))

@@ -94,9 +94,9 @@ class Punch:
         if self.points is PunchedPoints.CONTROL:
             raise ValueError("a restart has the control as it was given: its points are none or all")
         if self.kind is not None:
-            raise ValueError("the points of a restart are check points: it would not be the same job else")
+            raise ValueError("the points of a restart are check points, or it would not be the same job")
         if self.sigmas is not None:
-            raise ValueError("a restart has the sigmas of the job: it would not be the same one else")
+            raise ValueError("a restart has the sigmas of the job, or it would not be the same job")
 
 
 def punched(solution: Solution, punch: Punch) -> tuple[Block, tuple[str, ...]]:
@@ -134,7 +134,7 @@ def restart(solution: Solution, *, check_points: bool = False) -> tuple[Block, t
         water = _water_to_start(block, water, solution)
     notes: tuple[str, ...] = ()
     if water is not None and (water.tilt_east or water.tilt_north):
-        notes = ("the tilted water turns about the middle of the stations as given: a restart moves that a little",)
+        notes = ("tilted water turns about the middle of the given stations, which a restart moves a little",)
     control = block.control
     if check_points:
         control = stacked([control, _adjusted_control(solution, _without_card(block), ControlKind.CHECK)])
@@ -227,7 +227,7 @@ def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tupl
     """
     block, notes = solution.block, []
     if not solution.converged:
-        notes.append("the run has not converged: these are no results")
+        notes.append("the run has not converged: these are not results to use")
     groups, between = block.equal_elevations, (block.air_bases, block.distances, block.height_differences)
     used = len(groups.ids) + sum(len(table.sigma) for table in between)
     if used:

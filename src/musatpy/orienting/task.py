@@ -29,7 +29,7 @@ _ASTRAY = 0.25  # of the photos that have more in common with the next but one t
 NO_CARD = "no ORI card says what is to be oriented, and by which method"
 NO_CONTROL = "no two components of it are known: a single photo gives it no place"
 ONE_PHOTO = "only one of the photos shows it"
-ONE_COMPONENT = "one component of it is known, which the conditions have no use for: taken as not known"
+ONE_COMPONENT = "only one component of it is known, which the conditions cannot use: taken as unknown"
 BLOCK = "a block, or branches, is not for STRIP: musat run adjusts it with IIIA, from nothing by OP2 COMPUTE"
 
 

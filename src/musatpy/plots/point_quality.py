@@ -55,7 +55,7 @@ def steps(limits: list[FloatArray]) -> FloatArray:
 def class_names() -> tuple[str, ...]:
     """Return the names of the classes, the best first."""
     names = [order.name for order in survey_orders()]
-    first, last = f"{_FINER:g} x {names[0]}", f"{_COARSER:g} x {names[-1]}"
+    first, last = f"half of {names[0]}", f"{_COARSER:g} times {names[-1]}"
     return (first, *names, last, "beyond")
 
 

@@ -289,7 +289,7 @@ class _Reducer:
         lost = self._named(np.asarray(~np.isfinite(self.xy).all(axis=1)))
         if not lost:
             return None
-        message = f"no place of {', '.join(lost)} satisfies the calibration of the camera"
+        message = f"no position of {', '.join(lost)} fits the calibration of the camera"
         return Refusal(reason=Reason.LOST, message=message, ids=lost)
 
     def _named(self, rows: BoolArray) -> tuple[str, ...]:

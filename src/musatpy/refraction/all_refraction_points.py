@@ -91,7 +91,7 @@ def search(surface: Surface, rays: RayEnds) -> RayPoints:
     order = np.argsort(ray, kind="stable")
     points = RayPoints(ray=ray[order], xy=xy[order], path=length[order], minimum=minimum[order], complete=complete)
     if (np.bincount(points.ray, minlength=len(rays.index)) == 0).any():
-        raise ValueError("no refraction point was found for a ray: it grazes the waves, or they bend too sharply")
+        raise ValueError("no refraction point was found for a ray: it grazes the waves, or they are too sharp")
     return points
 
 

@@ -51,7 +51,7 @@ REASONS: Mapping[int, str] = {
     Fault.NO_CAMERA: "no camera sees it",
     Fault.ONE_CAMERA: "only one camera sees it",
     Fault.PARALLEL_RAYS: "rays of its cameras are parallel",
-    Fault.NO_CONVERGENCE: "no true point found for it",
+    Fault.NO_CONVERGENCE: "no true point was found for it",
     Fault.BETWEEN_TIDES: "between the tides of its cameras",
     Fault.UNKNOWN_WATER: "the surface is not known where its rays meet the water",
     Fault.NO_MEETING: "no parallax makes its rays meet under water",

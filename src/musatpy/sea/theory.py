@@ -81,7 +81,7 @@ class LinearWave:
         """
         z = np.asarray(elevation, dtype=float)
         if not ((z <= 0.0) & (z >= -self.depth)).all():
-            raise ValueError("the elevation of an orbit lies between bottom and mean level")
+            raise ValueError("the elevation of an orbit lies between the bottom and the mean level")
         k, kh = self.number, self.number * self.depth
         # cosh k(z+h) / sinh kh and sinh k(z+h) / sinh kh, without overflow
         scale = self.height / 2.0 * np.exp(k * z) / -np.expm1(-2.0 * kh)

@@ -51,7 +51,7 @@ def settings_of(texts: Iterable[str], family: Family) -> tuple[Setting, ...]:
         spec = card_named(family.cards, match[1])
         single = [card.mnemonic for card in family.cards.values() if card.repeat == "one" and card.fields]
         if spec.mnemonic not in single:
-            raise SettingError(f"{spec.mnemonic}: a deck may have many such cards; set are {', '.join(single)}")
+            raise SettingError(f"{spec.mnemonic}: a deck may have many such cards; --set takes {', '.join(single)}")
         setting = setting_of(spec, match[2], match[3])
         settings[setting.card, setting.name] = setting
     return tuple(settings.values())

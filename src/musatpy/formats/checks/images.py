@@ -209,19 +209,18 @@ def scales(draft: Draft) -> Iterator[Problem]:
     if not np.all(np.abs(ratios / ratio - 1.0) < _SAME):
         return
     for factor, text in (
-        (ratio, "control in feet, and stations in metres"),
-        (1.0 / ratio, "stations in feet, and control in metres"),
+        (ratio, "control were in feet and stations in metres"),
+        (1.0 / ratio, "stations were in feet and control in metres"),
     ):
         if length_unit(factor, _SAME) == "feet":
-            message = f"the control is {ratio:.2f} times as wide as on the photos, as with {text}"
+            message = f"the control is {ratio:.2f} times as wide as on the photos, as if {text}"
             yield draft.problem("control", 0, message, path="control.position", severity="warning")
             return
     focal = draft.rows["cameras"]["cameras.focal_length"]
     other = other_focal_length(float(np.median(focal)), ratio, _SAME)
     if other:
-        message = (
-            f"the control is {ratio:.2f} times as wide as on the photos, as with a focal length of {other:g} mm"
-        )
+        wide = f"the control is {ratio:.2f} times as wide as on the photos"
+        message = f"{wide}, as if the focal length were {other:g} mm"
         yield draft.problem("cameras", 0, message, path="cameras.focal_length", severity="warning")
 
 

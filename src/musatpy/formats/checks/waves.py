@@ -61,7 +61,7 @@ def programs(draft: Draft) -> Iterator[Problem]:
         needed = f"waves need refraction {Refraction.RIGOROUS}, or program {Program.IIIA}"
         message = f"{needed}: {options.refraction} knows none"
         yield draft.problem(role, 0, message, path=path)
-    why = "waves stand on level water: a tilt of it and waves exclude each other"
+    why = "waves need level water: they cannot be combined with a tilt"
     if options.water_tilt is Treatment.ADJUST:
         yield draft.problem("more_options", 0, why, path="options.water_tilt")
     paths = [
@@ -82,9 +82,9 @@ def unknown_waves(draft: Draft) -> Iterator[Problem]:
     doubtful = np.any(list(positive.values()), axis=0)
     reasons, adjusted = [], options.program is Program.IIIA
     if adjusted and options.datum is Datum.FREE:
-        reasons.append("such waves need control, and no free network")
+        reasons.append("such waves need control, not a free network")
     if adjusted and options.editing is not Editing.NONE:
-        reasons.append(f"such waves and the editing {options.editing} exclude each other: look with known ones")
+        reasons.append(f"such waves cannot be combined with the editing {options.editing}: search with known waves")
     for row in np.flatnonzero(doubtful).tolist():
         name = next(one for one in WAVE_SIGMAS if positive[one][row])
         for reason in reasons:

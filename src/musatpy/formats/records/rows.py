@@ -206,7 +206,7 @@ def _place_control(file: RecordFile, table: Table, frame: JobFrame) -> list[Prob
     table["control.position"] = frame.position(file.spec, table["control.position"])
     if frame.has_vertical(file.spec):
         return []
-    message = "control point {}: its rectangular coordinates say nothing one by one in a geographic job"
+    message = "control point {}: single rectangular coordinates have no meaning in a geographic job"
     return [
         Problem(file=file.file, message=message.format(point)) for point in table["control.point"][lacking].tolist()
     ]

@@ -28,7 +28,7 @@ from musatpy.orientation.twomedia.sights import (
 
 REASONS = (
     "the water passes through a camera or above it",
-    "a ray does not come down on the water",
+    "a ray does not meet the water",
     "a point is behind a camera",
     "a point under water stands above it",
     "a dry point stands below the water",

@@ -75,7 +75,7 @@ def control_of(
     values = table.values
     sigma = values.get("sigma", np.full(len(table.ids), np.nan))
     if default_sigma is not None and len(sigma) and np.isfinite(sigma).all():
-        message = "there are sigmas, and one is given too: no control point is without its own"
+        message = "all control points have sigmas of their own, so none can be given"
         raise CollocationError([Problem(file=table.source, message=message)])
     if table.needs_mapped:
         lines: Sequence[int | None] = table.lines or [None] * len(table.ids)

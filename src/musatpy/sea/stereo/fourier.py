@@ -203,9 +203,9 @@ def _why_not(q: FloatArray, xy: FloatArray, weight: FloatArray, step: WaveTrial,
     if not step.ratio > step.critical:
         return "no better than noise"
     if not all(waves.holds(vector) for vector in _polar(q)[2]):
-        return "the fit leaves the band of waves that is looked for"
+        return "the fit leaves the band of the search"
     if not is_determined(q, xy, weight):
-        return "not to be told from the waves before"
+        return "cannot be told from the waves before it"
     return ""
 
 

@@ -111,7 +111,7 @@ def read_points(
     position = position if plan is None else plan.places(position)
     known = given[kept, 0]
     if known.all() and precision.is_known:
-        message = "there are columns of sigmas, and sigmas are given too: no point is without its own"
+        message = "all points have sigmas of their own, so none can be given"
         raise SeaError([Problem(file=str(path), message=message)])
     covariance = np.square(sigma[kept])[:, :, None] * np.eye(3)
     if not known.all():
