@@ -253,7 +253,7 @@ def test_wishes_that_contradict_are_errors_of_the_command_line(options: list[str
 def test_wishes_that_cannot_be_met_are_errors(tmp_path: Path) -> None:
     for options, message in (
         (("--shortest", 900), "no wave is shorter than"),
-        (("--sigma", "1,1,1"), "there are columns of sigmas, and sigmas are given too"),
+        (("--sigma", "1,1,1"), "have sigmas of their own, so none can be given"),
         (("--only", "Q*"), "no point fits Q*"),
     ):
         result = musat("sea", "fit", SEA / "water.csv", "-o", tmp_path, *options)
@@ -311,7 +311,7 @@ def test_files_that_are_not_what_is_asked_for(tmp_path: Path) -> None:
 def test_sigmas_that_no_point_needs_are_an_error(tmp_path: Path) -> None:
     surface, given = fitted(tmp_path), ("--pointing", 5, "--focal", 152, "--format", "228,228")
     result = correct(tmp_path, surface, *given)
-    assert result.exit_code == 1 and "no point is without its own" in result.output
+    assert result.exit_code == 1 and "have sigmas of their own" in result.output
     assert not (tmp_path / "true.csv").exists()
     lines = (SEA / "bottom.csv").read_text().splitlines()
     rows_without = [",".join(line.split(",")[:4]) + ",,," for line in lines[1:]]

@@ -193,7 +193,7 @@ ACROSS = replace(
     ("asked", "message"),
     [
         (lambda: linear_wave([5.0, 0.0], 3.0), "period and depth of a wave are positive"),
-        (lambda: linear_wave(5.0, 3.0, height=1.0).orbits(-3.1), "between bottom and mean level"),
+        (lambda: linear_wave(5.0, 3.0, height=1.0).orbits(-3.1), "between the bottom and the mean level"),
         (lambda: run(replace(CALM, surface=WAVES, points=SHALLOW)), r"point \d+ stands above the water"),
         (lambda: run(ACROSS), "no component along x"),
     ],

@@ -47,7 +47,7 @@ class ThroughSurface(Method):
     def require_use(self, source: Path, tally: Tally, apparent: FloatArray) -> None:
         """Raise `SeaError` where sigmas were given besides those of all points."""
         if self.precision.is_known and tally.corrected and not tally.lacking:
-            message = "its points have sigmas, and sigmas are given too: no point is without its own"
+            message = "all points of the file have sigmas of their own, so none can be given"
             raise SeaError([Problem(file=str(source), message=message)])
 
     def corrected(self, points: FloatArray, covariance: FloatArray) -> CorrectedPoints:
