@@ -173,7 +173,7 @@ def test_everything_wrong_with_a_manifest_is_told(tmp_path):
         f"{manifest}:5 job 2.deck: is a deck, a folder or a glob, or a list of them",
         f"{manifest}:6 job 2.punch_edits: true or false is expected, not 'yes'",
         f"{manifest}:7 job 3: the points of a restart are check points, or it would not be the same job",
-        f"{manifest}:11 job 4: punch_points: what is punched is said by punch = restart or result",
+        f"{manifest}:11 job 4: punch_points: say what to punch: punch = restart or result",
         f"{manifest}:14 job 5: punch is one of restart, result, not 'all'",
         f"{manifest}:15 job 5.deck: has a null character, which no name has",
         f"{manifest}:16 job 5.out: has a null character, which no name has",

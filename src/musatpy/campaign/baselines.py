@@ -164,7 +164,7 @@ def load_baseline(folder: Path) -> Baseline:
     version = given.pop("schema_version", "none")
     if version != SCHEMA_VERSION:
         raise BaselineError(
-            f"{path}: schema {version} is not {SCHEMA_VERSION}; another version made it, or {_REMEDY}"
+            f"{path}: schema {version} is not {SCHEMA_VERSION}; another version has written it, or {_REMEDY}"
         )
     reader = Reader()
     baseline = reader.table(Baseline, given, "")

@@ -157,7 +157,7 @@ def _punch(options: JobOptions) -> Any:
 
     details = [name for name in options.as_data() if name.startswith("punch_") and name != "punch_edits"]
     if options.punch is None and details:
-        raise MusatError(f"{', '.join(details)}: what is punched is said by punch = restart or result")
+        raise MusatError(f"{', '.join(details)}: say what to punch: punch = restart or result")
     words: dict[str, Iterable[str]] = {
         "record": RecordContent, "causes": CauseSearch, "punch": Content, "punch_points": PunchedPoints,
         "punch_kind": KINDS,

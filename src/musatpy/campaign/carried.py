@@ -56,7 +56,7 @@ def parcel_of(job: BatchJob) -> Parcel:
 def run_parcel(parcel: Parcel) -> tuple[JobOutcome, dict[str, bytes]]:
     """Return the outcome of a job and the files that it leaves, by their names in its folder; run by a worker."""
     if parcel.program != program():
-        message = f"its worker has version {program()} of the program, not {parcel.program}: install one on all"
+        message = f"its worker has version {program()} of the program, not {parcel.program}: install one everywhere"
         return JobOutcome(state=JobState.FAILED, message=message), {}
     with TemporaryDirectory(prefix="musat-") as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)

@@ -137,7 +137,7 @@ def batch_command(
     from musatpy.page.rendering import check_packages
 
     if address is not None and processes is not None:
-        raise click.UsageError("-j is of this machine: how many jobs a cluster runs at a time its workers say")
+        raise click.UsageError("-j counts jobs on this machine; a cluster runs as many as it has workers")
     try:
         plan = plan_of(sources, out_dir, JobOptions(**options))
     except ManifestError:

@@ -118,7 +118,7 @@ def command(
     """
     if by_control is not None:
         if run or stations or sea or any(given[name] for name in _STATIONS):
-            raise click.UsageError("--by-control goes without stations and their options")
+            raise click.UsageError("--by-control takes no stations and none of their options")
         correct_by_control(ctx, points, by_control, given)
         return
     if wrong := [name for name in _CONTROL if given.pop(name) not in (None, False, (), "constant")]:

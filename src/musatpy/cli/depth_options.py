@@ -206,7 +206,7 @@ class ModelView:
         height, base = given["height"], given["base"]
         if given["stations"] is not None:
             if height is not None or base is not None or given["exact"]:
-                raise click.UsageError("--cameras stands in place of --height, --base and --exact")
+                raise click.UsageError("--cameras replaces --height, --base and --exact")
             from musatpy.depth.views import model_of
 
             cameras = cameras_by(given["stations"], given)

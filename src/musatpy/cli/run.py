@@ -113,7 +113,9 @@ _punch_options = options_of(
 @submerged_option
 @quiet_run_option
 @carriage_control_option
-@click.option("--brief", is_flag=True, help="A listing without echo of the input and residuals: 40 pages at most.")
+@click.option(
+    "--brief", is_flag=True, help="Write a short listing, of at most 40 pages, without the input and residuals."
+)
 @record_option
 @causes_option
 @csv_option
@@ -152,7 +154,7 @@ def run_command(
     options = JobOptions(**given)
     details = [name for name in given if name.startswith("punch_") and given[name] is not None]
     if options.punch is None and details != ["punch_edits"]:
-        raise click.UsageError("what is punched is said by --punch restart or --punch result")
+        raise click.UsageError("say what to punch: --punch restart or --punch result")
     more = options.punch_edits or csv or options.punch or wanted.anything
     if STREAM in decks and out_dir is None and (len(decks) > 1 or more):
         raise click.UsageError("- with other decks, or with files besides the listing, needs -o")
@@ -318,7 +320,7 @@ def _show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
 @decks_argument
 @out_option
 @formats_option
-@click.option("-q", "--quiet", is_flag=True, help="No summary; messages of errors only.")
+@click.option("-q", "--quiet", is_flag=True, help="Print no summary, only errors.")
 @carriage_control_option
 @csv_option
 @strict_option
