@@ -147,7 +147,7 @@ def test_what_waves_cannot_be_adjusted_with_is_said(changes, message: str) -> No
 def test_waves_are_given_once() -> None:
     block = musat.read_deck(DECK)
     sea = Sea(surface=true_waves(), time=block.photos.time, origin=np.array(block.wave_origin.position))
-    with pytest.raises(AdjustmentError, match="stand on the cards of the job, and others are given beside it"):
+    with pytest.raises(AdjustmentError, match="the cards of the job have waves, but other waves are given too"):
         musatpy.adjust(block, sea=sea)
 
 

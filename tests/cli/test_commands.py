@@ -53,7 +53,8 @@ def test_run_says_on_one_line_what_came_of_it(deck):
     result = musat("run", deck)
     assert (result.exit_code, result.stderr) == (0, "")
     listing = deck.with_suffix(".lst")
-    pattern = r"(.*): ACCEPTED, sigma0 \d\.\d{4}, (\d+) iterations, water passes: (\d+), listing (.*)\n"
+    depths = r"sigma of depths \d\.\d{3} m \(median\), \d\.\d{3} m \(largest\), "
+    pattern = rf"(.*): ACCEPTED, sigma0 \d\.\d{{4}}, {depths}(\d+) iterations, water passes: (\d+), listing (.*)\n"
     match = re.fullmatch(pattern, result.stdout)
     assert (match[1], match[4]) == (str(deck), str(listing))
     assert listing.exists() and listing.with_suffix(".json").exists()
