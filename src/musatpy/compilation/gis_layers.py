@@ -30,13 +30,8 @@ def _placement(compiled: Compiled, crs: str) -> tuple[Callable[[FloatArray], Flo
     known = np.isfinite(position).all(axis=1)
     if system is None or not known.any():
         if crs:
-<<<<<<< HEAD
-            raise CompilationError([Problem(message="--crs: the run is a local job, in no system of a register")])
-        return np.asarray, {"crs": None, "heights": "heights of the job"}
-=======
             raise CompilationError([Problem(message="--crs: the run is a local job, in no registered system")])
-        return _Placement(places=np.asarray, crs=None, heights="heights of the job")
->>>>>>> 19d7c870 (Sentences of verdict, causes, warnings and refusals in plainer words, by some eighty; two golden listings have one of them, no number moved; shorter pages on jobs, formats, diff, audit and others)
+        return np.asarray, {"crs": None, "heights": "heights of the job"}
     import pyproj
 
     heights, frame = "above the ellipsoid of the job", compiled.run.frame
