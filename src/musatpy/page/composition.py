@@ -7,6 +7,7 @@ import hashlib
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,13 @@ from musatpy.errors import Problem, RecordError
 from musatpy.page.rendering import Chapter, Fact, Facts, Page, PagePicture, check_packages, html_of
 from musatpy.page.systems import system_facts
 from musatpy.plots.compiled_pictures import SOUNDINGS
-from musatpy.plots.gallery import KINDS, rendered
+from musatpy.plots.gallery import KINDS, NO_RECORD, rendered
 from musatpy.plots.picture import Picture
 from musatpy.records.json_files import known_of, read_json_file
 from musatpy.records.tables import Tables, part
 
 _RUN = "schema"  # kind of the record of a run
+_PAGES = {_RUN: "run_page", "compilation": "compilation_page", "soundings": "soundings_page"}
 _BEFORE_PICTURES = "Accuracy"  # a chapter
 # Of the record of a run, what no page shows.
 LEFT = frozenset({"station_pairs", "level_pairs", "fiducial_measurements", "cross_measurements"})
@@ -46,8 +48,10 @@ def page_of_tables(tables: Tables, files: Sequence[Path], particulars: Mapping[s
 
     Raises `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
     """
-    page, gallery = _page_of(tables), KINDS[_kind_of(tables).encode()].pictures
-    shown = list(pictures(gallery, tables, files[0].stem if files else ""))
+    kind = _kind_of(tables)
+    maker = _PAGES[kind]  # what makes other pages is not loaded
+    page: Page = getattr(import_module(f"musatpy.page.{maker}"), maker)(tables)
+    shown = list(pictures(KINDS[kind.encode()].pictures, tables, files[0].stem if files else ""))
     chapters: list[Chapter] = []
     for chapter in page.chapters:
         chapters.append(chapter)
@@ -68,25 +72,12 @@ def _kind_of(record: Any) -> str:
     return next((name for name in kinds if isinstance(record, Mapping) and f"{name}_version" in record), "")
 
 
-def _page_of(tables: Tables) -> Page:
-    """Return the page of tables; what makes other pages is not loaded."""
-    kind = _kind_of(tables)
-    if kind == "compilation":
-        from musatpy.page.compilation_page import compilation_page as page_of
-    elif kind == "soundings":
-        from musatpy.page.soundings_page import soundings_page as page_of
-    else:
-        from musatpy.page.run_page import run_page as page_of
-    return page_of(tables)
-
-
 def _tables_of(path: Path) -> dict[str, Any]:
     """Return what a record has; raises as `page_of_record`."""
     record = read_json_file(path)
     if kind := _kind_of(record):
         return known_of(record, path, LEFT if kind == _RUN else (), schema=KINDS[kind.encode()].schema())
-    message = "is not the record of a run, of a compilation or of a comparison with soundings"
-    raise RecordError([Problem(file=str(path), message=message)])
+    raise RecordError([Problem(file=str(path), message=NO_RECORD)])
 
 
 def _sha256(path: Path) -> str:

@@ -48,6 +48,7 @@ COMPILED: tuple[Picture[Any], ...] = (
 )
 SOUNDED: tuple[Picture[Any], ...] = (compiled_pictures.SOUNDINGS,)
 
+NO_RECORD = "is not the record of a run, of a compilation or of a comparison with soundings"
 MOST_MARKS = 2000  # of a picture that is SVG: 10,000 ellipses are 7.1 MB, and 0.5 MB as PNG
 _VERSION = re.compile(rb'\s*\{\s*"(\w+)_version"')  # the first field of a record, of whichever kind
 _RUN = ("options", "stations")
@@ -91,8 +92,7 @@ def read_tables(path: Path) -> tuple[RecordKind, Tables]:
         begin = _VERSION.match(file.read(200))
     kind = KINDS.get(begin[1]) if begin else None
     if kind is None:
-        message = "is not the record of a run, of a compilation or of a comparison with soundings"
-        raise RecordError([Problem(file=str(path), message=message)])
+        raise RecordError([Problem(file=str(path), message=NO_RECORD)])
     return kind, read_record(path, kind.required, kind.optional, schema=kind.schema(), what=kind.what)
 
 

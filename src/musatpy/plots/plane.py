@@ -22,7 +22,6 @@ from musatpy.records.tables import Tables, numbers, part, rows_of, texts
 _FARTHEST = 1e6  # m from the middle of the stations, of what has a place
 _CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 _LOWEST = -0.1  # cosine from straight up of a ray that still goes down
-_ABOUT = {"name": "GRS80", "semi_major_axis": None, "inverse_flattening": None}  # of plans of older compilations
 _BORDER = 1.05  # of what was measured, where a camera has no format
 
 
@@ -103,18 +102,12 @@ def is_compilation(tables: Tables) -> bool:
 
 
 def _as_run(tables: Tables) -> Tables:
-    """Return what a compilation says of its system as the record of a run does, about its points.
-
-    Raises `NothingToShowError` for a geocentric job whose ellipsoid the record does not say.
-    """
+    """Return what a compilation says of its system as the record of a run does, about its points."""
     job = part(tables, "job")
-    system, ellipsoid = job.get("system"), job.get("ellipsoid")
-    if system == "GEOC" and ellipsoid is None:
-        raise NothingToShowError("the record of a geocentric job does not say its ellipsoid")
     return {
-        "options": {"system": system},
-        "ellipsoid": None if system == "LOCL" else ellipsoid or _ABOUT,
-        "stations": {"position": part(tables, "points").get("position", ())},
+        "options": {"system": job["system"]},
+        "ellipsoid": None if job["system"] == "LOCL" else job["ellipsoid"],
+        "stations": {"position": part(tables, "points")["position"]},
     }
 
 
