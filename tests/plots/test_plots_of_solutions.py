@@ -1,5 +1,7 @@
 """`musatpy.plots`: figures of a solution, as a notebook has them."""
 
+import pickle
+
 import pytest
 
 import musatpy
@@ -27,7 +29,7 @@ def test_a_figure_of_a_solution_is_that_of_its_record(solution: musatpy.Solution
     figure = musatpy.plots.plan(solution)
     assert "ST THOMAS" in figure.get_suptitle() and "101" in {text.get_text() for text in figure.axes[0].texts}
     shown = figure._repr_png_()  # by IPython, where pyplot has told it of no other way
-    assert shown.startswith(b"\x89PNG")
+    assert shown.startswith(b"\x89PNG") and pickle.loads(pickle.dumps(figure))._repr_png_() == shown
     (plan,) = (picture for picture in GALLERY if picture.name == "plan")
     drawn, of_record = plan.drawn(st_thomas()), rendered(plan, st_thomas())
     assert drawn is not None and of_record is not None

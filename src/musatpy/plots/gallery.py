@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -111,6 +112,10 @@ def rendered(
     return *image_of(figure, form, "svg" if marks(figure) <= MOST_MARKS else "png"), sentence
 
 
+def _png_of(figure: Any) -> bytes:
+    return image_of(figure)[1]
+
+
 def drawing_of(name: str) -> Callable[[Solution], Any]:
     """Return the function that draws a picture of the gallery of a solution."""
     picture = next(picture for picture in GALLERY if picture.name == name)
@@ -123,7 +128,7 @@ def drawing_of(name: str) -> Callable[[Solution], Any]:
         if drawn is None:
             raise MusatError(f"no {name}: {picture.sentence(tables)}")
         figure, _ = drawn
-        figure._repr_png_ = lambda: image_of(figure)[1]  # what a notebook shows, with pyplot or without
+        figure._repr_png_ = partial(_png_of, figure)  # what a notebook shows, with pyplot or without
         return figure
 
     draw.__name__ = draw.__qualname__ = name
