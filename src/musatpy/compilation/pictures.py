@@ -42,9 +42,10 @@ def contour_pictures(compiled: Compiled, bottom: Bottom, form: ImageForm = FORM)
     style = {"cmap": "Blues" if of_depth else "terrain", "vmin": float(z.min()), "vmax": float(z.max())}
     title = f"depths below {compiled.datum.title}, m" if of_depth else "heights, m"
     title = "\n".join([*compiled.deck.titles[:1], title])
+    x, y = ("X", "Y") if compiled.run.ellipsoid is None else ("east", "north")
     figure, (panels,) = new_panels([_PANEL] * max(len(shown), 1), [_PANEL], title)
     for axes, (surface, tin) in zip(panels, shown, strict=False):
-        axes.set(aspect="equal", xlabel="east, m", ylabel="north, m")
+        axes.set(aspect="equal", xlabel=f"{x}, m", ylabel=f"{y}, m")
         shade = axes.tripcolor(*tin.xy.T, tin.z, triangles=tin.triangles[tin.kept], shading="gouraud", **style)
         axes.plot(*tin.xy.T, ".", color=DRY, markersize=2, label="points")
         _draw_lines(axes, _lines_of(bottom, surface))
