@@ -102,7 +102,9 @@ def test_a_stranger_runs_an_example_and_changes_an_option(stranger):
         (name, *found.groups())
         for name, text in fields.items()
         if (
-            found := re.search(r"^ +\d+-\d+ +(\w+) .*\n +Blunders.*\n?.*?(LIST) they are found", text, re.MULTILINE)
+            found := re.search(
+                r"^ +\d+-\d+ +(\w+) .*\n +Blunders.*\n?.*?(LIST): they are found", text, re.MULTILINE
+            )
         )
     )
     assert "OP2" in stranger.says(f"musat {cards} {card} {field}={word}")
