@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import minimum_filter
 
 from musatpy.refraction import bending, fermat, flat
 from musatpy.refraction.all_refraction_points import search
@@ -68,13 +69,8 @@ def _scanned(sea, camera, ground) -> tuple[int, float]:
     xy = ground[:2] + np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1)
     W = np.concatenate([xy, sea.relief(xy).height[..., None]], axis=-1)
     path = np.linalg.norm(W - camera, axis=-1) + N * np.linalg.norm(ground - W, axis=-1)
-    middle = path[1:-1, 1:-1]
-    less = np.ones(middle.shape, dtype=bool)
-    for i in range(3):
-        for j in range(3):
-            if (i, j) != (1, 1):
-                less &= middle < path[i : i + middle.shape[0], j : j + middle.shape[1]]
-    return int(less.sum()), float(path.min())
+    others = minimum_filter(path, footprint=[[1, 1, 1], [1, 0, 1], [1, 1, 1]])
+    return int((path < others)[1:-1, 1:-1].sum()), float(path.min())
 
 
 @pytest.mark.slow

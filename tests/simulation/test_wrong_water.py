@@ -98,14 +98,6 @@ def test_tilt_on_the_card_needs_no_unknown():
     assert level.sigma0 > 100.0 * solution.sigma0
 
 
-@pytest.mark.parametrize("water", [{"index_error": 0.01}, {"level_error": 0.5}])
-def test_what_is_wrong_and_held_goes_into_the_depths(water):
-    simulation = simulated(water=water)
-    solution = adjust(simulation.block)
-    known = solution.points.status == PointStatus.TRIANGULATED
-    assert largest_error(simulation, solution.points.position, known) > 0.05  # of 0.2 m that both make at 30 m
-
-
 CHANGES = [
     {"water": {"level_error": 0.5}},
     {"water": {"index_error": 0.01, "tilt_on_card": [5.0, 5.0]}},

@@ -11,7 +11,6 @@ from musatpy.errors import ProblemsError, SoundingError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.interchange import las
 from musatpy.interchange.layers import LayerColumn, Points
-from musatpy.refraction.flat import air_tangent
 from musatpy.soundings.differences import (
     DepthDifferences,
     likeness_warning,
@@ -88,17 +87,6 @@ def test_the_regression_of_a_line() -> None:
     scaled = np.array([[line.a / line.a_sigma, line.b / line.b_sigma] for line in noisy if line])
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(scaled), axis=0)), 1.0, atol=0.15)
     assert -1.0 < exact.correlation < -0.8
-
-
-@pytest.mark.parametrize(("corrected", "low", "high"), [(False, -0.31, -0.25), (True, -0.01, 0.01)])
-def test_refraction_shows_in_the_slope(corrected: bool, low: float, high: float) -> None:
-    """Apparent depths of one vertical pair are less by 25 to 31 % of the true ones."""
-    depth, noisy = soundings()
-    H, D = 1500.0, np.random.default_rng(3).uniform(0.0, 500.0, len(depth))
-    tangent = air_tangent(H, depth, D, 1.34)
-    apparent = D / tangent - H
-    line = regression(differences(noisy if corrected else apparent + noisy - depth, depth))
-    assert line is not None and low < line.b < high
 
 
 def test_the_orders_of_the_standard() -> None:
