@@ -76,7 +76,8 @@ def test_heights_are_corrected_by_control_of_every_form(job: Path, control: str)
 
 @pytest.mark.slow
 def test_all_functions_are_compared_where_none_is_chosen(job: Path) -> None:
-    assert musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv").exit_code == 0
+    assert musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv", "--plots").exit_code == 0
+    assert (job / "out.png").read_bytes().startswith(b"\x89PNG")
     report = (job / "out.txt").read_text()
     for name in ("none", "gaussian", "exponential", "elliptic", "bessel", "swell"):
         assert f"\n{name} " in report
@@ -140,12 +141,6 @@ def test_an_outlier_is_named(job: Path) -> None:
     assert float(said.split()[1]) == pytest.approx(-3.0, abs=0.3)  # what is seen of it is not all of it
     musat(job / "mapped.csv", job / "true.csv", "-o", job / "out.csv", *FAST, "--keep-outliers")
     assert "60 control points, 60 used" in (job / "out.txt").read_text()
-
-
-@pytest.mark.slow
-def test_pictures_on_request(job: Path) -> None:
-    assert musat(job / "mapped.csv", job / "dz.csv", "-o", job / "out.csv", *FAST, "--plots").exit_code == 0
-    assert (job / "out.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(

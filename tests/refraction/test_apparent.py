@@ -30,10 +30,9 @@ def model_factor(x, y, apparent_depth, height: float, base: float, index: float)
     return pair_factor(np.hypot(x, y), np.hypot(base - x, y), x, base - x, apparent_depth, height, index)
 
 
-def pair(*, vertical: bool = True) -> Stations:
+def pair() -> Stations:
     position = np.array([[0.0, 0.0, HEIGHT], [BASE, 0.0, HEIGHT]])
-    axis = np.tile([0.0, 0.0, -1.0], (2, 1)) if vertical else None
-    return Stations(position=position, level=np.zeros(2), axis=axis)
+    return Stations(position=position, level=np.zeros(2), axis=np.tile([0.0, 0.0, -1.0], (2, 1)))
 
 
 def survey(k: int = 7, n: int = 300) -> tuple[Stations, np.ndarray]:

@@ -129,19 +129,6 @@ def test_trochoid_is_the_path_of_a_rolling_circle() -> None:
     assert wave.relief(np.stack([x, 0 * x], axis=1)).height.mean() == pytest.approx(5.0, abs=1e-12)
 
 
-def test_trochoid_is_a_deep_stokes_wave_to_second_order() -> None:
-    """They differ in the third order: with half the amplitude by an eighth."""
-    x = np.linspace(0.0, 40.0, 200)
-    along = np.stack([x, 0 * x], axis=1)
-
-    def differ(a: float) -> float:
-        roll = Trochoid(amplitude=a, length=40.0, azimuth=0.0).relief(along).height
-        return float(np.abs(roll - stokes(amplitude=a, length=40.0, azimuth=0.0, speed=0.0, depth=500.0)
-                            .relief(along).height).max())  # fmt: skip
-
-    assert 7.8 < differ(0.1) / differ(0.05) < 8.2  # the terms of fourth order are a hundredth
-
-
 def test_a_measured_surface_is_known_to_the_fourth_order_of_its_interval() -> None:
     places = np.random.default_rng(3).uniform(-60.0, 60.0, (4000, 2))
     truth = superposed(SWELL, CHOP).relief(places).height

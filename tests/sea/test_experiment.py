@@ -70,15 +70,6 @@ def test_energy_flows_at_the_same_rate_everywhere() -> None:
     assert float(shoaling(1.2)) < 1.0 < float(shoaling(0.2))  # it falls a little before it rises
 
 
-def test_deep_and_shallow_limits() -> None:
-    deep, shallow = linear_wave(5.0, 4000.0, height=1.0), linear_wave(600.0, 2.0, height=0.1)
-    assert deep.length == pytest.approx(9.80665 * 25.0 / (2.0 * np.pi), rel=1e-12)  # rounding
-    assert deep.group_speed / deep.speed == pytest.approx(0.5, rel=1e-12)
-    # kh is 0.005: corrections are of the order of its square
-    assert shallow.speed == pytest.approx(np.sqrt(9.80665 * 2.0), rel=1e-4)
-    assert shallow.group_speed == pytest.approx(float(shallow.speed), rel=1e-4)
-
-
 def test_orbits_are_circles_in_deep_and_flat_in_shallow_water() -> None:
     deep = linear_wave(5.0, 4000.0, height=1.0)
     wide, high = deep.orbits(-3.0)
@@ -121,34 +112,6 @@ def test_level_water_costs_nothing() -> None:
         np.testing.assert_allclose(errors.error, 0.0, atol=1e-9)  # rounding of 500 m over a base half as long
         np.testing.assert_allclose(errors.parallax, 0.0, atol=1e-9)
         assert errors.number.shape == (len(POINTS), 2) and (errors.number == 1).all()
-
-
-def test_water_higher_than_thought_costs_a_third_of_it() -> None:
-    """From very high, where angles are small: water d higher than thought maps everything d (n - 1) too high.
-
-    The point shows (h + d)/n below its surface, thus (h + d)/n - d below the level; n times that is h + d - n d.
-    """
-    d, high = 0.2, np.array([[0.0, 0.0, 3e4], [300.0, 0.0, 3e4]])
-    errors = run(replace(CALM, surface=PlanarSurface(level=d), cameras=high))
-    # squares of angles of a hundredth
-    np.testing.assert_allclose(errors.error[:, 2], d * (1.34 - 1.0), rtol=1e-3)
-
-
-def test_a_wave_that_is_twice_as_high_costs_twice_as_much() -> None:
-    """To the first order of its height; the second order is a few hundredths here."""
-    once, twice = (
-        run(replace(CALM, surface=sinusoidal(amplitude=a, length=80.0, azimuth=0.4))).error for a in (0.05, 0.1)
-    )
-    np.testing.assert_allclose(spread(twice).sigma, 2.0 * spread(once).sigma, rtol=0.02)
-
-
-def test_the_interval_is_the_movement_of_the_waves() -> None:
-    """Simultaneous photography later is photography of waves that have moved."""
-    later = run(replace(CALM, surface=WAVES, times=np.array([2.0, 2.0])))
-    moved = run(replace(CALM, surface=sinusoidal(amplitude=0.3, length=80.0, azimuth=0.4, crest=16.0)))
-    np.testing.assert_allclose(later.error, moved.error, atol=1e-9)  # rounding as above
-    apart = run(replace(CALM, surface=WAVES))
-    assert np.abs(apart.error - later.error).max() > 0.1
 
 
 def test_intersection_is_that_of_equation_36() -> None:

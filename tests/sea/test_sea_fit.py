@@ -145,18 +145,6 @@ def test_one_point_far_off_is_noted() -> None:
 # --- grid ---
 
 
-@pytest.mark.slow
-def test_the_grid_follows_a_smooth_sea_without_noise() -> None:
-    swell = sinusoidal(amplitude=0.49, length=92.0, azimuth=0.5, crest=3.0, level=0.1)
-    fit = fit_grid(points_on(swell, 1000), spacing=15.0)
-    xy = places(80, 9, (30.0, -300.0), (300.0, 300.0))
-    known = fit.fitted.covers(xy - fit.fitted.origin)
-    assert known.mean() > 0.9
-    error = errors_and_sigmas(fit, swell, xy)[0][known, 0]
-    # points whose sigmas of 0.05 m are not used up: the surface smooths over less than that
-    assert np.abs(error).max() < 0.05 and np.sqrt(np.mean(error**2)) < 0.02
-
-
 def test_the_surface_of_a_grid_is_the_spline_of_its_coefficients() -> None:
     fit = fit_grid(points_on(SEA, 200, noise=1.0))
     assert isinstance(fit.fitted, GridSurface)

@@ -7,13 +7,13 @@ import pytest
 
 from musatpy.geometry.collinearity import nearest_point
 from musatpy.refraction import fermat
-from musatpy.refraction.apparent import REASONS, Fault, Stations, true_points
-from musatpy.refraction.surface import PlanarSurface, Surface
+from musatpy.refraction.apparent import REASONS, Fault
+from musatpy.refraction.surface import Surface
 from musatpy.sea.stereo.estimate import fit_fourier, fit_grid
 from musatpy.sea.stereo.surface_points import intersection_covariance
 from musatpy.sea.stereo.through import correct, true_points_of_apparent
 from refraction.seas import CHOP, SEAS, Tilted
-from studies.stereo import METHODS, Setup, run, simulate, through
+from studies.stereo import Setup, simulate, through
 
 N = 1.34
 CAMERAS = np.array([[0.0, 0.0, 400.0], [200.0, 15.0, 395.0]])
@@ -56,15 +56,6 @@ def test_apparent_points_come_back_to_the_ground(name: str) -> None:
     found = true_points_of_apparent(Known(SEAS[name]), CAMERAS, *apparent_and_zero(SEAS[name]), N)
     assert found.met.all()
     assert np.abs(found.position - GROUND).max() < 1e-8  # 1e-10 of 400 m, times the height over the base
-
-
-def test_on_level_water_it_is_the_correction_of_musat_depth() -> None:
-    apparent = apparent_of(image_rays(PlanarSurface(level=0.3)))
-    stations = Stations(position=CAMERAS, level=np.full(2, 0.3))
-    there = true_points(apparent, stations, N)
-    here = true_points_of_apparent(Known(PlanarSurface(level=0.3)), CAMERAS, apparent, np.zeros((3, 3, 3)), N)
-    # that one weights the rays by their lengths, 1 % apart here, and closes to 1e-6 m
-    np.testing.assert_allclose(here.position, there.position, atol=1e-3)
 
 
 @pytest.mark.parametrize("name", ["sinusoidal", "superposed", "gridded"])
@@ -147,18 +138,3 @@ def test_corrected_points_or_reasons() -> None:
         cameras = np.array([[0.0, 0.0, z], [x, 0.0, 490.0]])
         with pytest.raises(ValueError, match=message):
             correct(fitted, cameras, position, covariance, N)
-
-
-# --- the study ---
-
-
-def test_the_study_is_deterministic_and_says_what_surfaces_take_away() -> None:
-    setup = Setup(surface_points=300, bottom_points=60)
-    first, second = run(setup, (1,)), run(setup, (1,))
-    for name in METHODS:
-        np.testing.assert_array_equal(first.rms[name], second.rms[name])
-    assert first.wave["true"][2] < 1e-9  # rays of exact images through the true sea
-    assert first.wave["level"][2] > 0.05
-    assert first.removed("fourier") > 0.9 and first.removed("grid") > 0.5
-    assert first.waves == 1.0
-    assert (first.rms["true"] < first.rms["level"]).all()

@@ -64,16 +64,6 @@ def test_waves_follow_the_theory_or_what_is_given() -> None:
     assert theory_of(given).height[0] == 0.4 and surface_of(given).limits.highest == pytest.approx(0.2)
 
 
-def test_crests_stand_where_the_spec_puts_them_at_the_left_exposure() -> None:
-    spec = sea(wave__crest=20.0)
-    direction = np.array([np.cos(np.pi / 6.0), 0.5])
-    surface = surface_of(spec)
-    assert surface.relief(20.0 * direction).height == pytest.approx(surface.limits.highest)
-    speed = lengths_and_speeds(spec)[1][0]
-    later = experiment(spec).times[1]
-    assert surface.relief((20.0 + 3.0 * speed) * direction, later).height == pytest.approx(surface.limits.highest)
-
-
 def test_what_is_varied_is_what_a_spec_of_its_own_would_say() -> None:
     result = study(sea(study={"depths": [5.0, 20.0], "periods": [6.0], "intervals": [0.0], "phases": 4}))
     by_name = {trials.name: trials.trials for trials in result.studies}

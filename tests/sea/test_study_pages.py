@@ -132,16 +132,6 @@ def test_phases_are_those_printed() -> None:
             assert okamoto.second_phase(period, depth, height, simultaneous) == float(row[f"xw2_{kind}"])
 
 
-def test_the_sea_moves_from_the_first_phase_to_the_second() -> None:
-    """Eq. 1: where X along the wave equals Xw the wave crosses its mean, Z (down) falling, at both exposures."""
-    surface = okamoto.sea((okamoto.LONGER,), 10, 1500, simultaneous=False)
-    direction = np.array([np.cos(np.pi / 6.0), 0.5])
-    for phase, time in ((36.0, 0.0), (126.0, 9.0)):
-        relief = surface.relief(phase * direction, time)
-        assert abs(float(relief.height) - surface.level) < 1e-11  # rounding of 1500 m
-        assert float(relief.gradient @ direction) > 0.0
-
-
 def test_every_ray_of_the_paper_has_one_refraction_point() -> None:
     for table in okamoto.WAVES:
         errors = tables.errors_of(table, 500, 20, "B")

@@ -76,21 +76,6 @@ def test_the_truth_comes_back_without_errors(exact: tuple[Simulation, Compiled])
     assert all(1.0 - 1e-3 < float(row["depth"]) < 30.0 + 1e-3 for row in rows)
 
 
-def test_an_operator_above_the_bottom_reads_it_too_shallow(exact: tuple[Simulation, Compiled]) -> None:
-    """10 um of x-parallax: H / B of them at the scale of a normal pair in air, 1.34 times that under water."""
-    simulation, result = exact
-    assert simulation.compiled is not None
-    deck = simulation.compiled.deck
-    shift = np.array([[0.0, 0.0], [-0.010, 0.0]])  # mm: what rises moves against the flight on the right photo
-    stages = replace(deck.stages, xy=deck.stages.xy + shift)
-    biased = compiled(of_solution(adjust(simulation.block)), replace(deck, stages=stages))
-    up = errors(biased, simulation)[:, 2] - errors(result, simulation)[:, 2]
-    base = np.mean([model.stereo.base for model in result.models])
-    dry = 2970.0**2 / base / 152.0 * 0.010  # over land of 30 m
-    assert np.median(up[~result.submerged]) == pytest.approx(dry, rel=0.05)
-    assert np.median(up[result.submerged]) == pytest.approx(1.34 * dry, rel=0.12)
-
-
 @pytest.mark.slow
 def test_errors_of_two_thousand_points_are_those_of_their_sigmas() -> None:
     """Of pointing alone: the run has no errors, and its sigmas none of its own."""

@@ -49,15 +49,15 @@ class Strip:
     control_sigma: float = 0.05
     noise: float = 5.0  # um
 
-    @property
-    def waves(self) -> Harmonic:
-        """The waves, a crest of them in the middle of the strip at its middle time."""
+    def waves(self, crest: float = 0.0) -> Harmonic:
+        """Return the waves, a crest of them `crest` m beyond the middle of the strip at its middle time."""
         wave = linear_wave(self.period, self.depth, deep_height=self.deep_height)
         return sinusoidal(
             amplitude=0.5 * float(wave.height),
             length=float(wave.length),
             azimuth=self.azimuth,
             speed=float(wave.speed),
+            crest=crest,
         )
 
     @property
@@ -82,14 +82,7 @@ class Photographed:
 
 def photographed(strip: Strip, crest: float, rng: np.random.Generator) -> Photographed:
     """Return a strip photographed through its waves, moved on by `crest` m; errors are drawn from `rng`."""
-    waves = strip.waves
-    waves = sinusoidal(
-        amplitude=waves.amplitude,
-        length=2.0 * np.pi / np.linalg.norm(waves.vector, axis=1),
-        azimuth=strip.azimuth,
-        speed=waves.frequency / np.linalg.norm(waves.vector, axis=1),
-        crest=crest,
-    )
+    waves = strip.waves(crest)
     points, wet = _points(strip, rng)
     n = strip.photos
     along = (np.arange(n) - 0.5 * (n - 1)) * strip.base
@@ -105,10 +98,21 @@ def photographed(strip: Strip, crest: float, rng: np.random.Generator) -> Photog
     return Photographed(
         block=model.Block(
             titles=("A BAY THROUGH WAVES",),
-            options=_options(strip),
+            options=model.Options(
+                program=model.Program.IIIA,
+                system=model.CoordinateSystem.LOCAL,
+                refraction=model.Refraction.RIGOROUS,
+                plate_sigma=strip.noise * MICROMETRE,
+                max_iterations=40,
+            ),
             ellipsoid=None,
             water=model.Water(index=strip.index),
-            cameras=_camera(),
+            cameras=model.Cameras(
+                ids=np.array(["WIDE"]),
+                focal_length=np.array([_FOCAL_LENGTH]),
+                principal_point=np.zeros((1, 2)),
+                format_size=np.full((1, 2), 2.0 * _HALF_FORMAT),
+            ),
             distortion=empty(model.Distortion),
             fiducials=empty(model.Fiducials),
             photos=_stations(*given),
@@ -169,25 +173,6 @@ def _images(
     xy = collinearity.image(v, attitude_matrix(attitude)[:, None], np.full(v.shape[:2], _FOCAL_LENGTH), np.zeros(2))
     photo, point = np.nonzero((np.abs(xy) < _HALF_FORMAT).all(axis=2))
     return photo, point, xy[photo, point]
-
-
-def _options(strip: Strip) -> model.Options:
-    return model.Options(
-        program=model.Program.IIIA,
-        system=model.CoordinateSystem.LOCAL,
-        refraction=model.Refraction.RIGOROUS,
-        plate_sigma=strip.noise * MICROMETRE,
-        max_iterations=40,
-    )
-
-
-def _camera() -> model.Cameras:
-    return model.Cameras(
-        ids=np.array(["WIDE"]),
-        focal_length=np.array([_FOCAL_LENGTH]),
-        principal_point=np.zeros((1, 2)),
-        format_size=np.full((1, 2), 2.0 * _HALF_FORMAT),
-    )
 
 
 def _stations(position: FloatArray, attitude: FloatArray) -> model.Photos:

@@ -77,7 +77,7 @@ class Run:
 def run(strip: Strip, guess: Guess, seed: int) -> Run:
     """Return one strip, adjusted in the three ways; the same seed gives the same numbers."""
     rng = np.random.default_rng(seed)
-    length = 2.0 * np.pi / float(np.linalg.norm(strip.waves.vector))
+    length = 2.0 * np.pi / float(np.linalg.norm(strip.waves().vector))
     scene = photographed(strip, rng.uniform(-0.5, 0.5) * length, rng)
     truth = Trains.of(scene.waves, strip.depth)
     sigma = guess.sigma(truth.values)

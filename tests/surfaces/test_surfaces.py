@@ -76,16 +76,6 @@ def test_what_makes_no_surface_and_points_in_one_place() -> None:
         levels_between(0.0, 1e6, 0.1)
 
 
-def test_places_in_any_order_are_found() -> None:
-    xy = scattered()
-    tin = Tin.of(with_values(xy, np.hypot(*xy.T)))
-    places = np.random.default_rng(6).uniform(-20.0, 120.0, (500, 2))
-    at = tin.at(places)
-    alone = [float(tin.at(place[None]).value[0]) for place in places]
-    np.testing.assert_array_equal(at.value, alone)
-    assert np.isnan(at.value).any() and np.isfinite(at.value).any()
-
-
 def drawn_by(way: str, of: Callable[[FloatArray], FloatArray], spacing: float, levels: list[float]) -> Contours:
     """Return the contours of values at places in a square of 100 m, its middle nowhere on a node."""
     west, south = -49.63, -49.63
@@ -128,16 +118,6 @@ def test_contours_of_a_cone_are_circles_to_the_second_order(way: str, sign: floa
         assert number == 1
         wrong.append([abs(area / (np.pi * 900.0) - 1.0), abs(length / (np.pi * 60.0) - 1.0)])
     np.testing.assert_allclose(np.array(wrong[1:]) / wrong[:-1], 0.25, atol=0.075)
-
-
-def test_no_vertex_of_a_long_open_line_is_left_out() -> None:
-    """A quarter circle about a corner over some 200 triangles: at the level at every vertex and between them."""
-    xy = lattice(1.0) + 50.0
-    tin = Tin.of(with_values(xy, np.hypot(*(xy + 0.3).T)))
-    (line,) = contours(tin, [50.0]).lines
-    assert not line.closed and len(line.xy) > 128
-    for places in (line.xy[1:-1], 0.5 * (line.xy[:-1] + line.xy[1:])):
-        np.testing.assert_allclose(tin.at(places).value, 50.0, rtol=0.0, atol=1e-9)
 
 
 def test_lines_of_levels_in_short() -> None:
