@@ -54,15 +54,9 @@ def errors(result: Compiled, simulation: Simulation) -> FloatArray:
     return np.einsum("kij,kj->ki", frame.axes(true), gap)
 
 
-@pytest.fixture(scope="module")
-def exact() -> tuple[Simulation, Compiled]:
-    """Return the strip without errors, and its points."""
+def test_the_truth_comes_back_without_errors() -> None:
     simulation = simulated()
-    return simulation, compiled_of(simulation)
-
-
-def test_the_truth_comes_back_without_errors(exact: tuple[Simulation, Compiled]) -> None:
-    simulation, result = exact
+    result = compiled_of(simulation)
     assert simulation.compiled is not None and len(result.models) == 3 and not any(result.reasons)
     # Plates to .001 um, points to .1 mm on the cards; WATPT, rays of a plane across the vertical of a point.
     assert np.abs(errors(result, simulation)).max() < 2e-4

@@ -21,7 +21,6 @@ from musatpy.errors import DepthError, Problem
 from musatpy.files import whole_file
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.projected import crs_of
-from musatpy.geometry.systems import System
 from musatpy.interchange import geotiff
 from musatpy.interchange.any_file import RASTERS, read_layers, write_layers
 from musatpy.interchange.layers import LOCAL, Grid, placed
@@ -91,19 +90,16 @@ def correct_file(
         }
         stated = placed(next((part.crs for part in layers.values() if part.crs is not None), None))
         method = work(stated)
-        written = placed(stand_in) or stated or _crs_of(method.system)
+        written, system = placed(stand_in) or stated, method.system
+        if written is None and isinstance(
+            system, LongitudeLatitude
+        ):  # on the ellipsoid of a run; no datum is known
+            written = pyproj.CRS.from_user_input(f"+proj=longlat {system.ellipsoid.definition} +type=crs")
         layers = {name: replace(part, crs=written) for name, part in layers.items()}
         numbered = target.suffix.lower() in (*SUFFIXES, *BARE)
         true, tally = correct_layers(layers, method, source, numbered=numbered, jobs=jobs)
         write_layers(target, true)
     return method, tally
-
-
-def _crs_of(system: System) -> pyproj.CRS | None:
-    """Return what files say of longitude and latitude on the ellipsoid of a run; no datum is known."""
-    if not isinstance(system, LongitudeLatitude):
-        return None
-    return pyproj.CRS.from_user_input(f"+proj=longlat {system.ellipsoid.definition} +type=crs")
 
 
 def correct_table(

@@ -44,11 +44,6 @@ class TrueFlight:
     waves: GivenWaves
 
 
-def reference_level(spec: SimulationSpec) -> float:
-    """Return the height (m) that the flying height is counted from."""
-    return spec.water.level if spec.water else spec.terrain.level
-
-
 def plan_flight(spec: SimulationSpec) -> FlightPlan:
     """Return the plan of the flight of a spec."""
     flight, camera = spec.flight, spec.camera
@@ -71,7 +66,7 @@ def plan_flight(spec: SimulationSpec) -> FlightPlan:
         spacing=spacing,
         along=along,
         right=right,
-        height=reference_level(spec) + flight.height,
+        height=(spec.water or spec.terrain).level + flight.height,
         reach=float(np.hypot(*camera.format)) / 2.0 * scale,
     )
 

@@ -10,7 +10,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.simulation.flight import FlightPlan, TrueFlight
-from musatpy.simulation.scene_keys import GivenPoint, TerrainKeys
+from musatpy.simulation.scene_keys import GivenPoint
 from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.simulation.world import TruePlaces, World
 from musatpy.specs import Area
@@ -79,7 +79,9 @@ def lay_ground(
     given = _given_places(spec, world)
     ties, extras = _tie_sites(spec, plan, draws), _extra_sites(spec, plan, draws)
     sites = np.concatenate([ties, extras])
-    heights = _land(spec.terrain, sites, draws)
+    terrain = spec.terrain
+    east, north = np.sin(2.0 * np.pi * (sites / terrain.wavelength + draws.uniform("terrain", 2))).T
+    heights = terrain.level + terrain.relief / 2.0 * (east + north)
     sea = _submerge(spec, sites, heights, draws)
     shore, levels = _shore_lines(spec, sites, flight, np.arange(len(ties)), sea, heights, draws)
     places = given.with_more(world.at_plan(sites, heights))
@@ -142,13 +144,6 @@ def _extra_sites(spec: SimulationSpec, plan: FlightPlan, draws: Draws) -> FloatA
             low, high = np.array(extra.area[0::2]), np.array(extra.area[1::2])
             sites.append(low + u * (high - low))
     return np.concatenate(sites)
-
-
-def _land(terrain: TerrainKeys, sites: FloatArray, draws: Draws) -> FloatArray:
-    """Return the height (k,) m of the land at plan positions: level -+ relief."""
-    phase = draws.uniform("terrain", 2)
-    east, north = np.sin(2.0 * np.pi * (sites / terrain.wavelength + phase)).T
-    return terrain.level + terrain.relief / 2.0 * (east + north)
 
 
 def _submerge(spec: SimulationSpec, sites: FloatArray, heights: FloatArray, draws: Draws) -> BoolArray:

@@ -67,7 +67,10 @@ def read_contours(
     if kind == ".csv":
         lines, depths, angular = _of_table(source)
     elif kind == ".xyz":
-        lines = _of_numbers(source)
+        points = xyz.read(source)
+        if _LINE_OF_XYZ not in points.columns:
+            raise _refused(source, f"no column {_LINE_OF_XYZ}, which says on which line a vertex is")
+        lines = _joined(source, points.xyz, points.columns[_LINE_OF_XYZ].values)
     else:
         parts = list(read_layers(source, layer=layer).values())
         if kind != ".dxf" and any(isinstance(part, Points) for part in parts):
@@ -116,14 +119,6 @@ def _of_table(source: Path) -> tuple[Lines, bool, bool]:
     depths = table.has("depth")
     xyz_of_vertices = table.numbers(*plan, "depth" if depths else "height")
     return _joined(source, xyz_of_vertices, table.texts(_LINE)), depths, plan == LON_LAT
-
-
-def _of_numbers(source: Path) -> Lines:
-    """Return the lines of bare x, y, z and the line of each vertex."""
-    points = xyz.read(source)
-    if _LINE_OF_XYZ not in points.columns:
-        raise _refused(source, f"no column {_LINE_OF_XYZ}, which says on which line a vertex is")
-    return _joined(source, points.xyz, points.columns[_LINE_OF_XYZ].values)
 
 
 def _joined(source: Path, vertices: FloatArray, line_of: ArrayLike) -> Lines:

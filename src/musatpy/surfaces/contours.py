@@ -127,7 +127,7 @@ def grid_contours(
         from contourpy import contour_generator
     except ImportError as error:
         raise MusatError("contours need contourpy: pip install 'musatpy[plots]'") from error
-    generator = contour_generator(
+    generator: Any = contour_generator(
         corner[0] + spacing * np.arange(columns),
         corner[1] + spacing * np.arange(rows),
         np.ma.masked_invalid(values),
@@ -135,11 +135,6 @@ def grid_contours(
         corner_mask=True,
         line_type="Separate",
     )
-    return kept(_posts_traced(generator, sorted(levels)), index, shortest)
-
-
-def _posts_traced(generator: Any, levels: Sequence[float]) -> Iterator[tuple[float, FloatArray]]:
-    for level in levels:
-        for xy in generator.lines(level):
-            if len(xy) > 1:  # contourpy has the greater values on the left
-                yield float(level), np.asarray(xy[::-1], dtype=float)
+    # contourpy has the greater values on the left
+    lines = ((level, xy[::-1]) for level in sorted(levels) for xy in generator.lines(level) if len(xy) > 1)
+    return kept(lines, index, shortest)

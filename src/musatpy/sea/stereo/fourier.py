@@ -177,26 +177,27 @@ def _one_more(
     height, gradient = height_and_gradient(q, xy)
     weight, residual = 1.0 / points.height_variance(gradient), z - height
     heard = np.abs(residual) <= _SET_ASIDE * spread(np.abs(residual), 1e-12)
-    peak, power = spectrum(xy[heard], residual[heard], weight[heard], waves).peak
+    xy, z, weight, residual = (values[heard] for values in (xy, z, weight, residual))
+    peak, power = spectrum(xy, residual, weight, waves).peak
     number, azimuth = float(np.linalg.norm(peak)), float(np.arctan2(peak[1], peak[0]))
     length = 2.0 * np.pi / number if number else np.inf
-    freedom = int(heard.sum()) - len(q) - PER_WAVE
+    freedom = len(z) - len(q) - PER_WAVE
     step = WaveTrial(length=length, azimuth=azimuth, power=power, ratio=0.0, critical=np.inf, reason="")
     if power <= 0.0:
         return q, replace(step, length=np.nan, azimuth=np.nan, reason="no wave of the band is in the residuals")
     if freedom < len(q) + PER_WAVE:
-        return q, replace(step, reason=f"{int(heard.sum())} points are too few for {len(q) + PER_WAVE} parameters")
-    before = least_squares(q, xy[heard], z[heard], weight[heard])
-    first = _with_wave(before, peak, xy[heard], z[heard], weight[heard])
-    after = least_squares(first, xy[heard], z[heard], weight[heard])
-    old, new = (_sum_of_squares(p, xy[heard], z[heard], weight[heard]) for p in (before, after))
-    rounding = 1e-24 * float(weight[heard] @ np.square(z[heard]))
+        return q, replace(step, reason=f"{len(z)} points are too few for {len(q) + PER_WAVE} parameters")
+    before = least_squares(q, xy, z, weight)
+    first = _with_wave(before, peak, xy, z, weight)
+    after = least_squares(first, xy, z, weight)
+    old, new = (float(weight @ np.square(z - height_and_gradient(p, xy)[0])) for p in (before, after))
+    rounding = 1e-24 * float(weight @ np.square(z))
     step = replace(
         step,
         ratio=(old - new) / PER_WAVE / max(new / freedom, rounding, 1e-300),
         critical=float(fdtri(PER_WAVE, freedom, 1.0 - risk / waves.trials)),
     )
-    return after, replace(step, reason=_why_not(after, xy[heard], weight[heard], step, waves))
+    return after, replace(step, reason=_why_not(after, xy, weight, step, waves))
 
 
 def _why_not(q: FloatArray, xy: FloatArray, weight: FloatArray, step: WaveTrial, waves: Band) -> str:
@@ -236,10 +237,6 @@ def least_squares(q: FloatArray, xy: FloatArray, z: FloatArray, weight: FloatArr
 
     found = least_squares(misfit, q, jac=partials, method="lm", x_scale="jac", xtol=1e-12, ftol=1e-14, gtol=1e-14)
     return _turned(np.asarray(found.x, dtype=float))
-
-
-def _sum_of_squares(q: FloatArray, xy: FloatArray, z: FloatArray, weight: FloatArray) -> float:
-    return float(weight @ np.square(z - height_and_gradient(q, xy)[0]))
 
 
 def _turned(q: FloatArray) -> FloatArray:

@@ -145,20 +145,15 @@ class GridSurface:
     def shape_covariance(self, xy: FloatArray) -> FloatArray:
         """Return (n, 3k, 3k) the joint covariance of height and gradient at places (n, k, 2) m about the origin."""
         n, k, _ = xy.shape
-        index, design = self._design(xy.reshape(-1, 2))
-        local = index.shape[1]
-        index, design = index.reshape(n, k, local), design.reshape(n, k, 3, local)
+        kinds = [rows(self.x, self.y, xy.reshape(-1, 2), *order) for order in ((0, 0), (1, 0), (0, 1))]
+        index = kinds[0].index.reshape(n, k, -1)  # of the coefficients that count
+        design = np.stack([kind.factor for kind in kinds], axis=1).reshape(n, k, 3, -1)
         out = np.empty((n, k, 3, k, 3))
         for i in range(k):
             for j in range(k):
                 C = self.covariance[index[:, i, :, None], index[:, j, None, :]]
                 out[:, i, :, j, :] = design[:, i] @ C @ np.swapaxes(design[:, j], 1, 2)
         return out.reshape(n, 3 * k, 3 * k)
-
-    def _design(self, xy: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the coefficients (n, 16) that count at places (n, 2), height and gradient by them (n, 3, 16)."""
-        kinds = [rows(self.x, self.y, xy, *order) for order in ((0, 0), (1, 0), (0, 1))]
-        return kinds[0].index, np.stack([kind.factor for kind in kinds], axis=1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -214,14 +209,9 @@ def cell_counts(grid: Mesh, xy: FloatArray) -> IntArray:
 
 def known_cells(count: IntArray) -> BoolArray:
     """Return the cells that have points, and those without that are surrounded: 4 of 8 neighbours have some."""
-    padded = np.pad(count > 0, 1)
-    a, b = count.shape
-    around = sum(
-        padded[1 + i : 1 + i + a, 1 + j : 1 + j + b].astype(int)
-        for i in (-1, 0, 1)
-        for j in (-1, 0, 1)
-        if (i, j) != (0, 0)
-    )
+    from scipy.ndimage import convolve  # heavy
+
+    around = convolve((count > 0).astype(int), np.ones((3, 3), dtype=int), mode="constant")
     return (count > 0) | (around >= _BRIDGED)
 
 
