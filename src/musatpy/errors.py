@@ -136,6 +136,13 @@ def numerical(error: Exception, what: str) -> NumericalError | None:
     return NumericalError([Problem(message=f"{what} cannot be computed: {why}")])
 
 
+class MissingPackageError(MusatError):
+    """A package of an extra that is not installed; `use` is what needs it: `pictures need`."""
+
+    def __init__(self, use: str, package: str, extra: str) -> None:
+        super().__init__(f"{use} the package {package}: pip install 'musatpy[{extra}]'")
+
+
 class CardFormatError(MusatError):
     """A card format file (TOML) that is wrong: overlap, unknown key, a width that does not fit the descriptor."""
 
@@ -247,9 +254,9 @@ def _ranges(lines: Iterable[int]) -> str:
     return ", ".join(parts if len(parts) <= _MOST_RANGES else [*parts[:_MOST_RANGES], "...", parts[-1]])
 
 
-def and_warnings(problems: Iterable[Problem], texts: Iterable[str]) -> list[Problem]:
-    """Return problems, and warnings with these texts after them."""
-    return [*problems, *(Problem(message=text, severity="warning") for text in texts)]
+def and_warnings(problems: Iterable[Problem], texts: Iterable[str], file: str | None = None) -> list[Problem]:
+    """Return problems, and warnings with these texts after them, about a file where one is named."""
+    return [*problems, *(Problem(file=file, message=text, severity="warning") for text in texts)]
 
 
 def printable(text: str) -> str:

@@ -13,7 +13,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
-from musatpy.errors import MusatError
+from musatpy.extras import package
 
 # Every colour of a mark has a contrast of three to one on white, and a second sign beside it: a marker, a dash.
 INK, GREY, LIGHT = "black", "0.4", "0.55"
@@ -53,11 +53,8 @@ R = TypeVar("R")
 
 
 def check_matplotlib() -> None:
-    """Raise `MusatError` where matplotlib is missing."""
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError as error:
-        raise MusatError("pictures need the package matplotlib: pip install 'musatpy[plots]'") from error
+    """Raise `MissingPackageError` where matplotlib is missing."""
+    package("plots", "matplotlib.figure", "pictures need")
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:

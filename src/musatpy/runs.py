@@ -60,12 +60,14 @@ class RunResult:
 
     deck: Path
     status: ExitStatus
-    problems: tuple[Problem, ...]  # every reason of an unusable deck; else the warnings of its check
+    problems: tuple[Problem, ...]  # every reason of an unusable deck; else warnings
+    checked: tuple[Problem, ...] = ()  # those among them that the check of the deck gives, before it is adjusted
     solution: Solution | None = None  # None: unusable
     verdict: Verdict | None = None  # likewise
     listing: Path | None = None  # where the listing is
     record: Path | None = None  # where the JSON record is, if there was to be one
     edited: Path | None = None  # where the edited deck is, if one was to be punched
+    tables: tuple[Path, ...] = ()  # where those of the listing are as CSV, if they were to be written
     punched: tuple[Path, ...] = ()  # where the deck to go on with is, or the files of another family
 
 
@@ -136,11 +138,13 @@ def run_deck(
         deck=deck,
         status=ExitStatus.of(statistics.verdict.grade, strict=strict),
         problems=(*problems, *_warnings(deck, *notes, *more)),
+        checked=checked.problems,
         solution=solution,
         verdict=statistics.verdict,
         listing=listing,
         record=next(iter(recorded), None),
         edited=next(iter(edited), None),
+        tables=tuple(tables),
         punched=tuple(punched),
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,6 +37,34 @@ class Shown:
     def anything(self) -> bool:
         """True where something is wanted."""
         return self.plots or self.html or self.gis
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShownFiles:
+    """What was written of a kind (`pictures`, `page`, `layers`), and why some of it was not."""
+
+    kind: str
+    files: Sequence[Path] = ()
+    reasons: Sequence[str] = ()
+
+
+def show_run(result: RunResult, wanted: Shown) -> Iterator[ShownFiles]:
+    """Write what is wanted of a run beside its listing, and yield each kind as it is there; raises as below."""
+    from musatpy.plots.picture import NothingToShowError
+
+    if wanted.plots:
+        drawn = draw_run(result, wanted.form)
+        reasons = [f"no {picture}: {why}" for picture, why in drawn.reasons.items()]
+        yield ShownFiles(kind="pictures", files=drawn.files, reasons=reasons)
+    if wanted.html:
+        yield ShownFiles(kind="page", files=[write_page(result, wanted.particulars)])
+    if wanted.gis:
+        try:
+            files, refused = write_layers(result, wanted.crs)
+        except NothingToShowError as error:
+            yield ShownFiles(kind="layers", reasons=[f"no layers: {error}"])
+        else:
+            yield ShownFiles(kind="layers", files=files, reasons=refused)
 
 
 def check_packages(wanted: Shown) -> None:

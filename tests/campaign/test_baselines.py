@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 from functools import partial
@@ -108,6 +109,10 @@ def test_a_change_is_shown_and_taken_over(top):
     assert [test.find("failure") is not None for test in suite] == [False, True]
     assert {name: data for name, data in tree(base).items() if ".new" not in name} == before
     assert "changed" in cli("list", base).stdout
+    short = cli("check", base, "--summary")
+    assert short.exit_code == 1 and len(short.stdout.splitlines()) == 4
+    row = r"west/small0.crd  different  \(the deck .*; small0.lst: \d+ number, .*; small0.json: \d+ number.*\)"
+    assert re.fullmatch(row, short.stdout.splitlines()[1])
 
     result = cli("accept", base, west)
     assert result.exit_code == 0 and "west/small0.crd: changed\n" in result.stdout

@@ -54,6 +54,55 @@ def test_a_folder_of_decks_and_its_summary(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_batch_leaves_what_runs_with_the_same_options_leave_and_keeps_it(tmp_path):
+    options = ("--csv", "--plots", "--html", "--gis", "--crs", "EPSG:32620")
+    (deck,) = decks_in(tmp_path / "decks", small=1)
+    ran = musat("batch", deck, "-o", "batch", *options, cwd=tmp_path)
+    assert ran.returncode == 0 and musat("run", deck, "-o", "run", *options, cwd=tmp_path).returncode == 0
+
+    def left(folder):
+        paths = (path.relative_to(tmp_path / folder) for path in (tmp_path / folder).rglob("*") if path.is_file())
+        return sorted(str(path) for path in paths if not re.search("musat-batch", str(path)))
+
+    files = left("run")
+    assert left("batch") == files and {"small0.plan.svg", "small0.gpkg", "small0.html"} <= {*files}
+    assert any(name.startswith("small0_tables/") for name in files)
+    for name in files:
+        if not name.endswith((".gpkg", ".html")):  # a database has a time; a page names its deck
+            assert (tmp_path / "batch" / name).read_bytes() == (tmp_path / "run" / name).read_bytes(), name
+    assert "(1 kept" in musat("batch", deck, "-o", "batch", *options, cwd=tmp_path).stdout
+    (tmp_path / "batch/small0_tables" / Path(files[-1]).name).unlink()
+    assert "kept" not in musat("batch", deck, "-o", "batch", *options, cwd=tmp_path).stdout
+    refused = musat("batch", deck, "-o", "batch", "--crs", "EPSG:32620", cwd=tmp_path)
+    assert refused.returncode == ExitStatus.USAGE and "--crs goes with --gis" in refused.stderr
+
+
+@pytest.mark.slow
+def test_rows_of_the_table_end_at_120_characters_and_say_the_first_error(tmp_path):
+    long = tmp_path / f"{'very_' * 20}long.crd"
+    long.write_bytes(ST_THOMAS.read_bytes().replace(*NOT_CONVERGED))
+    for name in ("many_errors", "two_parts"):
+        shutil.copy(ROOT / f"fixtures/bad_decks/{name}.crd", tmp_path)
+    ran = musat("batch", ".", cwd=tmp_path)
+    lines = ran.stdout.splitlines()
+    assert max(map(len, lines[:-1])) <= 120 and any(line.startswith("...") for line in lines)
+    text = " ".join(ran.stdout.split())
+    assert "23 errors, the first: many_errors.crd END: no END card" in text
+    assert "1 error: two_parts.crd: the part of the block with photos 851, 852 has no horizontally" in text
+    quiet = musat("batch", "-q", ".", cwd=tmp_path).stderr
+    assert "unusable" not in quiet and not re.search("^ ", quiet, re.MULTILINE)
+
+
+@pytest.mark.slow
+def test_warnings_of_jobs_that_are_kept_are_counted(tmp_path):
+    shutil.copy(ROOT / "fixtures/verdict/iia_same_deck.crd", tmp_path)
+    first, again = (musat("batch", ".", cwd=tmp_path).stderr for _ in range(2))
+    line = "musat: 1 warning of jobs that were kept from an earlier run; --warnings prints them"
+    assert "CTX.z: warning" in first and "CTX.z: warning" not in again and line in again.splitlines()
+    assert "CTX.z: warning" in musat("batch", ".", "--warnings", cwd=tmp_path).stderr
+
+
+@pytest.mark.slow
 def test_doubtful_and_rejected_jobs(tmp_path):
     for name in ("control_in_feet", "cameras_underground"):
         shutil.copy(ROOT / f"fixtures/verdict/{name}.crd", tmp_path)

@@ -252,6 +252,42 @@ def test_an_unexpected_error_is_one_line_that_asks_for_a_report(deck, monkeypatc
     assert isinstance(musat("--debug", "run", deck).exception, TypeError)
 
 
+@pytest.mark.slow
+def test_warnings_of_an_unchanged_deck_are_counted_and_printed_again_where_that_is_asked(tmp_path):
+    deck = Path(shutil.copy(ROOT / "fixtures/verdict/iia_same_deck.crd", tmp_path))
+    first = musat("run", deck)
+    assert "cols 45-57 CTX.z: warning: point 144" in first.stderr
+    again, asked = musat("run", deck), musat("run", deck, "--warnings")
+    line = f"musat: {deck}: 1 warning of the unchanged deck, as at its last run; --warnings prints them\n"
+    assert line in again.stderr and "CTX.z" not in again.stderr
+    assert again.stdout == first.stdout and asked.stderr == first.stderr
+    assert again.stderr.replace(line, "") == first.stderr[first.stderr.index("musat: ") :]
+    assert line not in musat("run", deck, "-q").stderr
+    assert musat("run", deck, "--set", "OPT.max_passes=19").stderr.startswith(str(deck))
+    deck.write_bytes(deck.read_bytes())
+    os.utime(deck, (0, 0))  # as a checkout of an older deck may do it
+    assert musat("run", deck).stderr == first.stderr
+
+
+@pytest.mark.slow
+def test_pages_of_many_records_are_made_at_once(deck, tmp_path):
+    other = Path(shutil.copy(deck, tmp_path / "other.crd"))
+    assert musat("run", "-q", deck, other).exit_code == 0
+    records = [deck.with_suffix(".json"), other.with_suffix(".json")]
+    ran = musat("report", *records, tmp_path / "none.json", "-o", tmp_path / "pages")
+    assert ran.exit_code == 1 and "none.json: No such file" in ran.stderr
+    assert sorted(path.name for path in (tmp_path / "pages").iterdir()) == ["job.html", "other.html"]
+    assert ran.stdout.count(": page ") == 2
+    musat("report", records[1], "-o", tmp_path / "alone.html")
+    assert (tmp_path / "alone.html").read_bytes() == (tmp_path / "pages/other.html").read_bytes()
+    for words, message in (
+        ((*records, "--input", deck), "--input goes with one record"),
+        ((records[0], records[0]), "pages of two records would have the same name"),
+    ):
+        wrong = musat("report", *words)
+        assert wrong.exit_code == 2 and message in wrong.stderr
+
+
 def test_version_and_help():
     assert musat("--version").stdout == f"musat, version {musatpy.__version__}\n"
     text = musat("--help").stdout

@@ -1,6 +1,7 @@
 """`musat diff` and `musat audit`: statuses, what is printed, and files that cannot be compared."""
 
 import json
+import re
 import subprocess
 import sys
 from functools import partial
@@ -17,6 +18,7 @@ GOLDEN = Path(__file__).parents[2] / "fixtures" / "st_thomas" / "st_thomas.lst"
 TEXT = GOLDEN.read_text(encoding="utf-8")
 HEIGHT = ["203", "Elevation", "-5.134", "-5.136", "-0.002", "m", "-2", "exact"]  # the row of the one that differs
 FIXTURES = Path(__file__).parents[2] / "fixtures"
+THOMAS = FIXTURES / "st_thomas" / "st_thomas.crd"
 LEGACY, MODIFIED = FIXTURES / "legacy", FIXTURES / "cayman" / "cayman_modified.lst"
 
 
@@ -130,6 +132,9 @@ def test_junit_has_a_test_for_each_section_and_holds_any_text(files):
         (("binary.lst", "a.lst"), "binary.lst: is not a text file"),
         (("bad.json", "bad.json"), "bad.json:1: is not JSON"),
         (("a.lst", "list.json"), "list.json: is not the record of a run"),
+        ((THOMAS, "a.lst"), "st_thomas.crd: is a deck, no listing"),
+        (("a.lst", "record.lst"), "record.lst: is JSON, whose name would end in .json, no listing"),
+        ((THOMAS.with_name("README.md"), "a.lst"), "and a.lst have no row in common"),
     ],
 )
 def test_what_cannot_be_compared_ends_with_2(files, arguments, message):
@@ -137,12 +142,54 @@ def test_what_cannot_be_compared_ends_with_2(files, arguments, message):
     Path("binary.lst").write_bytes(b"PK\0\1")
     Path("bad.json").write_text("{")
     Path("list.json").write_text("[1]")
+    Path("record.lst").write_text('{"schema_version": "3.0"}')
     ran = diff(*arguments, "--junit", "d.xml")
     assert (ran.exit_code, ran.stdout) == (2, "")
-    assert message in ran.stderr
-    assert "Traceback" not in ran.stderr
+    assert message in ran.stderr and ran.stderr.count("\n") == 1
     suite = ElementTree.parse("d.xml").getroot()
     assert suite.get("errors") == "1" and message in suite.find("testcase/error").text
+
+
+@pytest.fixture
+def records(tmp_path, monkeypatch):
+    """Return a folder with `a.json` of a run, and `b.json`, whose numbers were rounded otherwise."""
+    monkeypatch.chdir(tmp_path)
+    assert musat("run", "-q", THOMAS, "-o", ".").exit_code == 0
+    text = Path("st_thomas.json").read_text(encoding="utf-8")
+    Path("a.json").write_text(text, encoding="utf-8")
+    rounded = re.sub(r"\d\.\d{9,}(?=[,\]\s}])", lambda match: str(float(match[0]) * (1.0 + 1e-12)), text)
+    Path("b.json").write_text(rounded, encoding="utf-8")
+    return json.loads(text)
+
+
+def test_of_two_records_their_rounding_is_no_difference(records):
+    ran = diff("a.json", "b.json")
+    assert ran.exit_code == 0 and re.search(r"same: .* [\d,]+ differences within the rules\n$", ran.stdout)
+    assert "never matched" not in ran.stdout
+    assert diff("a.json", "b.json", "--rounding", "0").exit_code == 1
+    assert diff("a.json", "b.json", "--rounding", "1e-15").exit_code == 1
+    assert diff("a.json", "b.json", "--rounding", "-1").exit_code == 2
+    Path("exact.toml").write_text("[[rule]]\nexact = true\n")
+    assert diff("a.json", "b.json", "--rules", "exact.toml").exit_code == 1
+
+
+@pytest.mark.parametrize(
+    ("table", "field", "change", "status"),
+    [
+        ("points", "position", 1e-9, 0),  # rad of a latitude, with sigmas in metres: a part of the number is left
+        ("points", "position", 1e-6, 1),
+        ("stations", "attitude", 1e-5, 1),
+        ("plates", "residual", 1e-8, 1),
+    ],
+)
+def test_what_is_more_than_rounding_is_a_difference(records, table, field, change, status):
+    row = records[table][0] if isinstance(records[table], list) else records[table]
+    values = row[field]
+    while isinstance(values[0], list):
+        values = values[0]
+    values[0] += change
+    Path("b.json").write_text(json.dumps(records), encoding="utf-8")
+    assert diff("a.json", "b.json").exit_code == status
 
 
 def test_a_report_that_cannot_be_written_and_an_error_of_the_program_are_no_difference(files, monkeypatch):

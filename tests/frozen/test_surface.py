@@ -11,19 +11,20 @@ import click
 
 from frozen.manual import commands
 from musatpy.cli.main import main
+from musatpy.cli.options import COMMON
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), Path(__file__).with_name("options.md")]
 
 
 def surface(command: click.Command, name: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], click.Option]]:
-    """Yield the options of all commands below one that are not hidden, with the names of theirs."""
+    """Yield the options of all commands below one that are not hidden, nor those of every command."""
     if isinstance(command, click.Group):
         for below, member in command.commands.items():
             if not member.hidden:
                 yield from surface(member, (*name, below))
     for parameter in command.params:
-        if isinstance(parameter, click.Option) and not parameter.hidden and name:
+        if isinstance(parameter, click.Option) and not parameter.hidden and name and parameter not in COMMON:
             yield name, parameter
 
 

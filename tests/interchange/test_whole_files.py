@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from interchange.layer_samples import grid, lines, points
-from musatpy.errors import InterchangeError
+from musatpy.errors import InterchangeError, MissingPackageError
 from musatpy.files import remove_leftovers, whole_path
 from musatpy.interchange import dxf, geojson, geopackage, geotiff, las, xyz
 from musatpy.interchange.layers import Grid, LayerColumn, Lines, Points
@@ -159,7 +159,7 @@ def test_a_missing_package_is_named(tmp_path: Path, name: str, extra: str, monke
     for module in ("pyogrio", "pyogrio.raw", "rasterio", "ezdxf", "ezdxf.addons.r12writer", "shapely", "laspy"):
         monkeypatch.setitem(sys.modules, module, None)
     for work in (FILES[name][1], READERS[name]):
-        with pytest.raises(InterchangeError, match=rf"need the package \w+: pip install 'musatpy\[{extra}\]'"):
+        with pytest.raises(MissingPackageError, match=rf"need the package \w+: pip install 'musatpy\[{extra}\]'"):
             work(tmp_path / name)
     for plain in ("a.csv", "a.geojson"):
         FILES[plain][1](tmp_path / plain)

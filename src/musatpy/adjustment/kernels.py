@@ -53,7 +53,7 @@ def name_of(photos: int) -> str:
     if asked not in ("", NUMPY, NUMBA):
         raise AdjustmentError([Problem(message=f"{VARIABLE} is {asked!r}: it is {NUMPY} or {NUMBA}")])
     if asked == NUMBA and not is_there():
-        message = f"{VARIABLE} asks for numba, which is not there: pip install 'musatpy[fast]'"
+        message = f"{VARIABLE}={NUMBA} needs the package numba: pip install 'musatpy[fast]'"
         raise AdjustmentError([Problem(message=message)])
     return asked or (NUMBA if photos > LARGE and is_there() else NUMPY)
 

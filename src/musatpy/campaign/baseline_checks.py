@@ -194,14 +194,16 @@ def _change_of(entry: Entry, job: BatchJob) -> str:
 
 
 def check_text(check: BaselineCheck, listed: int, style: Style = plain) -> str:
-    """Return what differs of each deck, a row of each deck, and a verdict."""
+    """Return what differs of each deck, a row of each deck, and a verdict; `listed` 0: only how much differs."""
     width = max(len(printable(name)) for name in (*(deck.name for deck in check.decks), *check.unknown))
     lines = []
     for deck in check.decks:
-        if deck.differences and not deck.same:
+        if listed and deck.differences and not deck.same:
             lines += [style(deck.name, "title"), _rendered(deck, listed, style)]
     for deck in check.decks:
-        notes = printable(f"  ({'; '.join(deck.notes)})") if deck.notes else ""
+        counts = [] if listed else [_count_text(file) for file in deck.differences if not file.same]
+        why = "; ".join([*deck.notes, *counts])
+        notes = printable(f"  ({why})") if why else ""
         state = style(deck.state, "same" if deck.same else "different")
         lines.append(f"{printable(deck.name):<{width}}  {state}{notes}")
     for name in check.unknown:
@@ -217,6 +219,12 @@ def check_text(check: BaselineCheck, listed: int, style: Style = plain) -> str:
     versions = ", ".join(sorted({check.baseline.entries[deck.name].version for deck in check.decks}))
     verdict = f"{'same' if check.same else 'DIFFERENT'}: {counts}; saved by musatpy {versions}"
     return "\n".join([*lines, style(verdict, "same" if check.same else "different")]) + "\n"
+
+
+def _count_text(difference: Difference) -> str:
+    """Return of what kind differences of two files are: `job.lst: 62 number, 20 angle`."""
+    kinds = ", ".join(f"{count} {kind}" for kind, count in difference.counts.items() if kind != "rows compared")
+    return f"{Path(difference.a).name}: {kinds}"
 
 
 def _rendered(deck: DeckComparison, listed: int, style: Style) -> str:

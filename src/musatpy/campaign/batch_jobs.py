@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
@@ -18,6 +18,7 @@ from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.jobs.point_flags import PointFlags
 from musatpy.model import CauseSearch, Grade, RecordContent
 from musatpy.runs import ExitStatus, output_paths
+from musatpy.shown_runs import Shown
 from musatpy.specs import key, require
 
 
@@ -72,7 +73,11 @@ class JobOptions:
     submerged: Path | None = key(None, "a list or a polygon of submerged points, or `BELOW`", convert=path_of)
     carriage_control: bool = key(False)
     brief: bool = key(False)
+    csv: bool = key(False)
+    plots: bool = key(False)
     html: bool = key(False)
+    gis: bool = key(False)
+    crs: str = key("", "system of the layers")
     record: str | None = key(None, "`full`, `tables` or `none`")
     causes: str | None = key(None, "`usual`, `all` or `none`")
     punch_edits: bool = key(False)
@@ -88,6 +93,11 @@ class JobOptions:
         """The flags of points that are set besides those of the deck."""
         return PointFlags(dry=self.dry, submerged=self.submerged)
 
+    @property
+    def shown(self) -> Shown:
+        """What is wanted for people to look at."""
+        return Shown(plots=self.plots, html=self.html, gis=self.gis, crs=self.crs)
+
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `musatpy.runs.run_deck`; raises `MusatError` for options that contradict."""
         return dict(_arguments(self))
@@ -98,7 +108,7 @@ class JobOptions:
         return {
             name: str(value) if isinstance(value, Path) else value
             for name, value in values.items()
-            if value is not None and (value not in (False, ()) or name in _THREE_WAY)
+            if value is not None and (value not in (False, (), "") or name in _THREE_WAY)
         }
 
 
@@ -127,6 +137,8 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
     from musatpy.formats.job_tables import card_family
 
     punch, other, own = _punch(options), None, False
+    if options.crs and not options.gis:
+        raise MusatError("crs goes with gis")
     if options.formats is not None:
         _formats_as_read(options.formats)
     if options.punch_family is not None:
@@ -142,6 +154,7 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
         "settings": settings_of(options.settings, family),
         "carriage_control": options.carriage_control,
         "brief": options.brief,
+        "csv": options.csv,
         "flags": options.flags,
         "record": RecordContent(options.record or RecordContent.FULL),
         "causes": CauseSearch(options.causes or CauseSearch.USUAL),
@@ -289,6 +302,16 @@ class JobOutcome:
     def unusable(self) -> bool:
         """True for a deck that was read and cannot be used: whatever else went wrong may go right another time."""
         return self.state is JobState.UNUSABLE and self.deck_sha256 is not None
+
+    @property
+    def reason(self) -> str:
+        """Why it is as it is, in a line; of a deck that cannot be used its first error."""
+        text = " ".join(self.message.split())
+        errors = [problem for problem in self.problems if problem.severity == "error"]
+        if self.state is not JobState.UNUSABLE or not errors:
+            return text
+        first = replace(errors[0], file=Path(errors[0].file or "").name).headline()
+        return f"{text}: {first}" if len(errors) == 1 else f"{text}, the first: {first}"
 
     @classmethod
     def of_data(cls, data: dict[str, Any]) -> JobOutcome:

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 from urllib.parse import quote
 
@@ -18,7 +19,7 @@ from musatpy.runs import ExitStatus
 
 SCHEMA_VERSION = "1.1"
 _HEADINGS = ("Deck", "State", "Photos", "Points", "Sigma0", "Iterations", "Seconds")
-_NAME_WIDTH = 60
+_WIDTH, _LEAST_NAME = 120, 20  # of the table, and of a name in it
 _LINKS = {".html": "page", ".lst": "listing", ".json": "record"}
 _NEEDS_A_LOOK = (  # first
     JobState.CRASHED, JobState.FAILED, JobState.UNUSABLE, JobState.NOT_CONVERGED, JobState.REJECTED,
@@ -63,30 +64,32 @@ def _record(job: BatchJob, outcome: JobOutcome) -> dict[str, Any]:
 
 
 def table(jobs: Sequence[BatchJob], outcomes: Sequence[JobOutcome]) -> str:
-    """Return a row of each job, and below it why it failed."""
+    """Return a row of each job, and below it why it failed, in lines of 120 characters; of names the end."""
     rows = [_HEADINGS, *(_row(job, outcome) for job, outcome in zip(jobs, outcomes, strict=True))]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    first, *widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    widths.insert(0, min(first, max(_LEAST_NAME, _WIDTH - sum(widths) - 2 * len(widths))))
 
     def line(cells: Sequence[str]) -> str:
         """Return a line, names and states to the left, numbers to the right."""
+        name = cells[0] if len(cells[0]) <= widths[0] else f"...{cells[0][3 - widths[0] :]}"
         places = (
-            cell.ljust(w) if n < 2 else cell.rjust(w) for n, (cell, w) in enumerate(zip(cells, widths, strict=True))
+            cell.ljust(w) if n < 2 else cell.rjust(w)
+            for n, (cell, w) in enumerate(zip([name, *cells[1:]], widths, strict=True))
         )
         return "  ".join(places).rstrip()
 
     lines = [line(rows[0]), "  ".join("-" * width for width in widths)]
     for row, outcome in zip(rows[1:], outcomes, strict=True):
-        lines += [line(row), *([f"    {' '.join(outcome.message.split())}"] if outcome.message else [])]
+        lines += [line(row), *wrap(outcome.reason, _WIDTH, initial_indent="    ", subsequent_indent="    ")]
     return "\n".join(lines) + "\n"
 
 
 def _row(job: BatchJob, outcome: JobOutcome) -> tuple[str, ...]:
-    name = " ".join(str(job.deck).splitlines())
     photos, points, iterations = (
         "" if number is None else str(number) for number in (outcome.photos, outcome.points, outcome.iterations)
     )
     return (
-        name if len(name) <= _NAME_WIDTH else f"...{name[3 - _NAME_WIDTH :]}",
+        " ".join(str(job.deck).splitlines()),
         f"{outcome.state}, kept" if outcome.kept else str(outcome.state),
         photos,
         points,

@@ -22,6 +22,7 @@ from typing import Any
 from musatpy.campaign.batch_jobs import BatchJob, JobOutcome, JobState, program
 from musatpy.campaign.worker import check_kind, check_unchanged, failure_of, run_job
 from musatpy.errors import MusatError, Problem
+from musatpy.extras import package
 from musatpy.files import write_files
 
 _PATIENCE = 30  # seconds until a scheduler must answer, or a worker come after the last one was lost
@@ -166,12 +167,9 @@ def cluster(address: str, say: Callable[[str], None] = lambda message: None) -> 
 
     Raises `MusatError` where the scheduler does not answer, or dask is missing.
     """
+    distributed = package("cluster", "distributed", "a cluster needs")
     try:
-        from distributed import Client
-    except ImportError as error:
-        raise MusatError("a cluster needs the package distributed: pip install 'musatpy[cluster]'") from error
-    try:
-        client = Client(address, timeout=_PATIENCE, set_as_default=False)
+        client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         raise MusatError(f"{address}: no scheduler can be reached: {' '.join(str(error).split())}") from error
     logging.disable()  # what the engine says of workers and schedulers that are lost, the outcomes of jobs say

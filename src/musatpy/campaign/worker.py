@@ -23,13 +23,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from musatpy.campaign.batch_jobs import GRADES, OUT_OF_MEMORY, BatchJob, JobOutcome, JobState, sha256_of
-from musatpy.errors import MusatError, Problem
+from musatpy.errors import MusatError, Problem, and_warnings
 from musatpy.files import together
 from musatpy.formats.musat import geoid_files
 from musatpy.memory import take_working_memory
 from musatpy.model import Block, Iteration
 from musatpy.runs import run_deck
-from musatpy.shown_runs import check_point_rms, write_page
+from musatpy.shown_runs import check_point_rms, show_run
 
 Tell = Callable[[dict[str, Any]], None]
 _BETWEEN = 0.1  # seconds from one message about iterations to the next
@@ -144,7 +144,9 @@ def _adjusted(job: BatchJob, on_iteration: Callable[[Iteration], None], on_block
     result = run_deck(job.deck, job.out, progress=on_iteration, on_read=on_block, **job.options.arguments())
     if result.solution is None or result.verdict is None:
         return result.problems, None, []
-    page = write_page(result) if job.options.html else None
+    shown = list(show_run(result, job.options.shown))
+    texts = (text for kind in shown for text in kind.reasons)
+    problems = tuple(and_warnings(result.problems, texts, str(job.deck)))
     check_points, check_rms = check_point_rms(result)
     fields = {
         "state": _STATES[result.verdict.grade],
@@ -155,8 +157,9 @@ def _adjusted(job: BatchJob, on_iteration: Callable[[Iteration], None], on_block
         "water_passes": len(result.solution.passes),
         "message": "; ".join(reason.text for reason in result.verdict.reasons),
     }
-    files = (result.listing, result.record, page, result.edited, *result.punched)
-    return result.problems, fields, [path for path in files if path is not None]
+    files = (result.listing, result.record, result.edited, *result.tables, *result.punched)
+    written = [path for path in files if path is not None] + [path for kind in shown for path in kind.files]
+    return problems, fields, written
 
 
 def _compiled(job: BatchJob, on_iteration: Callable[[Iteration], None], on_block: Callable[[Block], None]) -> _Work:

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from musatpy.cli.messages import (
+    QUIET,
+    asked,
     complain,
     complain_of,
     complain_of_each,
@@ -24,6 +26,7 @@ from musatpy.cli.messages import (
     tell_as_is,
 )
 from musatpy.cli.options import (
+    LazyGroup,
     NamedPath,
     causes_option,
     dry_option,
@@ -32,13 +35,16 @@ from musatpy.cli.options import (
     options_of,
     out_option,
     processes_option,
+    quiet_as,
     record_option,
     set_option,
     strict_option,
     submerged_option,
+    warnings_option,
 )
 from musatpy.cli.progress import Display
-from musatpy.errors import MusatError
+from musatpy.cli.run import check_shown, shown_options
+from musatpy.errors import MissingPackageError, MusatError
 
 if TYPE_CHECKING:
     from musatpy.campaign.baselines import Taken
@@ -77,15 +83,26 @@ def _ended_by_signals() -> Iterator[None]:
             signal.signal(number, handler if last == never else signal.SIG_IGN)
 
 
-def _tell_of_trouble(result: BatchResult, expected: Container[int] = (), *, resumable: bool = True) -> None:
-    """Print to stderr what is wrong with jobs, but those whose outcome is `expected`, and what else happened."""
+def _tell_of_trouble(
+    result: BatchResult, expected: Container[int] = (), *, resumable: bool = True, known: bool = False
+) -> None:
+    """Print to stderr what is wrong with jobs, but those whose outcome is `expected`, and what else happened.
+
+    Warnings of jobs that were kept are `known`, and only counted then.
+    """
+    from musatpy.campaign.batch_jobs import JobState
+
     for n, (job, outcome) in enumerate(zip(result.jobs, result.outcomes, strict=True)):
         if n in expected:
             continue
-        complain_of(outcome.problems)
-        if outcome.message:
+        if not (known and outcome.kept):
+            complain_of(outcome.problems)
+        if outcome.message and not (asked(QUIET) and outcome.state is JobState.UNUSABLE):
             complain(f"{name_of(job.deck)}: {outcome.state}: {outcome.message}")
     complain_of_each(None, result.notes)
+    kept = sum(len(outcome.problems) for outcome in result.outcomes if outcome.kept)
+    if known and kept and not asked(QUIET):
+        complain(f"{count_of(kept, 'warning')} of jobs that were kept from an earlier run; --warnings prints them")
     if result.interrupted:
         kept = "; what is finished is kept, and the same command goes on from there" if resumable else ""
         complain(f"interrupted{kept}")
@@ -107,10 +124,11 @@ def _tell_of_trouble(result: BatchResult, expected: Container[int] = (), *, resu
 )
 @record_option
 @causes_option
-@click.option("--html", is_flag=True, help="Also write a page for each job, and an index page (musat-batch.html).")
+@shown_options
 @click.option("--again", is_flag=True, help="Also run jobs again that are finished.")
+@warnings_option
 @strict_option
-@click.option("-q", "--quiet", is_flag=True, help="Print no progress and no table, only errors.")
+@quiet_as("Print no progress and no table, only errors and warnings, one line for each.")
 @click.pass_context
 def batch_command(
     ctx: click.Context,
@@ -120,37 +138,38 @@ def batch_command(
     processes: int | None,
     address: str | None,
     again: bool,
+    repeated: bool,
     strict: bool,
     quiet: bool,
     **options: Any,
 ) -> None:
     """Run the jobs of a MANIFEST (TOML), or decks, folders of decks and globs, in parallel processes.
 
-    Jobs that an earlier run of the same batch has finished are not run again. Exit status: that of `musat run` for
-    the worst job; 1 also if a job crashed or the batch was interrupted.
+    Jobs that an earlier run of the same batch has finished are not run again. With --html there is also an index
+    page of all jobs (musat-batch.html). Exit status: that of `musat run` for the worst job; 1 also if a job crashed
+    or the batch was interrupted.
     """
     from musatpy.campaign.batch import run_batch
     from musatpy.campaign.batch_jobs import JobOptions
     from musatpy.campaign.batch_reports import table, verdict
     from musatpy.campaign.carried import cluster
     from musatpy.campaign.manifest import ManifestError, plan_of
-    from musatpy.page.rendering import check_packages
 
     if address is not None and processes is not None:
         raise click.UsageError("-j counts jobs on this machine; a cluster runs as many as it has workers")
     try:
         plan = plan_of(sources, out_dir, JobOptions(**options))
-    except ManifestError:
+    except (ManifestError, MissingPackageError):
         raise
     except MusatError as error:
         raise click.UsageError(str(error)) from error
-    if plan.index is not None:
-        check_packages()
+    for wanted in {job.options for job in plan.jobs}:
+        check_shown(wanted.shown)
     workers = contextlib.nullcontext() if address is None else cluster(address, complain)
     with _ended_by_signals(), workers as executor:
         watch = None if quiet else Display()
         result = run_batch(plan, processes=processes, again=again, strict=strict, watch=watch, executor=executor)
-        _tell_of_trouble(result)
+        _tell_of_trouble(result, known=not repeated)
         if not quiet:
             tell(table(result.jobs, result.outcomes), nl=False)
             summary = f"; summary {name_of(result.summary)}" if result.summary else ""
@@ -161,7 +180,7 @@ def batch_command(
 
 _base = click.argument("base", metavar="FOLDER", type=NamedPath(file_okay=False))
 _base_and_names = options_of(_base, click.argument("names", metavar="[DECK...]", nargs=-1))
-_quiet = click.option("-q", "--quiet", is_flag=True, help="Print no progress, and nothing at all if all is well.")
+_quiet = quiet_as("Print no progress, and nothing at all if all is well.")
 _work = click.option(
     "-o",
     "--out",
@@ -173,7 +192,7 @@ _work = click.option(
 _unusable = click.option("--unusable", is_flag=True, help="Also keep the messages of decks that cannot be used.")
 
 
-@click.group(name="baseline", short_help="Keep results of decks and compare new runs with them.")
+@click.group(name="baseline", cls=LazyGroup, short_help="Keep results of decks and compare new runs with them.")
 def baseline_command() -> None:
     """Keep listings and records of decks in a FOLDER, as plain files, and compare new runs with them."""
 
@@ -230,6 +249,7 @@ def save_command(
 @set_option
 @_work
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
+@click.option("--summary", is_flag=True, help="Print how many differences each deck has, but not the differences.")
 @click.option("--junit", metavar="FILE", type=NamedPath(), help="Also write JUnit XML, with a test for each deck.")
 @listed_option
 @processes_option
@@ -241,6 +261,7 @@ def check_command(
     base: Path,
     names: tuple[str, ...],
     as_json: bool,
+    summary: bool,
     junit: Path | None,
     listed: int,
     quiet: bool,
@@ -266,7 +287,7 @@ def check_command(
     if as_json:
         tell(check_json(result), nl=False)
     elif not (quiet and result.same):
-        tell_as_is(check_text(result, listed, styled))
+        tell_as_is(check_text(result, 0 if summary else listed, styled))
     ctx.exit(0 if result.same else 1)
 
 

@@ -9,7 +9,7 @@ import click
 
 from musatpy.cli.decks import STREAM, data_of, write_deck
 from musatpy.cli.messages import complain, complain_of, complain_of_each, count_of, name_of, tell
-from musatpy.cli.options import NOT_NEGATIVE, NamedPath, formats_option, quiet_option, usage_errors
+from musatpy.cli.options import NOT_NEGATIVE, NamedPath, field_values, formats_option, quiet_option, usage_errors
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -32,14 +32,9 @@ def _cards_beginning(ctx: click.Context, param: click.Parameter, text: str) -> l
 
 def _values_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
     """Return the fields of the card, and behind the sign of equality the words that a field may have."""
-    from click.shell_completion import CompletionItem
-
     families = _card_families(ctx.params.get("formats"))
     cards = [family.cards.get((ctx.params.get("name") or "").upper()) for family in families]
-    fields = [field for card in cards if card is not None for field in card.fields]
-    words = [f"{field.name}={word}" for field in fields for word in field.allowed]
-    known = words if "=" in text else [f"{field.name}=" for field in fields]
-    return [CompletionItem(one) for one in known if one.startswith(text)]
+    return [item for card in cards if card is not None for item in field_values(card, text)]
 
 
 @click.command(name="card", short_help="Explain cards, or make one from names and values.")

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain, count_of, name_of, tell, tell_as_is
+from musatpy.cli.messages import complain, count_of, name_of, problem_text, tell, tell_as_is
 from musatpy.cli.options import (
     NamedPath,
     deck_option,
     decks_argument,
     formats_option,
+    quiet_as,
     refuse_overwriting,
     set_option,
     settings_for,
@@ -88,9 +89,10 @@ def _sizes_of(block: Block) -> list[str]:
 @decks_argument
 @formats_option
 @set_option
+@quiet_as("One line for each problem, and no counts.")
 @click.pass_context
 def check_command(
-    ctx: click.Context, decks: tuple[Path, ...], formats: Path | None, settings: tuple[str, ...]
+    ctx: click.Context, decks: tuple[Path, ...], formats: Path | None, settings: tuple[str, ...], quiet: bool
 ) -> None:
     """Print every problem of each DECK (- is the standard input), with ruler and carets, and how many there are.
 
@@ -105,11 +107,12 @@ def check_command(
     for deck in decks:
         block, problems = check_deck(_source_of(deck), family, settings=instead)
         for problem in of_each_kind(problems):
-            tell(problem.render())
+            tell_as_is(f"{problem_text(problem)}\n")
         errors = sum(problem.severity == "error" for problem in problems)
         counts = f"{count_of(errors, 'error')}, {count_of(len(problems) - errors, 'warning')}"
         sizes = "" if block is None else f"; {', '.join(_sizes_of(block)[:3])}"
-        tell(f"{name_of(deck)}: {counts}{sizes}")
+        if not quiet:
+            tell(f"{name_of(deck)}: {counts}{sizes}")
         usable = usable and block is not None
     ctx.exit(0 if usable else 1)
 

@@ -19,10 +19,10 @@ from musatpy.cli.depth_options import (
     view_options,
 )
 from musatpy.cli.messages import name_of, tell
-from musatpy.cli.options import NamedPath, dpi_option
+from musatpy.cli.options import LazyGroup, NamedPath, dpi_option
 
 
-@click.group(name="depth", short_help="Print and draw depth factors.")
+@click.group(name="depth", cls=LazyGroup, short_help="Print and draw depth factors.")
 def command() -> None:
     """Print and draw the depth factors of submerged points over a stereo model."""
 

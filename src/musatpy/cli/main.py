@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import atexit
-import errno
 import gc
 import os
 import sys
+import time
 import warnings
 from typing import Any
 
 import click
 
 import musatpy
-from musatpy.cli.messages import complain, complain_of_error
-from musatpy.cli.options import LazyGroup
-from musatpy.errors import MusatError, printable, shortened
+from musatpy.cli.messages import complain, complain_of_error, log, read_no_more, remark
+from musatpy.cli.options import COMMON, WORDS, LazyGroup
+from musatpy.errors import MissingPackageError, MusatError, printable, shortened
 from musatpy.memory import limit, take_working_memory
 
 COMMANDS = {
@@ -57,16 +57,34 @@ gc.set_threshold(100_000)
 atexit.register(gc.freeze)
 
 FAILURE = {"diff": 2, "audit": 2}  # exit status of commands that cannot do their work, 1 for all others
+READ_NO_MORE = 141  # exit status where nobody reads the help, that of a shell for SIGPIPE
 REPORT_TO = "please report it, with the deck and what 'musat --debug ...' prints"
 
 
 class Commands(LazyGroup):
     """The commands of the program, and what becomes of their errors."""
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the command line, which the log has whole."""
+        ctx.meta[WORDS] = list(args)
+        return super().parse_args(ctx, args)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; whatever it raises ends as a message and an exit status."""
-        if ctx.params["debug"]:
-            return super().invoke(ctx)
+        start, status = time.monotonic(), 0
+        try:
+            return super().invoke(ctx) if ctx.params["debug"] else self._invoke(ctx)
+        except click.exceptions.Exit as ended:
+            status = ended.exit_code
+            raise
+        except click.ClickException as error:
+            status = error.exit_code
+            log(error.format_message())
+            raise
+        finally:
+            remark(f"status {status}, {time.monotonic() - start:.1f} s")
+
+    def _invoke(self, ctx: click.Context) -> Any:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)
@@ -80,9 +98,12 @@ class Commands(LazyGroup):
         except (click.exceptions.Exit, click.Abort):
             raise
         except (OSError, MusatError) as error:
-            if isinstance(error, OSError) and error.errno == errno.EPIPE:
-                raise  # click ends quietly
+            if isinstance(error, BrokenPipeError):  # of click's own help
+                read_no_more(sys.stdout)
+                ctx.exit(READ_NO_MORE)
             complain_of_error(error)
+            if isinstance(error, MissingPackageError):
+                ctx.exit(1)
         except MemoryError:
             complain(_out_of_memory())
         except Exception as error:
@@ -99,7 +120,7 @@ def _out_of_memory() -> str:
     return "memory ran out" + ("" if bound is None else f": this process may have {bound >> 20} MB (ulimit -v)")
 
 
-@click.group(cls=Commands, modules=COMMANDS)
+@click.group(cls=Commands, modules=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 @click.version_option(musatpy.__version__, prog_name="musat")
 def main(debug: bool) -> None:
@@ -111,3 +132,6 @@ def main(debug: bool) -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # names of files and bad cards may hold what the terminal cannot show
             stream.reconfigure(errors="backslashreplace")
+
+
+main.params += COMMON

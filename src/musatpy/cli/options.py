@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import datetime
+import re
+import shlex
 from collections import UserDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,12 +15,67 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli.messages import name_of
-from musatpy.errors import MusatError, printable
+import musatpy
+from musatpy.cli.messages import LOG, QUIET, VERBOSE, log, name_of, tell
+from musatpy.errors import CardFormatError, MissingPackageError, MusatError, printable
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from musatpy.formats.cards.settings import Setting
-    from musatpy.formats.cards.spec import Family
+    from musatpy.formats.cards.spec import CardSpec, Family
+
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+def _be_quiet(ctx: click.Context, param: click.Parameter, given: bool) -> bool:
+    ctx.meta[QUIET] = given
+    return given
+
+
+def _be_verbose(ctx: click.Context, param: click.Parameter, given: bool) -> None:
+    if given:
+        ctx.meta[VERBOSE] = True
+        click.echo(f"musat: {_begun(ctx)}", err=True)
+
+
+def _begun(ctx: click.Context) -> str:
+    return printable(f"version {musatpy.__version__}, {shlex.join(['musat', *ctx.meta[WORDS]])}")
+
+
+def _open_log(ctx: click.Context, param: click.Parameter, path: Path | None) -> None:
+    """Add to a log; a file that begins otherwise is none: a deck in the wrong place is not written to."""
+    if path is None:
+        return
+    try:
+        with path.open("a+", encoding="utf-8") as file:
+            file.seek(0)
+            if (start := file.read(20)) and not re.match(r"\d{4}-\d\d-\d\dT\d", start):
+                raise click.BadParameter(f"{name_of(path)} is there, and is no log", ctx, param)
+        ctx.meta[LOG] = ctx.find_root().with_resource(path.open("a", encoding="utf-8"))
+    except OSError as error:
+        raise click.BadParameter(f"{name_of(path)}: {error.strerror}", ctx, param) from error
+    log(_begun(ctx))
+
+
+def _with_common(command: click.Command) -> click.Command:
+    """Return a command that has the options of all, unless it is a group."""
+    if not isinstance(command, click.Group) and COMMON[0] not in command.params:
+        command.params += COMMON
+    return command
+
+
+WORDS = "musatpy.words"  # those of the command line, in the `meta` of a context
+COMMON: list[click.Parameter] = [
+    click.Option(
+        ["-v", "--verbose"], is_flag=True, expose_value=False, callback=_be_verbose, help="Tell phases on stderr."
+    ),
+    click.Option(
+        ["--log"], metavar="FILE", type=click.Path(dir_okay=False, path_type=Path), expose_value=False,
+        callback=_open_log, help="Add what is said, and phases, to FILE, with the time.",
+    ),
+]  # fmt: skip
 
 
 class LazyCommands(UserDict[str, Any]):
@@ -30,7 +87,7 @@ class LazyCommands(UserDict[str, Any]):
         if isinstance(command, str):
             module, _, attribute = command.partition(":")
             command = self[name] = getattr(import_module(module), attribute or "command")
-        return command
+        return _with_common(command)
 
 
 class LazyGroup(click.Group):
@@ -50,6 +107,8 @@ def usage_errors(kind: type[Exception] = MusatError, option: str = "") -> Iterat
     """Turn errors of a kind into those of a wrong command line, of an `option` where one is named."""
     try:
         yield
+    except (MissingPackageError, CardFormatError):
+        raise
     except kind as error:
         raise click.UsageError(f"{option and f'{option}: '}{printable(str(error))}") from error
 
@@ -67,7 +126,7 @@ class NamedPath(click.Path):
         return super().convert(value, param, ctx)
 
 
-def options_of(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def options_of(*options: Callable[..., Any]) -> Decorator:
     """Return a decorator that gives a command these options, in this order."""
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -78,7 +137,7 @@ def options_of(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]], C
     return decorate
 
 
-def picture_options(switch: str = "") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def picture_options(switch: str = "") -> Decorator:
     """Return a decorator that gives a command --format and --dpi, of which it gets the `form` of its pictures.
 
     They go with the option `switch` where only that makes pictures.
@@ -125,7 +184,7 @@ def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return with_lines
 
 
-def keys_option(spec: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def keys_option(spec: str) -> Decorator:
     """Return the option --keys, which lists the keys of a TOML file by its dataclass, named `module:name`."""
 
     def show(context: click.Context, _: click.Parameter, shown: bool) -> None:
@@ -133,7 +192,7 @@ def keys_option(spec: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]
             from musatpy.specs import key_tables
 
             module, name = spec.split(":")
-            click.echo(key_tables(getattr(import_module(module), name)), nl=False)
+            tell(key_tables(getattr(import_module(module), name)), nl=False)
             context.exit()
 
     return click.option(
@@ -183,7 +242,7 @@ _NAMELESS = (".json", ".las", ".laz", ".tif", ".tiff", ".gpkg", ".geojson", ".dx
 POSITIVE, NOT_NEGATIVE = click.FloatRange(min=0.0, min_open=True), click.FloatRange(min=0.0)
 
 
-def crs_option(meaning: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def crs_option(meaning: str) -> Decorator:
     """Return the option --crs, a coordinate system that has this meaning."""
     return click.option("--crs", default="", help=meaning)
 
@@ -196,10 +255,15 @@ columns_option = click.option(
     metavar="X,Y,Z",
     help="Names of the coordinates in a CSV file.",
 )
-quiet_run_option = click.option(
-    "-q", "--quiet", is_flag=True, help="Print no progress and no summary, only errors."
-)
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print no progress and no summary.")
+
+
+def quiet_as(meaning: str) -> Decorator:
+    """Return the option -q, with which a problem is one line besides."""
+    return click.option("-q", "--quiet", is_flag=True, callback=_be_quiet, help=meaning)
+
+
+quiet_option = quiet_as("Print no progress and no summary.")
+quiet_run_option = quiet_as("Print no progress and no summary, only errors and warnings, one line for each.")
 decks_argument = click.argument("decks", metavar="DECK...", nargs=-1, required=True, type=NamedPath())
 out_option = click.option(
     "-o",
@@ -221,10 +285,41 @@ date_option = click.option(
     callback=lambda ctx, param, dated: datetime.date.today() if dated else None,
     help="Print today's date on every page.",
 )
+warnings_option = click.option(
+    "--warnings", "repeated", is_flag=True, help="Print warnings again that the last run of the same deck printed."
+)
 strict_option = click.option("--strict", is_flag=True, help="End with status 4 also if the answer is doubtful.")
 anyway_option = click.option(
     "--anyway", is_flag=True, help="Use the run even if it has not converged; every page then says so."
 )
+
+
+def field_values(card: CardSpec, text: str, before: str = "") -> list[CompletionItem]:
+    """Return what a shell may complete a text to: fields of a card, behind the sign of equality their words."""
+    from click.shell_completion import CompletionItem
+
+    words = [f"{before}{field.name}={word}" for field in card.fields for word in field.allowed]
+    known = words if "=" in text else [f"{before}{field.name}=" for field in card.fields]
+    return [CompletionItem(item) for item in known if item.startswith(text)]
+
+
+def _settings_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
+    """Return the cards that --set may name, and behind the point the fields of a card."""
+    from click.shell_completion import CompletionItem
+
+    from musatpy.formats.cards.settings import single_cards
+    from musatpy.formats.job_tables import card_family
+
+    cards = single_cards(card_family(ctx.params.get("formats")))
+    mnemonic, point, field = text.partition(".")
+    text = f"{mnemonic.upper()}{point}{field}"
+    if not point:
+        return [
+            CompletionItem(f"{name}.", help=card.title) for name, card in cards.items() if name.startswith(text)
+        ]
+    return [item for name, card in cards.items() for item in field_values(card, text, f"{name}.")]
+
+
 formats_option = click.option(
     "--formats",
     metavar="DIR",
@@ -236,6 +331,7 @@ set_option = click.option(
     "settings",
     metavar="CARD.FIELD=VALUE",
     multiple=True,
+    shell_complete=_settings_beginning,
     help="Replace the value of a field for this run, for example OP2.water_level=ONE. Only cards that a deck has "
     "once; 'musat card' lists cards and fields.",
 )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import count_of, name_of, on_terminal
+from musatpy.cli.messages import LOG, VERBOSE, asked, count_of, log, name_of, on_terminal, remark
 from musatpy.errors import printable
 
 if TYPE_CHECKING:
@@ -31,11 +31,12 @@ _SHOWN = 12  # jobs at work that are shown
 class LiveLine:
     """A watcher of a run that says on the terminal where it is: phase, what is left as far as known, and the time.
 
-    A thread keeps the time going while the run is too busy to tell anything. It ends with the `with` block.
+    A thread keeps the time going while the run is too busy to tell anything. It ends with the `with` block. With -v
+    there is a line of each phase in its place, as in the log.
     """
 
-    def __init__(self, name: str, clock: Callable[[], float] = time.monotonic) -> None:
-        self._name, self._clock = name, clock
+    def __init__(self, name: str, clock: Callable[[], float] = time.monotonic, *, live: bool = True) -> None:
+        self._name, self._clock, self._live = name, clock, live
         self._start, self._drawn = clock(), -1.0e9
         self._doing = "reading"
         self._options: Options | None = None
@@ -45,12 +46,14 @@ class LiveLine:
         self._thread = threading.Thread(target=self._keep_time, name="musat live line", daemon=True)
 
     def __enter__(self) -> LiveLine:
-        self._thread.start()
+        if self._live:
+            self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._end.set()
-        self._thread.join()
+        if self._live:
+            self._thread.join()
         with self._lock:
             if self._width:
                 self._write(f"\r{'':<{self._width}}\r")
@@ -74,11 +77,14 @@ class LiveLine:
 
     def phase(self, phase: Phase) -> None:
         """Show a phase that begins."""
-        self._tell(f"{phase.name} {phase.number} of {phase.total}" if phase.total else phase.name)
+        doing = f"{phase.name} {phase.number} of {phase.total}" if phase.total else phase.name
+        self._tell(doing, remarked=phase.number <= 1)
 
-    def _tell(self, doing: str) -> None:
+    def _tell(self, doing: str, *, remarked: bool = True) -> None:
         self._doing = doing
-        if self._clock() - self._drawn >= _FRESH:
+        if remarked:
+            remark(f"{self._name}: {doing}, {clock_text(self._clock() - self._start)}")
+        if self._live and self._clock() - self._drawn >= _FRESH:
             self.draw()
 
     def draw(self) -> None:
@@ -152,7 +158,11 @@ class Display:
         """Take note of an event, show the line of a job that has ended, and the block anew unless it is fresh."""
         line = None if event is None else self._note(event)
         if line is not None:
+            log(line)
             self._write(f"{self._cleared()}{line}\n")
+        elif event is not None and event.iteration is None and (asked(VERBOSE) or asked(LOG)):
+            self._write(self._cleared())
+            remark(self._line(event.index, self.running[event.index]).strip())
         step = event is not None and event.iteration is None  # begun, read or ended: once for each job
         if self.live and (step or time.monotonic() - self.drawn > _FRESH):
             self._draw()
@@ -219,5 +229,5 @@ def _ended_line(job: BatchJob, outcome: JobOutcome, number: int, total: int) -> 
         parts.append(f"sigma0 {outcome.sigma0:.4f}")
     if not outcome.kept:
         parts.append(f"{outcome.seconds:.1f} s")
-    why = f": {printable(' '.join(outcome.message.split()))}" if outcome.message else ""
+    why = f": {printable(outcome.reason)}" if outcome.reason else ""
     return f"[{number}/{total}] {name_of(job.deck)}: {', '.join(parts)}{why}"

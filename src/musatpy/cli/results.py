@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ import click
 
 from musatpy.cli.messages import complain, complain_of, complain_of_error, name_of, styled, tell, tell_as_is
 from musatpy.cli.options import (
+    NOT_NEGATIVE,
     POSITIVE,
     NamedPath,
     crs_option,
@@ -22,13 +24,16 @@ from musatpy.cli.options import (
     out_option,
     page_options,
     picture_options,
+    quiet_as,
     quiet_option,
     refuse_overwriting,
     usage_errors,
 )
-from musatpy.errors import MusatError, Problem, ProblemsError, printable
+from musatpy.errors import MissingPackageError, MusatError, Problem, ProblemsError, printable
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from musatpy.figures import ImageForm
     from musatpy.listings import Rules
 
@@ -59,10 +64,27 @@ def _show_pictures(context: click.Context, _: click.Parameter, shown: bool) -> N
     context.exit()
 
 
+def _pictures_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
+    """Return the pictures that a shell may complete a text to, with their titles."""
+    from click.shell_completion import CompletionItem
+
+    from musatpy.plots.gallery import KINDS
+
+    pictures = {picture.name: picture.title for kind in KINDS.values() for picture in kind.pictures}
+    return [CompletionItem(name, help=title) for name, title in pictures.items() if name.startswith(text)]
+
+
 @click.command(name="plot", short_help="Draw pictures of a run or a compilation.")
 @click.argument("records", metavar="RECORD...", nargs=-1, required=True, type=NamedPath())
 @out_option
-@click.option("--only", "names", metavar="NAME", multiple=True, help="Draw only this picture; may be repeated.")
+@click.option(
+    "--only",
+    "names",
+    metavar="NAME",
+    multiple=True,
+    shell_complete=_pictures_beginning,
+    help="Draw only this picture; may be repeated.",
+)
 @click.option(
     "--line", metavar="FILE", type=NamedPath(), help="Line of the depth profile (CSV, GeoJSON, DXF, ...)."
 )
@@ -78,7 +100,7 @@ def _show_pictures(context: click.Context, _: click.Parameter, shown: bool) -> N
 @click.option(
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_show_pictures, help="List the pictures."
 )
-@click.option("-q", "--quiet", is_flag=True, help="Do not print what the pictures show.")
+@quiet_as("Do not print what the pictures show.")
 @picture_options()
 @click.pass_context
 def plot_command(
@@ -124,9 +146,12 @@ def plot_command(
     ctx.exit(int(failed))
 
 
-@click.command(name="report", short_help="Make the page of a run: one HTML file to hand over.")
-@click.argument("record", metavar="RUN.json", type=NamedPath())
-@click.option("-o", "--out", "out", metavar="NAME.html", type=NamedPath(), help="Page to write. Default: RUN.html.")
+@click.command(name="report", short_help="Make the pages of runs: HTML files to hand over.")
+@click.argument("records", metavar="RUN.json...", nargs=-1, required=True, type=NamedPath())
+@click.option(
+    "-o", "--out", "out", metavar="NAME.html|DIR", type=NamedPath(),
+    help="Page to write; folder of the pages of several records. Default: RUN.html.",
+)  # fmt: skip
 @click.option(
     "--input",
     "inputs",
@@ -138,23 +163,47 @@ def plot_command(
 @date_option
 @page_options
 @quiet_option
+@click.pass_context
 def report_command(
-    record: Path, out: Path | None, inputs: tuple[Path, ...], particulars: dict[str, str], quiet: bool, **_: object
+    ctx: click.Context,
+    records: tuple[Path, ...],
+    out: Path | None,
+    inputs: tuple[Path, ...],
+    particulars: dict[str, str],
+    quiet: bool,
+    **_: object,
 ) -> None:
-    """Make a page of the record of a run, a compilation (`as11 compile`) or a comparison (`compare-soundings`).
+    """Make a page of each record of a run, a compilation (`as11 compile`) or a comparison (`compare-soundings`).
 
     The page is one HTML file with its pictures inside: verdict, data, accuracy, worst observations, tables. It has
-    no scripts and needs no network. Needs jinja2 and matplotlib.
+    no scripts and needs no network. Needs jinja2 and matplotlib. Exit status: 0, or 1 where a record cannot be used.
     """
     from musatpy.files import write_file
     from musatpy.page.composition import page_of_record
 
-    place = record.with_suffix(".html") if out is None else out
-    refuse_overwriting([place], [record, *inputs])
-    with _cycles_left_alone():
-        write_file(place, page_of_record(record, inputs, particulars).encode())
-    if not quiet:
-        tell(f"{name_of(record)}: page {name_of(place)}")
+    if inputs and len(records) > 1:
+        raise click.UsageError("--input goes with one record")
+    if out is None or len(records) > 1:
+        places = [(record.parent if out is None else out) / f"{record.stem}.html" for record in records]
+    else:
+        places = [out]
+    refuse_overwriting(places, [*records, *inputs])
+    if len(set(places)) < len(records):
+        raise click.UsageError("pages of two records would have the same name")
+    failed = False
+    for record, place in zip(records, places, strict=True):
+        try:
+            with _cycles_left_alone():
+                write_file(place, page_of_record(record, inputs, particulars).encode())
+        except MissingPackageError:
+            raise
+        except (MusatError, OSError) as error:
+            complain_of_error(error)
+            failed = True
+        else:
+            if not quiet:
+                tell(f"{name_of(record)}: page {name_of(place)}")
+    ctx.exit(int(failed))
 
 
 @click.command(name="explain", short_help="Show all that a run knows about one point or photo.")
@@ -213,16 +262,21 @@ def compare_command(
 @click.argument("first", metavar="A", type=NamedPath())
 @click.argument("second", metavar="B", type=NamedPath())
 @click.option("--rules", metavar="FILE", type=NamedPath(), help="File of rules (TOML) that say what may differ.")
+@click.option(
+    "--rounding", metavar="PART", type=NOT_NEGATIVE, default=1e-6, show_default=True,
+    help="Without rules, numbers of two records may differ by this part of them; 0: every digit counts.",
+)  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
 @click.option("--junit", metavar="FILE", type=NamedPath(), help="Also write JUnit XML, for CI systems.")
 @listed_option
-@click.option("-q", "--quiet", is_flag=True, help="Print only the last line, and nothing if A and B are the same.")
+@quiet_as("Print only the last line, and nothing if A and B are the same.")
 @click.pass_context
 def diff_command(
     ctx: click.Context,
     first: Path,
     second: Path,
     rules: Path | None,
+    rounding: float,
     as_json: bool,
     junit: Path | None,
     listed: int,
@@ -232,18 +286,26 @@ def diff_command(
 
     One of A and B may be -, a listing that is read from the standard input.
 
-    Differences are B minus A. Without rules every number and word must be the same. Exit status: 0 same,
+    Differences are B minus A. Without rules every number and word must be the same, numbers of two records but for
+    their rounding. Exit status: 0 same,
     1 different, 2 the files cannot be compared or the rules are wrong.
     """
     from musatpy.files import write_files
-    from musatpy.listings import compare_bytes
+    from musatpy.listings import compare_bytes, rounding_rules
     from musatpy.listings.output import json_text, junit_of_problems, junit_text, render, verdict
 
     names = str(first), str(second)
     try:
         contents, loaded = _read(first, second, rules)
+        records = all(name.lower().endswith(".json") for name in names)
+        rounded = records and loaded is None and rounding > 0.0
         with _cycles_left_alone():
-            comparison = compare_bytes(*contents, loaded, names=names)
+            comparison = compare_bytes(*contents, rounding_rules(rounding) if rounded else loaded, names=names)
+        if rounded:  # that there are no positions is no mistake in a rule
+            comparison = replace(comparison, rules=tuple(use for use in comparison.rules if use.matched))
+        if not (records or comparison.counts["rows compared"]):
+            message = f"and {names[1]} have no row in common: one of them is no listing of such a job"
+            raise ProblemsError([Problem(file=names[0], message=message)])
     except ProblemsError as error:
         complain_of(error.problems)
         if junit:
@@ -280,9 +342,25 @@ def _read(first: Path, second: Path, rules: Path | None) -> tuple[tuple[bytes, b
         problems += error.problems
     except OSError as error:
         problems.append(_problem(error))
+    for path, data in contents.items():
+        if kind := _kind(path, data):
+            problems.append(Problem(file=str(path), message=f"is {kind}, no listing"))
     if problems:
         raise ProblemsError(problems)
     return (contents[first], contents[second]), loaded
+
+
+def _kind(path: Path, data: bytes) -> str:
+    """Return what a file is that is no listing, and no record by its name; empty for any other text."""
+    from musatpy.formats.job_tables import card_family
+
+    if path.suffix.lower() == ".json":
+        return ""
+    if data.lstrip().startswith(b"{"):
+        return "JSON, whose name would end in .json"
+    lines = [line for line in data.splitlines()[:100] if line.strip()]
+    cards = {mnemonic.encode() for mnemonic in card_family().cards}
+    return "a deck" if lines and sum(line[:3] in cards for line in lines) > len(lines) / 2 else ""
 
 
 def _problem(error: OSError) -> Problem:

@@ -15,6 +15,9 @@ import click
 
 from musatpy.cli.decks import STREAM
 from musatpy.cli.messages import (
+    LOG,
+    VERBOSE,
+    asked,
     complain,
     complain_of,
     complain_of_each,
@@ -46,9 +49,10 @@ from musatpy.cli.options import (
     strict_option,
     submerged_option,
     usage_errors,
+    warnings_option,
 )
 from musatpy.cli.progress import LiveLine
-from musatpy.errors import CardFormatError, MusatError, ProblemsError
+from musatpy.errors import MusatError, ProblemsError
 from musatpy.files import together
 
 if TYPE_CHECKING:
@@ -60,7 +64,8 @@ _CAUSES = 3  # that are named
 _LARGE = 500  # photos of a block, from which on numpy alone is not what is chosen where there is a choice
 _FAST = "pip install 'musatpy[fast]'"
 
-_shown_options = options_of(  # what people look at
+shown_options = options_of(  # what people look at
+    csv_option,
     click.option("--plots", is_flag=True, help="Also draw the pictures of 'musat plot' (NAME.plan.svg, ...)."),
     click.option("--html", is_flag=True, help="Also write the page of 'musat report' (NAME.html)."),
     click.option(
@@ -112,14 +117,14 @@ _punch_options = options_of(
 @dry_option
 @submerged_option
 @quiet_run_option
+@warnings_option
 @carriage_control_option
 @click.option(
     "--brief", is_flag=True, help="Write a short listing, of at most 40 pages, without the input and residuals."
 )
 @record_option
 @causes_option
-@csv_option
-@_shown_options
+@shown_options
 @strict_option
 @date_option
 @picture_options("plots")
@@ -135,7 +140,7 @@ def run_command(
     decks: tuple[Path, ...],
     out_dir: Path | None,
     quiet: bool,
-    csv: bool,
+    repeated: bool,
     strict: bool,
     date: datetime.date | None,
     **given: Any,
@@ -148,45 +153,42 @@ def run_command(
     """
     from musatpy.campaign.batch_jobs import JobOptions
     from musatpy.formats.cards.settings import SettingError
-    from musatpy.runs import ExitStatus, check_outputs, run_deck
+    from musatpy.runs import ExitStatus, check_outputs, output_paths, run_deck
 
-    wanted = _shown_of(given)
+    form, particulars = given.pop("form"), given.pop("particulars")
     options = JobOptions(**given)
+    wanted = replace(options.shown, form=form, particulars=particulars)
+    check_shown(wanted)
     details = [name for name in given if name.startswith("punch_") and given[name] is not None]
     if options.punch is None and details != ["punch_edits"]:
         raise click.UsageError("say what to punch: --punch restart or --punch result")
-    more = options.punch_edits or csv or options.punch or wanted.anything
+    more = options.punch_edits or options.csv or options.punch or wanted.anything
     if STREAM in decks and out_dir is None and (len(decks) > 1 or more):
         raise click.UsageError("- with other decks, or with files besides the listing, needs -o")
-    try:
-        with usage_errors(SettingError, "--set"):
-            arguments = options.arguments()
+    with usage_errors(), usage_errors(SettingError, "--set"):
+        arguments = options.arguments()
         outputs = {name: arguments[name] for name in ("punch_edits", "punch_family", "flags")}
         check_outputs(decks, out_dir, punch=options.punch is not None, **outputs)
-    except CardFormatError:
-        raise
-    except MusatError as error:
-        raise click.UsageError(str(error)) from error
-    run = partial(run_deck, out_dir=out_dir, date=date, csv=csv, strict=strict, **arguments)
-    statuses = [
-        _status_of_stream(run, wanted, out_dir, quiet) if deck == STREAM else _status_of(deck, run, wanted, quiet)
-        for deck in decks
-    ]
+    run = partial(run_deck, out_dir=out_dir, date=date, strict=strict, **arguments)
+    repeated |= any((options.settings, options.formats, options.dry, options.submerged))
+    statuses = []
+    for deck in decks:
+        if deck == STREAM:
+            statuses.append(_status_of_stream(run, wanted, out_dir, quiet))
+        else:
+            known = not repeated and _is_older(deck, output_paths(deck, out_dir)[0])
+            statuses.append(_status_of(deck, run, wanted, quiet, known=known))
     ctx.exit(ExitStatus.worst(statuses))
 
 
-def _shown_of(given: dict[str, Any]) -> Shown:
-    """Return what options want, taken from all that is given. Raises `click.UsageError` where it cannot be had."""
-    from musatpy.shown_runs import Shown, check_packages
+def check_shown(wanted: Shown) -> None:
+    """Raise `click.UsageError` for a system of layers that cannot be, `MissingPackageError` without a package."""
+    from musatpy.shown_runs import check_packages
 
-    wanted = Shown(**{name: given.pop(name) for name in ("plots", "html", "gis", "crs", "form", "particulars")})
     if wanted.crs and not wanted.gis:
         raise click.UsageError("--crs goes with --gis")
-    try:
+    with usage_errors(ProblemsError, "--crs"):
         check_packages(wanted)
-    except ProblemsError as error:
-        raise click.UsageError(f"--crs: {error.problems[0].message}") from error
-    return wanted
 
 
 @together()  # pictures, pages and layers are those of the listing and the record
@@ -218,20 +220,37 @@ def _status_of_stream(
         return result.status if _show(result, wanted, quiet) else ExitStatus.UNUSABLE
 
 
+def _is_older(deck: Path, listing: Path) -> bool:
+    """Tell whether a deck is as it was when its listing was written; a copy or checkout has a later `ctime`."""
+    try:
+        return deck.stat().st_ctime < listing.stat().st_mtime
+    except OSError:
+        return False
+
+
 @together()
-def _status_of(deck: Path, run: Callable[..., RunResult], wanted: Shown, quiet: bool) -> ExitStatus:
-    """Run one deck and say what came of it; results that cannot be written keep no other deck from its run."""
+def _status_of(deck: Path, run: Callable[..., RunResult], wanted: Shown, quiet: bool, *, known: bool) -> ExitStatus:
+    """Run one deck and say what came of it; results that cannot be written keep no other deck from its run.
+
+    Warnings of its check that are `known` from the run before are only counted.
+    """
     from musatpy.runs import ExitStatus
 
     try:
-        if quiet or not on_terminal():
-            result = run(deck)
-        else:
-            with LiveLine(name_of(deck)) as line:
+        live = on_terminal() and not quiet and not asked(VERBOSE)
+        if live or asked(VERBOSE) or asked(LOG):
+            with LiveLine(name_of(deck), live=live) as line:
                 result = run(deck, progress=line, on_read=line.read)
+        else:
+            result = run(deck)
     except OSError as error:
         complain_of_error(error)
         return ExitStatus.UNUSABLE
+    if known and result.checked and result.solution is not None:
+        count = count_of(len(result.checked), "warning")
+        if not quiet:
+            complain(f"{name_of(deck)}: {count} of the unchanged deck, as at its last run; --warnings prints them")
+        result = replace(result, problems=tuple(one for one in result.problems if one not in result.checked))
     _tell(result, quiet)
     if not _show(result, wanted, quiet):
         return ExitStatus.worst([result.status, ExitStatus.UNUSABLE])
@@ -256,7 +275,7 @@ def _tell(result: RunResult, quiet: bool, *, err: bool = False) -> None:
         complain(f"{name}: note: with its extra 'fast' such blocks take half the time: {_FAST}")
     kernels = "" if solution.kernels == "numpy" else f"{solution.kernels} kernels, "
     decks = f", punched deck{'' if len(result.punched) == 1 else 's'} {', '.join(map(name_of, result.punched))}"
-    click.echo(
+    tell(
         f"{name}: {verdict.grade}, sigma0 {solution.sigma0:.4f}, {_depths_text(solution)}"
         f"{count_of(len(solution.iterations), 'iteration')}, "
         f"water passes: {len(solution.passes)}, {kernels}listing {name_of(result.listing)}"
@@ -265,7 +284,7 @@ def _tell(result: RunResult, quiet: bool, *, err: bool = False) -> None:
     )
     if solution.edited is not None:
         edited = f", edited deck {name_of(result.edited)}" if result.edited else ""
-        click.echo(f"{name}: {count_of(len(solution.findings), 'blunder')} found{edited}", err=err)
+        tell(f"{name}: {count_of(len(solution.findings), 'blunder')} found{edited}", err=err)
 
 
 def _depths_text(solution: Solution) -> str:
@@ -286,41 +305,31 @@ def _show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
     """Write what is wanted of a run, say so, and return whether all of it could be."""
     if result.listing is None or not wanted.anything:
         return True
-    from musatpy.plots.picture import NothingToShowError
-    from musatpy.shown_runs import draw_run, write_layers, write_page
+    from musatpy.shown_runs import show_run
 
-    name, done = name_of(result.deck), True
+    name = name_of(result.deck)
     try:
-        if wanted.plots:
-            drawn = draw_run(result, wanted.form)
-            complain_of_each(result.deck, (f"no {picture}: {why}" for picture, why in drawn.reasons.items()))
-            if drawn.files and not quiet:
-                tell(f"{name}: {count_of(len(drawn.files), 'picture')}, {name_of(drawn.files[0])} the first")
-        if wanted.html:
-            page = write_page(result, wanted.particulars)
-            if not quiet:
-                tell(f"{name}: page {name_of(page)}")
-        if wanted.gis:
-            files, refused = write_layers(result, wanted.crs)
-            complain_of_each(result.deck, refused)
-            if not quiet:
-                tell(f"{name}: layers {', '.join(name_of(file) for file in files)}")
+        for shown in show_run(result, wanted):
+            complain_of_each(result.deck, shown.reasons)
+            files = list(map(name_of, shown.files))
+            if shown.kind == "pictures":
+                files = [f"{count_of(len(files), 'picture')}, {files[0]} the first"] if files else []
+            if files and not quiet:
+                tell(f"{name}: {'' if shown.kind == 'pictures' else f'{shown.kind} '}{', '.join(files)}")
     except ProblemsError as error:
         complain_of_each(result.deck, (problem.message for problem in error.problems))
-        done = False
+        return False
     except (OSError, MusatError) as error:
         complain_of_error(error)
-        done = False
-    except NothingToShowError as error:
-        complain(f"{name}: no layers: {error}")
-    return done
+        return False
+    return True
 
 
 @click.command(name="orient", short_help="Orient photos through unknown water, without starting values.")
 @decks_argument
 @out_option
 @formats_option
-@click.option("-q", "--quiet", is_flag=True, help="Print no summary, only errors.")
+@quiet_run_option
 @carriage_control_option
 @csv_option
 @strict_option

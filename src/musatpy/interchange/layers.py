@@ -25,9 +25,10 @@ if TYPE_CHECKING:
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import import_module
+from functools import partial
 from pathlib import Path
 
+from musatpy import extras
 from musatpy.errors import InterchangeError, MusatError, Problem
 
 # The engineering system by which files and callers say that coordinates are local, where a system is required.
@@ -275,16 +276,7 @@ def _require_length(columns: Mapping[str, LayerColumn], count: int) -> None:
             raise ValueError(f"column {name} has the shape {column.values.shape}, and there are {count} rows")
 
 
-def package(name: str, use: str) -> Any:
-    """Return a module of a package of the extra `gis`.
-
-    Raises `InterchangeError` that names the extra where the package is missing; `use`: what needs it.
-    """
-    try:
-        return import_module(name)
-    except ImportError as error:
-        message = f"{use} the package {name.partition('.')[0]}: pip install 'musatpy[gis]'"
-        raise InterchangeError([Problem(message=message)]) from error
+package = partial(extras.package, "gis")
 
 
 def fault(path: Path, place: str, found: str, expected: str, line: int | None = None) -> Problem:

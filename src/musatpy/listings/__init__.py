@@ -12,7 +12,7 @@ from pathlib import Path
 from musatpy.listings.findings import Difference, Discrepancy, PagePlace, RuleUse, SectionSummary
 from musatpy.listings.judge import EXACTLY
 from musatpy.listings.lines import CannotCompareError, text_of
-from musatpy.listings.rules import Rules, RulesError, load_rules, parse_rules
+from musatpy.listings.rules import Rules, RulesError, load_rules, parse_rules, rounding_rules
 from musatpy.listings.weighing import compare_listings
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
     "compare_texts",
     "load_rules",
     "parse_rules",
+    "rounding_rules",
 ]
 
 

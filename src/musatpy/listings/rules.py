@@ -139,6 +139,31 @@ class Rules:
     rules: tuple[Rule, ...] = key((), name="rule")
 
 
+def rounding_rules(part: float) -> Rules:
+    """Return the rules of two records by different kernels or machines, whose last digits are rounded otherwise.
+
+    Numbers may differ by this part of them, or what is near zero by a thousandth of it; positions, whose leading
+    digits are of no account, by a hundred times this part of their sigmas; depths that common errors shift, which
+    are small differences of large numbers, by a hundred times this part of them, or this part of a metre.
+    """
+    limit = Decimal(str(part))
+    numbers = Rule(name="rounding", absolute=limit / 1000, relative=limit)
+    positions = Rule(
+        name="rounding of positions",
+        column=re.compile(r"^position(\[\d\])?$"),
+        sigmas=100 * limit,
+        relative=limit / 1000000,
+    )
+    shifts = Rule(
+        name="rounding of shifts",
+        section=re.compile("^common_errors"),
+        column=re.compile("^depth_"),
+        absolute=limit,
+        relative=100 * limit,
+    )
+    return Rules(rules=(numbers, positions, shifts))
+
+
 def load_rules(path: str | Path) -> Rules:
     """Return the rules of a TOML file; raises `RulesError` with every problem, and `OSError`."""
     path = Path(path)

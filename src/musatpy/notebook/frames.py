@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from itertools import chain, product
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.errors import MusatError
+from musatpy.extras import package
 from musatpy.model import CoordinateSystem, Solution
 from musatpy.reports import record
 from musatpy.reports.fields import Each, Field, FieldGroup, Node, Rows
@@ -245,8 +245,4 @@ def _rectangular(rows: Sequence[Sequence[Any]]) -> Any:
 
 
 def _package(name: str) -> Any:
-    try:
-        return import_module(name)
-    except ImportError as error:
-        message = f"tables as those of {name} need the package {name}: pip install 'musatpy[notebook]'"
-        raise MusatError(message) from error
+    return package("notebook", name, f"tables as those of {name} need")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from musatpy.errors import MusatError, printable
+from musatpy.errors import MissingPackageError, printable
 
 _TEMPLATES = Path(__file__).with_name("templates")
 _MARKS = {"ACCEPTED": "✓", "COMPARED": "✓", "DOUBTFUL": "?"}
@@ -129,10 +129,10 @@ class Page:
 
 
 def check_packages() -> None:
-    """Raise `MusatError` where a package is missing that pages need."""
-    missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
-    if missing:
-        raise MusatError(f"pages need {' and '.join(missing)}: pip install 'musatpy[report]'")
+    """Raise `MissingPackageError` where a package is missing that pages need."""
+    for name in _NEEDED:
+        if importlib.util.find_spec(name) is None:
+            raise MissingPackageError("pages need", name, "report")
 
 
 def html_of(page: Page) -> str:

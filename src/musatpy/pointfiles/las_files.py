@@ -11,11 +11,13 @@ import struct
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
+from musatpy import extras
 from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError, Problem
 from musatpy.files import whole_file
@@ -194,11 +196,4 @@ def _unusable(path: Path, message: str) -> InterchangeError:
     return InterchangeError([Problem(file=str(path), message=message)])
 
 
-def package() -> Any:
-    """Return laspy. Raises `InterchangeError` where it is missing."""
-    try:
-        import laspy
-    except ImportError as error:
-        message = "LAS files need the package laspy: pip install 'musatpy[las]'"
-        raise InterchangeError([Problem(message=message)]) from error
-    return laspy
+package = partial(extras.package, "las", "laspy", "LAS files need")

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.errors import MusatError, Problem, SurfaceError
+from musatpy.errors import Problem, SurfaceError
+from musatpy.extras import package
 from musatpy.figures import check_matplotlib
 from musatpy.surfaces.tin import Tin
 
@@ -123,11 +124,7 @@ def grid_contours(
     rows, columns = values.shape
     if min(rows, columns) < 2:
         return Contours(lines=(), dropped=0)
-    try:
-        from contourpy import contour_generator
-    except ImportError as error:
-        raise MusatError("contours need contourpy: pip install 'musatpy[plots]'") from error
-    generator: Any = contour_generator(
+    generator = package("plots", "contourpy", "contours need").contour_generator(
         corner[0] + spacing * np.arange(columns),
         corner[1] + spacing * np.arange(rows),
         np.ma.masked_invalid(values),

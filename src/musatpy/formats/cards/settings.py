@@ -46,15 +46,29 @@ def settings_of(texts: Iterable[str], family: Family) -> tuple[Setting, ...]:
     settings: dict[tuple[str, str], Setting] = {}
     for text in texts:
         match = _SETTING.fullmatch(text.strip())
+        single = single_cards(family)
         if match is None:
-            raise SettingError(f"'{text}' is not CARD.FIELD=VALUE, such as OP2.water_level=ONE")
+            raise SettingError(f"'{text}' is not CARD.FIELD=VALUE{_with_card(text, single)}")
         spec = card_named(family.cards, match[1])
-        single = [card.mnemonic for card in family.cards.values() if card.repeat == "one" and card.fields]
         if spec.mnemonic not in single:
             raise SettingError(f"{spec.mnemonic}: a deck may have many such cards; --set takes {', '.join(single)}")
         setting = setting_of(spec, match[2], match[3])
         settings[setting.card, setting.name] = setting
     return tuple(settings.values())
+
+
+def single_cards(family: Family) -> dict[str, CardSpec]:
+    """Return the cards that a deck has once, by their mnemonics."""
+    return {name: card for name, card in family.cards.items() if card.repeat == "one" and card.fields}
+
+
+def _with_card(text: str, cards: Mapping[str, CardSpec]) -> str:
+    """Return the end of a message about a setting without a card: those that have such a field, or an example."""
+    name, equals, value = text.strip().partition("=")
+    named = {f"{card}.{field.name}": field.name for card, spec in cards.items() for field in spec.fields}
+    likely = nearest(name.strip().lower(), named.values()) if equals else ""
+    meant = [f"{place}={value}" for place, field in named.items() if field == likely]
+    return f"; did you mean {' or '.join(meant)}?" if meant else ", such as OP2.water_level=ONE"
 
 
 def setting_of(spec: CardSpec, name: str, text: str) -> Setting:
