@@ -74,7 +74,7 @@ def test_a_set_value_is_checked_as_one_of_the_deck():
         ("OP2", "'OP2' is not CARD.FIELD=VALUE, such as OP2.water_level=ONE"),
         ("refraction=NONE", "is not CARD.FIELD=VALUE; did you mean OPT.refraction=NONE?"),
         ("water_levl=ONE", "is not CARD.FIELD=VALUE; did you mean OP2.water_level=ONE?"),
-        ("frost=1", "'frost=1' is not CARD.FIELD=VALUE, such as OP2.water_level=ONE"),
+        ("zzz=1", "'zzz=1' is not CARD.FIELD=VALUE, such as OP2.water_level=ONE"),
     ],
 )
 def test_slips_are_named_with_what_was_meant(text, message):
