@@ -65,10 +65,18 @@ class RunResult:
     solution: Solution | None = None  # None: unusable
     verdict: Verdict | None = None  # likewise
     listing: Path | None = None  # where the listing is
-    record: Path | None = None  # where the JSON record is, if there was to be one
-    edited: Path | None = None  # where the edited deck is, if one was to be punched
-    tables: tuple[Path, ...] = ()  # where those of the listing are as CSV, if they were to be written
     punched: tuple[Path, ...] = ()  # where the deck to go on with is, or the files of another family
+    files: tuple[Path, ...] = ()  # all that were written
+
+    @property
+    def record(self) -> Path | None:
+        """Return where the JSON record is, if there was to be one."""
+        return next((path for path in self.files if path.suffix == ".json"), None)
+
+    @property
+    def edited(self) -> Path | None:
+        """Return where the edited deck is, if one was to be punched."""
+        return next((path for path in self.files if path.name.endswith(".edited.crd")), None)
 
 
 def run_deck(
@@ -142,10 +150,8 @@ def run_deck(
         solution=solution,
         verdict=statistics.verdict,
         listing=listing,
-        record=next(iter(recorded), None),
-        edited=next(iter(edited), None),
-        tables=tuple(tables),
         punched=tuple(punched),
+        files=tuple(files),
     )
 
 

@@ -157,7 +157,7 @@ def records(tmp_path, monkeypatch):
     assert musat("run", "-q", THOMAS, "-o", ".").exit_code == 0
     text = Path("st_thomas.json").read_text(encoding="utf-8")
     Path("a.json").write_text(text, encoding="utf-8")
-    rounded = re.sub(r"\d\.\d{9,}(?=[,\]\s}])", lambda match: str(float(match[0]) * (1.0 + 1e-12)), text)
+    rounded = re.sub(r"\d\.\d{9,}(?=[,\]\s}])", lambda match: str(float(match[0]) * (1.0 + 1e-13)), text)
     Path("b.json").write_text(rounded, encoding="utf-8")
     return json.loads(text)
 
@@ -176,8 +176,8 @@ def test_of_two_records_their_rounding_is_no_difference(records):
 @pytest.mark.parametrize(
     ("table", "field", "change", "status"),
     [
-        ("points", "position", 1e-9, 0),  # rad of a latitude, with sigmas in metres: a part of the number is left
-        ("points", "position", 1e-6, 1),
+        ("points", "position", 2e-13, 0),  # rad of a latitude: a micrometre
+        ("points", "position", 2e-12, 1),
         ("stations", "attitude", 1e-5, 1),
         ("plates", "residual", 1e-8, 1),
     ],

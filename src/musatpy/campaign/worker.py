@@ -157,9 +157,7 @@ def _adjusted(job: BatchJob, on_iteration: Callable[[Iteration], None], on_block
         "water_passes": len(result.solution.passes),
         "message": "; ".join(reason.text for reason in result.verdict.reasons),
     }
-    files = (result.listing, result.record, result.edited, *result.tables, *result.punched)
-    written = [path for path in files if path is not None] + [path for kind in shown for path in kind.files]
-    return problems, fields, written
+    return problems, fields, [*result.files, *(path for kind in shown for path in kind.files)]
 
 
 def _compiled(job: BatchJob, on_iteration: Callable[[Iteration], None], on_block: Callable[[Block], None]) -> _Work:
