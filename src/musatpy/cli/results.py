@@ -176,7 +176,7 @@ def report_command(
     """Make a page of each record of a run, a compilation (`as11 compile`) or a comparison (`compare-soundings`).
 
     The page is one HTML file with its pictures inside: verdict, data, accuracy, worst observations, tables. It has
-    no scripts and needs no network. Needs jinja2 and matplotlib. Exit status: 0, or 1 where a record cannot be used.
+    no scripts and needs no network. Needs jinja2 and matplotlib. Exit status: 0, or 1 if a record cannot be used.
     """
     from musatpy.files import write_file
     from musatpy.page.composition import page_of_record
