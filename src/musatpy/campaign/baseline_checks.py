@@ -28,7 +28,7 @@ from musatpy.campaign.batch_jobs import BatchJob, JobOutcome, sha256_of
 from musatpy.campaign.manifest import decks_in
 from musatpy.errors import MusatError, printable
 from musatpy.listings import CannotCompareError, Difference, Rules, compare_bytes, load_rules
-from musatpy.listings.output import Style, json_text, plain, render
+from musatpy.listings.output import Style, json_text, junit_document, junit_suite, plain, render
 
 SCHEMA_VERSION = "1.0"
 Likeness = Literal["identical", "within the rules", "different", "failed"]
@@ -266,24 +266,20 @@ def check_junit(check: BaselineCheck) -> str:
     """Return a test suite of JUnit XML, each deck a test: a failure where it differs, an error without results."""
     kinds = {"failed": ("error", "no results"), "different": ("failure", "different")}
     states = [deck.state for deck in check.decks]
-    suite = ElementTree.Element("testsuite", name=printable(str(check.baseline.folder)))
-    suite.set("tests", str(len(states) + len(check.unknown)))
-    suite.set("failures", str(states.count("different") + len(check.unknown)))
-    suite.set("errors", str(states.count("failed")))
-    for deck in check.decks:
-        seconds = f"{deck.outcome.seconds:.3f}"
-        test = ElementTree.SubElement(suite, "testcase", _junit_names(deck.name), time=seconds)
+    suite, tests = junit_suite(
+        str(check.baseline.folder),
+        "musat.baseline",
+        [*(deck.name for deck in check.decks), *check.unknown],
+        failures=states.count("different") + len(check.unknown),
+        errors=states.count("failed"),
+    )
+    for test, deck in zip(tests, check.decks, strict=False):  # unknown ones stand behind them
+        test.set("time", f"{deck.outcome.seconds:.3f}")
         if not deck.same:
             kind, message = kinds[deck.state]
             problems = [str(problem) for problem in deck.outcome.problems]
             text = "\n".join([*deck.notes, *problems, _rendered(deck, 50, plain)])
             ElementTree.SubElement(test, kind, message=message).text = printable(text)
-    for name in check.unknown:
-        test = ElementTree.SubElement(suite, "testcase", _junit_names(name))
+    for test in tests[len(check.decks) :]:
         ElementTree.SubElement(test, "failure", message="not in the baseline")
-    ElementTree.indent(suite)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(suite, encoding="unicode")}\n'
-
-
-def _junit_names(name: str) -> dict[str, str]:
-    return {"classname": "musat.baseline", "name": printable(name)}
+    return junit_document(suite)

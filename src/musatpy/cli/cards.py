@@ -9,7 +9,15 @@ import click
 
 from musatpy.cli.decks import STREAM, data_of, write_deck
 from musatpy.cli.messages import complain, complain_of, complain_of_each, count_of, name_of, tell
-from musatpy.cli.options import NOT_NEGATIVE, NamedPath, field_values, formats_option, quiet_option, usage_errors
+from musatpy.cli.options import (
+    NOT_NEGATIVE,
+    NamedPath,
+    formats_option,
+    offered,
+    offered_fields,
+    quiet_option,
+    usage_errors,
+)
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -23,18 +31,16 @@ _deck_to_write = click.option(
 
 def _cards_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
     """Return the cards that a shell may complete a text to, with their titles."""
-    from click.shell_completion import CompletionItem
-
-    cards = [card for family in _card_families(ctx.params.get("formats")) for card in family.cards.values()]
-    fitting = [card for card in cards if card.mnemonic.startswith(text.upper())]
-    return [CompletionItem(card.mnemonic, help=card.title) for card in fitting]
+    families = _card_families(ctx.params.get("formats"))
+    cards = {name: card.title for family in families for name, card in family.cards.items()}
+    return offered(text.upper(), cards)
 
 
 def _values_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
     """Return the fields of the card, and behind the sign of equality the words that a field may have."""
     families = _card_families(ctx.params.get("formats"))
     cards = [family.cards.get((ctx.params.get("name") or "").upper()) for family in families]
-    return [item for card in cards if card is not None for item in field_values(card, text)]
+    return [item for card in cards if card is not None for item in offered_fields(text, card)]
 
 
 @click.command(name="card", short_help="Explain cards, or make one from names and values.")

@@ -23,13 +23,13 @@ from musatpy.cli.options import (
     columns_of,
     columns_option,
     options_of,
+    processes_option,
     quiet_option,
     refuse_overwriting,
     strict_option,
 )
-from musatpy.cli.sea_correct import correct_through
-from musatpy.cli.sea_interpolate import CONTROL_SIGMA, control_options, correct_by_control
-from musatpy.cli.sea_options import pair_by
+from musatpy.cli.sea import pair_by
+from musatpy.cli.sea_correct import CONTROL_SIGMA, control_options, correct_by_control, correct_through
 
 if TYPE_CHECKING:
     from musatpy.correction.photographs import Photographs
@@ -65,9 +65,7 @@ correction_options = options_of(
     click.option("--band", default="", help="Band of a raster that has the heights, if it has several."),
     click.option("--surface", is_flag=True, help="Write a raster of true heights, depths and sigmas."),
     strict_option,
-    click.option(
-        "-j", "--jobs", type=click.IntRange(min=1), help="Number of processes. Default: the number of cores."
-    ),
+    processes_option,
     quiet_option,
 )
 
@@ -162,7 +160,7 @@ def correct(
     band: str,
     surface: bool,
     strict: bool,
-    jobs: int | None,
+    processes: int | None,
     quiet: bool,
     **given: Any,
 ) -> None:
@@ -183,7 +181,7 @@ def correct(
         method = ByPhotographs(system=photographs.cameras.system, photographs=photographs, index=index)
         method, tally = correct_file(
             points, out, method, crs=given["crs"], geoid=given["geoid"], columns=names, layer=layer, band=band,
-            surface=surface, jobs=jobs or _cores(), progress=progress,
+            surface=surface, jobs=processes or _cores(), progress=progress,
         )  # fmt: skip
     if not quiet:
         first, *more = method.lines(tally)

@@ -14,6 +14,7 @@ from musatpy.cli.messages import complain_of, name_of, tell
 from musatpy.cli.options import (
     NamedPath,
     keys_option,
+    offered,
     out_option,
     picture_options,
     refuse_overwriting,
@@ -31,11 +32,9 @@ if TYPE_CHECKING:
 
 def _examples_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
     """Return the examples that a shell may complete a text to."""
-    from click.shell_completion import CompletionItem
-
     from musatpy.examples import examples
 
-    return [CompletionItem(name, help=one.title) for name, one in examples().items() if name.startswith(text)]
+    return offered(text, {name: example.title for name, example in examples().items()})
 
 
 @click.command(name="example", short_help="Write an example to begin with.")

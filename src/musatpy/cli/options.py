@@ -294,30 +294,31 @@ anyway_option = click.option(
 )
 
 
-def field_values(card: CardSpec, text: str, before: str = "") -> list[CompletionItem]:
-    """Return what a shell may complete a text to: fields of a card, behind the sign of equality their words."""
+def offered(text: str, titles: Mapping[str, str]) -> list[CompletionItem]:
+    """Return the names that a shell may complete a text to, with their titles."""
     from click.shell_completion import CompletionItem
 
+    return [CompletionItem(name, help=title or None) for name, title in titles.items() if name.startswith(text)]
+
+
+def offered_fields(text: str, card: CardSpec, before: str = "") -> list[CompletionItem]:
+    """Return the fields of a card that a shell may complete a text to; behind the sign of equality their words."""
     words = [f"{before}{field.name}={word}" for field in card.fields for word in field.allowed]
-    known = words if "=" in text else [f"{before}{field.name}=" for field in card.fields]
-    return [CompletionItem(item) for item in known if item.startswith(text)]
+    names = [f"{before}{field.name}=" for field in card.fields]
+    return offered(text, dict.fromkeys(words if "=" in text else names, ""))
 
 
 def _settings_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
     """Return the cards that --set may name, and behind the point the fields of a card."""
-    from click.shell_completion import CompletionItem
-
     from musatpy.formats.cards.settings import single_cards
     from musatpy.formats.job_tables import card_family
 
     cards = single_cards(card_family(ctx.params.get("formats")))
     mnemonic, point, field = text.partition(".")
-    text = f"{mnemonic.upper()}{point}{field}"
     if not point:
-        return [
-            CompletionItem(f"{name}.", help=card.title) for name, card in cards.items() if name.startswith(text)
-        ]
-    return [item for name, card in cards.items() for item in field_values(card, text, f"{name}.")]
+        return offered(text.upper(), {f"{name}.": card.title for name, card in cards.items()})
+    text = f"{mnemonic.upper()}.{field}"
+    return [item for name, card in cards.items() for item in offered_fields(text, card, f"{name}.")]
 
 
 formats_option = click.option(
@@ -397,5 +398,5 @@ processes_option = click.option(
     "processes",
     metavar="N",
     type=click.IntRange(min=1),
-    help="Number of jobs that run at the same time. Default: the number of cores.",
+    help="Number of processes. Default: the number of cores.",
 )

@@ -21,6 +21,7 @@ from musatpy.cli.options import (
     crs_option,
     date_option,
     listed_option,
+    offered,
     out_option,
     page_options,
     picture_options,
@@ -66,12 +67,9 @@ def _show_pictures(context: click.Context, _: click.Parameter, shown: bool) -> N
 
 def _pictures_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
     """Return the pictures that a shell may complete a text to, with their titles."""
-    from click.shell_completion import CompletionItem
-
     from musatpy.plots.gallery import KINDS
 
-    pictures = {picture.name: picture.title for kind in KINDS.values() for picture in kind.pictures}
-    return [CompletionItem(name, help=title) for name, title in pictures.items() if name.startswith(text)]
+    return offered(text, {picture.name: picture.title for kind in KINDS.values() for picture in kind.pictures})
 
 
 @click.command(name="plot", short_help="Draw pictures of a run or a compilation.")

@@ -1,21 +1,61 @@
-"""`musat correct --sea`, through an estimated surface; `musat sea correct` was its name."""
+"""`musat correct --sea`, through an estimated surface, and `--by-control`, by what is wrong at control points.
+
+`musat sea correct` and `musat sea interpolate` were their names.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli.depth_options import index_by, index_options, system_options
+from musatpy.cli.depth_options import POSITIVE, Finite, index_by, index_options, system_options
 from musatpy.cli.messages import complain, name_of, progress_through, tell
-from musatpy.cli.options import NamedPath, columns_of, refuse_overwriting
-from musatpy.cli.sea_options import pair_by, precision_by, precision_options
+from musatpy.cli.options import (
+    NamedPath,
+    columns_of,
+    columns_option,
+    options_of,
+    quiet_option,
+    refuse_overwriting,
+)
+from musatpy.cli.sea import pair_by, precision_by, precision_options
 
 if TYPE_CHECKING:
     from musatpy.correction.methods import Method, Tally
     from musatpy.depth.cameras import CameraStations
+    from musatpy.sea.interpolation.control_tables import ControlTable
     from musatpy.sea.stereo.point_records import PointPrecision
+
+FAMILIES = ("none", "gaussian", "exponential", "elliptic", "bessel", "swell")
+UNHELPFUL = 3  # exit status of the old name where the interpolation does not help
+_RECORD, _TABLES, _LAS = ".json", (".csv", ".xyz", ".txt"), (".las", ".laz")
+control_options = options_of(
+    click.option("--trend", type=click.Choice(["constant", "plane"]), default="constant", show_default=True),
+    click.option(
+        "--function",
+        "families",
+        multiple=True,
+        type=click.Choice(FAMILIES),
+        help="Covariance function to try; may be repeated. Default: all.",
+    ),
+    click.option("--no-noise", is_flag=True, help="Estimate no noise; use the sigmas of the control."),
+    click.option("--keep-outliers", is_flag=True, help="Also use control points that contradict the others."),
+    click.option(
+        "--reach",
+        type=POSITIVE,
+        metavar="M",
+        help="Largest distance from a control point at which heights are corrected. Default: from the covariance.",
+    ),
+    click.option("--plots", is_flag=True, help="Also draw the picture NAME.png; needs the extra 'plots'."),
+)
+CONTROL_SIGMA: Any = {
+    "type": Finite(0.0),
+    "metavar": "M",
+    "help": "Sigma of control points that have none of their own. Default: 0.",
+}
 
 
 @click.command(name="correct", hidden=True)
@@ -31,7 +71,7 @@ if TYPE_CHECKING:
 @index_options
 @precision_options
 @click.pass_context
-def command(ctx: click.Context, /, points: Path, surface: Path, stations: Path, **given: Any) -> None:
+def sea_command(ctx: click.Context, /, points: Path, surface: Path, stations: Path, **given: Any) -> None:
     """Correct the apparent POINTS of a pair. An old name of `musat correct --sea`."""
     pair = pair_by(stations, given["pair"])
     correct_through(ctx, points, surface, pair, precision_by(given, pair), given, stations)
@@ -100,3 +140,113 @@ def reject(ctx: click.Context, points: Path, why: str = "no point is corrected")
 
     complain(f"{name_of(points)}: {why}")
     ctx.exit(ExitStatus.REJECTED)
+
+
+@click.command(name="interpolate", hidden=True)
+@click.argument("points", type=NamedPath())
+@click.argument("control", type=NamedPath())
+@click.option("-o", "--out", required=True, type=NamedPath(), help="File of corrected points to write.")
+@columns_option
+@system_options
+@control_options
+@click.option("--sigma", "control_sigma", **CONTROL_SIGMA)
+@quiet_option
+@click.pass_context
+def interpolate_command(ctx: click.Context, /, points: Path, control: Path, **given: Any) -> None:
+    """Correct the heights of POINTS. An old name of `musat correct --by-control`.
+
+    Exit status 3 if the interpolation does not help.
+    """
+    correct_by_control(ctx, points, control, given, UNHELPFUL)
+
+
+def correct_by_control(
+    ctx: click.Context, points: Path, control: Path, given: dict[str, Any], unhelpful: int | None = None
+) -> None:
+    """Correct heights of points by what is interpolated between control points; `unhelpful`: status if in vain."""
+    from musatpy.correction.sea_methods import ByControl
+    from musatpy.files import write_files
+    from musatpy.reports.sea import collocation_text, verdict_line
+    from musatpy.sea.interpolation.control_tables import control_of, on_plan
+    from musatpy.sea.interpolation.correlation import SignalKind
+    from musatpy.sea.interpolation.interpolate import Benefit, InterpolationOptions, interpolate
+    from musatpy.sea.interpolation.prediction import Trend
+
+    out = given["out"]
+    report, picture = out.with_suffix(".txt"), out.with_suffix(".png")
+    _check_outputs([out, report, *([picture] if given["plots"] else [])], [points, control])
+    table, system = _control_table(points, control, given)
+    mapped = _mapped(points, table, given["columns"], system) if table.needs_mapped else {}
+    observed, plan = on_plan(control_of(table, mapped, str(points), given["control_sigma"]), system)
+    options = InterpolationOptions(
+        trend=Trend.PLANE if given["trend"] == "plane" else Trend.CONSTANT,
+        families=tuple(kind for kind in SignalKind if not given["families"] or kind in given["families"]),
+        free_noise=not given["no_noise"],
+        reject=not given["keep_outliers"],
+        reach=given["reach"],
+    )
+    result = interpolate(observed, options)
+    files = {report: collocation_text(result, table.ids, (points.name, control.name)).encode()}
+    if given["plots"]:
+        from musatpy.sea.pictures import interpolation_picture
+
+        _, files[picture] = interpolation_picture(result, points.name)
+    correction = ByControl(system=system, interpolation=result, plan=plan)
+    tally = write_corrected(points, correction, given)
+    write_files(files)
+    if not given["quiet"]:
+        tell(verdict_line(result))
+    if result.verdict == Benefit.NOT and unhelpful:
+        ctx.exit(unhelpful)
+    if result.verdict == Benefit.NOT:
+        reject(ctx, points, "nothing is gained by its control points")
+    if not tally.corrected:
+        reject(ctx, points)
+
+
+def _check_outputs(results: Sequence[Path], inputs: Sequence[Path]) -> None:
+    from musatpy.files import real_path
+
+    places = [real_path(path) for path in results]
+    if len(set(places)) < len(places):
+        raise click.UsageError(
+            f"{name_of(results[0])}: the report and the picture stand beside it as .txt and .png"
+        )
+    refuse_overwriting(results, inputs)
+
+
+def _control_table(points: Path, control: Path, given: dict[str, Any]) -> tuple[ControlTable, Any]:
+    """Return the control points of a table, record or deck, and the system of points: as said, else of the job."""
+    from musatpy.depth.cameras import LOCAL, system_alone
+    from musatpy.formats.musat import read_deck
+    from musatpy.sea.interpolation import control_tables
+
+    record, known = (
+        control_tables.run_tables(path) if path.suffix.lower() == _RECORD else None for path in (points, control)
+    )
+    deck = None if control.suffix.lower() in (_RECORD, *_TABLES) else read_deck(control)
+    system: Any = system_alone(given["crs"], given["geoid"])
+    if system is not None and (record is not None or not system.plane_alone):
+        why = "a record has its own system" if record is not None else f"{system.text} has no heights"
+        raise click.UsageError(f"--crs: {why}")
+    if system is None and (record or known):
+        system = control_tables.record_system(record or known or {})
+    if system is None:
+        system = LOCAL if deck is None else control_tables.deck_system(deck)
+    if known is not None:
+        return control_tables.record_control(known, str(control), system), system
+    if deck is not None:
+        return control_tables.deck_control(deck, str(control), system), system
+    return control_tables.read_control(control, system), system
+
+
+def _mapped(points: Path, table: ControlTable, columns: tuple[str, ...], system: Any) -> Any:
+    """Return the mapped points of the control points that have true heights alone."""
+    from musatpy.sea.interpolation.control_tables import read_mapped, record_mapped
+
+    if points.suffix.lower() == _RECORD:
+        return record_mapped(points, system)
+    if points.suffix.lower() not in _TABLES:
+        message = f"points of {name_of(points)} have no ids: the control points need x, y and dz, or both heights"
+        raise click.UsageError(message)
+    return read_mapped(points, table.ids, columns, system)

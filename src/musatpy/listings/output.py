@@ -203,7 +203,8 @@ def _finite(value: Decimal | float | None) -> float | None:
 def junit_text(difference: Difference) -> str:
     """Return a test suite of JUnit XML: a test for each section, which fails where something differs."""
     failed = sum(bool(section.findings) for section in difference.sections)
-    suite, tests = _suite((difference.a, difference.b), [one.title for one in difference.sections], failures=failed)
+    titles = [section.title for section in difference.sections]
+    suite, tests = junit_suite(f"{difference.a} {difference.b}", "musat.diff", titles, failures=failed)
     for test, section in zip(tests, difference.sections, strict=True):
         if section.findings:
             message = _count(len(section.findings), "difference")
@@ -211,29 +212,30 @@ def junit_text(difference: Difference) -> str:
             failure.text = "\n".join(_table(section.findings, _LISTED, plain))
     if remarks := _remarks(difference):
         ElementTree.SubElement(suite, "system-err").text = printable("\n".join(remarks))
-    return _document(suite)
+    return junit_document(suite)
 
 
 def junit_of_problems(problems: Iterable[Problem], names: tuple[str, str]) -> str:
     """Return a test suite with the one error that the files cannot be compared."""
-    suite, (test,) = _suite(names, ["comparison"], errors=1)
+    suite, (test,) = junit_suite(" ".join(names), "musat.diff", ["comparison"], errors=1)
     error = ElementTree.SubElement(test, "error", message="cannot compare")
     error.text = printable("\n".join(problem.headline() for problem in problems))
-    return _document(suite)
+    return junit_document(suite)
 
 
-def _suite(
-    files: tuple[str, str], names: Sequence[str], *, failures: int = 0, errors: int = 0
+def junit_suite(
+    suite: str, program: str, names: Sequence[str], *, failures: int = 0, errors: int = 0
 ) -> tuple[ElementTree.Element, list[ElementTree.Element]]:
-    """Return a test suite, and its tests by their names."""
+    """Return a test suite of a program (`musat.diff`), and its tests by their names."""
     counts = {"tests": len(names), "failures": failures, "errors": errors}
-    attributes = {"name": printable(" ".join(files)), **{key: str(count) for key, count in counts.items()}}
-    suite = ElementTree.Element("testsuite", attributes)
-    of_test = {"classname": "musat.diff"}
-    return suite, [ElementTree.SubElement(suite, "testcase", of_test, name=printable(name)) for name in names]
+    attributes = {"name": printable(suite), **{key: str(count) for key, count in counts.items()}}
+    element = ElementTree.Element("testsuite", attributes)
+    tests = [{"classname": program, "name": printable(name)} for name in names]
+    return element, [ElementTree.SubElement(element, "testcase", test) for test in tests]
 
 
-def _document(suite: ElementTree.Element) -> str:
+def junit_document(suite: ElementTree.Element) -> str:
+    """Return a test suite as a file of JUnit XML."""
     ElementTree.indent(suite)
     text = ElementTree.tostring(suite, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
