@@ -157,14 +157,16 @@ def batch_command(
 
     if address is not None and processes is not None:
         raise click.UsageError("-j counts jobs on this machine; a cluster runs as many as it has workers")
+    given = JobOptions(**options)
+    check_shown(given.shown)
     try:
-        plan = plan_of(sources, out_dir, JobOptions(**options))
+        plan = plan_of(sources, out_dir, given)
     except (ManifestError, MissingPackageError):
         raise
     except MusatError as error:
         raise click.UsageError(str(error)) from error
-    for wanted in {job.options for job in plan.jobs}:
-        check_shown(wanted.shown)
+    for stated in {job.options for job in plan.jobs} - {given}:
+        check_shown(stated.shown)
     workers = contextlib.nullcontext() if address is None else cluster(address, complain)
     with _ended_by_signals(), workers as executor:
         watch = None if quiet else Display()
