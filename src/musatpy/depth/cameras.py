@@ -26,15 +26,8 @@ from musatpy.model import Initial
 from musatpy.pointfiles.columns import ABOVE_ZERO, AXES, FileColumn, Wanted, place_columns
 from musatpy.pointfiles.las_files import SUFFIXES, crs_definition
 from musatpy.pointfiles.point_tables import read_table
+from musatpy.records import run_tables
 from musatpy.records.json_files import read_record
-from musatpy.records.run_tables import (
-    STATIONS,
-    cameras_of,
-    job_system,
-    level_positions,
-    photos_of,
-    water_fault,
-)
 from musatpy.records.tables import Tables, numbers
 from musatpy.refraction.apparent import Stations
 from musatpy.units import DEGREE
@@ -196,7 +189,7 @@ def read_run(
     is no record, `DepthError` for a run whose water is not known or has waves, or whose system cannot be had again
     (a geoid model that is not there); `OSError`.
     """
-    tables = read_record(path, ("program", "solution", *STATIONS))
+    tables = read_record(path, ("program", "solution", *run_tables.STATIONS))
     problems = [] if tables["solution"]["converged"] else ["the run has not converged"]
     problems += _water_faults(tables, waves) if water else []
     try:
@@ -212,7 +205,7 @@ def _water_faults(tables: Tables, waves: bool) -> list[str]:
     faults, water = [], tables["adjusted_water"]
     if water is None:
         return ["the run knows no water"]
-    if fault := water_fault(tables):
+    if fault := run_tables.water_fault(tables):
         faults.append(fault)
     if any(water["tilt"]) and tables["options"]["initial"] != Initial.GIVEN:
         faults.append("the water of the run is tilted, about a place that is known where stations are given")
@@ -226,13 +219,14 @@ def _water_faults(tables: Tables, waves: bool) -> list[str]:
 
 
 def _cameras(tables: Tables, camera: tuple[float, float, float] | None, with_water: bool) -> CameraStations:
-    photos, cameras, system = photos_of(tables), cameras_of(tables), job_system(tables)
+    photos, cameras = run_tables.photos_of(tables), run_tables.cameras_of(tables)
+    system = run_tables.job_system(tables)
     formats = np.column_stack([cameras.focal_length, cameras.format_size])[photos.camera]
     known = np.isfinite(formats).all()
     if not known and camera is not None:
         formats = np.where(np.isfinite(formats), formats, camera)
     rotation = attitude_matrix(photos.attitude)
-    level = level_positions(tables, photos.position)
+    level = run_tables.level_positions(tables, photos.position)
     axes = None if system.ellipsoid is None else system.ellipsoid.frame(level)
     seen_from = Stations(
         position=level if system.ellipsoid is None else system.ellipsoid.geocentric(level),
@@ -255,7 +249,7 @@ def _cameras(tables: Tables, camera: tuple[float, float, float] | None, with_wat
 
 def _tilt(tables: Tables, system: System) -> Tilt:
     """Return the tilt of the water: slopes east and north in the middle of the stations as given."""
-    given = level_positions(tables, numbers(tables["stations"], "given_position", 3))
+    given = run_tables.level_positions(tables, numbers(tables["stations"], "given_position", 3))
     if system.ellipsoid is None:
         pivot = middle_of(given)
         axes = np.eye(3)

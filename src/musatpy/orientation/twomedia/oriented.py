@@ -18,18 +18,8 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import MusatError
 from musatpy.geometry.collinearity import nearest_point
 from musatpy.model.options import PlaneTreatment
+from musatpy.orientation.twomedia import precision
 from musatpy.orientation.twomedia.helmert import Adjusted, HelmertProblem, adjust, misfits, refined
-from musatpy.orientation.twomedia.precision import (
-    OF_WATER,
-    Direction,
-    covariance_of,
-    expected_squares,
-    free,
-    image_partials,
-    redundancy_numbers,
-    scaled,
-    weakest,
-)
 from musatpy.orientation.twomedia.rays import WATER, Orientation, image_rays
 from musatpy.orientation.twomedia.sights import (
     Method,
@@ -94,7 +84,7 @@ class Oriented:
         """The squares that the sigmas of the images let expect, and their degrees of freedom."""
         if not self.problem.equal:
             return float(self.redundancy), float(self.redundancy)
-        return expected_squares(self.problem, self.adjusted)
+        return precision.expected_squares(self.problem, self.adjusted)
 
     @property
     def sigma0(self) -> float:
@@ -126,17 +116,17 @@ class Oriented:
     @property
     def condition(self) -> float:
         """Condition number of the normals, scaled to unit diagonal, along the directions of the steps."""
-        return float(np.linalg.cond(scaled(self.adjusted.normals[0])))
+        return float(np.linalg.cond(precision.scaled(self.adjusted.normals[0])))
 
     @property
-    def weakest(self) -> list[Direction]:
+    def weakest(self) -> list[precision.Direction]:
         """The two weakest directions of the normals, scaled to unit diagonal."""
-        return weakest(self.adjusted, self.problem.unknown, self.sights.photos)
+        return precision.weakest(self.adjusted, self.problem.unknown, self.sights.photos)
 
     @property
-    def free(self) -> list[Direction]:
+    def free(self) -> list[precision.Direction]:
         """What the images, the control and the priors leave free; no sigma speaks of it."""
-        return free(self.problem, self.adjusted, self.sights.photos, priors=True)
+        return precision.free(self.problem, self.adjusted, self.sights.photos, priors=True)
 
     def other_roots(self) -> Orientation:
         """Return the other exact solutions (r,) of a minimum set that random starts lead to."""
@@ -173,7 +163,7 @@ class Oriented:
             number = self.sights.point[rows[:, 0]]
             new = ~self.sights.is_control[number]
             rows, number = rows[new], number[new]
-            by_point, by_unknown = image_partials(self.problem, self.adjusted, rows, self.points[number])
+            by_point, by_unknown = precision.image_partials(self.problem, self.adjusted, rows, self.points[number])
             weight = 1.0 / np.square(self.problem.image_sigma[rows]).reshape(-1, 2 * rows.shape[1], 1)
             across = np.swapaxes(by_point, -1, -2)
             inverse = np.linalg.inv(across @ (weight * by_point))
@@ -198,9 +188,9 @@ class Oriented:
         else:
             verdict = PlaneVerdict.BY_PRIOR
             unaided = replace(self.problem, prior=np.full_like(self.problem.prior, np.inf))
-            loose = free(self.problem, self.adjusted, self.sights.photos, priors=False)
+            loose = precision.free(self.problem, self.adjusted, self.sights.photos, priors=False)
             if not any(direction.moves_water for direction in loose):
-                alone = max(self.level_share(covariance_of(unaided, self.adjusted)), self._dry_share())
+                alone = max(self.level_share(precision.covariance_of(unaided, self.adjusted)), self._dry_share())
                 if alone <= limit:
                     return PlaneVerdict.DETERMINED, alone
         return (verdict if share <= limit else PlaneVerdict.NOT), share
@@ -320,7 +310,7 @@ def _require_agreement(attempt: _OrientationAttempt, outliers: int) -> None:
     covariance = (unaided.covariance[water, water] + np.diag(sigmas**2))[np.ix_(known, known)]
     square = float(difference @ np.linalg.solve(covariance, difference))
     if np.count_nonzero(unaided.outliers) < outliers and chdtrc(len(difference), square) < _SIGNIFICANCE:
-        names = np.array(OF_WATER[:3])[known]
+        names = np.array(precision.OF_WATER[:3])[known]
         parts = [
             f"{name} {value:.4g}, by them alone {other:.4g}"
             for name, value, other in zip(names, values[known], values[known] + difference, strict=True)
@@ -412,6 +402,6 @@ def _described(attempt: _OrientationAttempt, adjusted: Adjusted, outliers: BoolA
         adjusted=adjusted,
         outliers=outliers,
         redundancy=redundancy_of(attempt.problem),
-        covariance=covariance_of(attempt.problem, adjusted),
-        image_redundancy=redundancy_numbers(attempt.problem, adjusted),
+        covariance=precision.covariance_of(attempt.problem, adjusted),
+        image_redundancy=precision.redundancy_numbers(attempt.problem, adjusted),
     )
