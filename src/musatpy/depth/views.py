@@ -219,7 +219,6 @@ def contour_picture(
     *,
     title: str,
     step: float,
-    unit: str = "",
     form: ImageForm = FORM,
 ) -> None:
     """Write contours of factors (ny, nx) at x (nx,), y (ny,), and stations (k, 2), as Groeneveld Meijer's Figure 4.
@@ -242,6 +241,6 @@ def contour_picture(
     near = stations[((stations >= low) & (stations <= high)).all(axis=1)]
     if len(near):
         axes.plot(*near.T, "^", color=INK, markersize=7, label="exposure stations")
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=f"x{unit}", ylabel=f"y{unit}")
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x", ylabel="y")
     add_bar(axes, filled, "depth factor F")
     write_files({path: file_of(figure, replace(form, kind=kind))[1]})

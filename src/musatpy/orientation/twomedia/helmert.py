@@ -251,22 +251,15 @@ def _descended(
     return Orientation.of(x)
 
 
-def refined(problem: HelmertProblem, near: Orientation, measured: FloatArray | None = None) -> Adjusted:
-    """Return the minima to which steps at the adjusted values lead from starts (s,) near them.
-
-    Where `measured` (s, n, 2) are given, each start has images of its own in the place of those of the problem.
-    """
-
-    def of(rows: slice | IntArray) -> HelmertProblem:
-        return problem if measured is None else replace(problem, image=measured[rows])
-
-    x, everyone = near.vector.copy(), of(slice(None))
+def refined(problem: HelmertProblem, near: Orientation) -> Adjusted:
+    """Return the minima to which steps at the adjusted values lead from starts (s,) near them."""
+    x = near.vector.copy()
     plain = _trust(problem, len(x))
-    image, control = (values.copy() for values in _measured(everyone, len(x)))
+    image, control = (values.copy() for values in _measured(problem, len(x)))
     converged, active = np.zeros(len(x), dtype=bool), np.arange(len(x))
     for _ in range(_LAST_STEPS):
         at = Orientation.of(x[active])
-        linear, real = linearised(of(active), at, image[active], control[active])
+        linear, real = linearised(problem, at, image[active], control[active])
         N, rhs, T = _normals(problem, at, linear, plain[active])
         usable = real & np.isfinite(N).all(axis=(1, 2))
         inverse = np.linalg.pinv(np.where(usable[:, None, None], N, 1.0), hermitian=True)
@@ -274,7 +267,7 @@ def refined(problem: HelmertProblem, near: Orientation, measured: FloatArray | N
         step = np.where(usable[:, None], (T @ (inverse @ rhs[..., None]))[..., 0], 0.0)
         sigma = np.sqrt(np.maximum(np.einsum("sxu,suv,sxv->sx", T, inverse, T), 0.0))
         before = image[active]
-        image[active], control[active] = _corrected(of(active), linear, step, control[active])
+        image[active], control[active] = _corrected(problem, linear, step, control[active])
         still = np.abs(step) <= _SAME * sigma + _ROUNDING * np.maximum(np.abs(x[active]), 1.0)
         fitted = np.abs(image[active] - before) <= _SAME * problem.image_sigma
         converged[active] = usable & still.all(axis=-1) & fitted.all(axis=(1, 2))
@@ -283,7 +276,7 @@ def refined(problem: HelmertProblem, near: Orientation, measured: FloatArray | N
         if not len(active):
             break
     at = Orientation.of(x)
-    linear, real = linearised(everyone, at, image, control)
+    linear, real = linearised(problem, at, image, control)
     full = [part.full for part in linear]
     N, _, T = _normals(problem, at, full, plain)
     return Adjusted(
@@ -300,8 +293,8 @@ def refined(problem: HelmertProblem, near: Orientation, measured: FloatArray | N
 
 def _measured(problem: HelmertProblem, starts: int) -> tuple[FloatArray, FloatArray]:
     """Return the measured images (s, n, 2) and control (s, c, 3)."""
-    image = np.broadcast_to(problem.image, (starts, *problem.image.shape[-2:]))
-    return image, np.broadcast_to(problem.control, (starts, *problem.control.shape))
+    image, control = problem.image, problem.control
+    return np.broadcast_to(image, (starts, *image.shape)), np.broadcast_to(control, (starts, *control.shape))
 
 
 def _evaluated(problem: HelmertProblem, at: Orientation, trust: FloatArray) -> tuple[list[Linear], FloatArray]:
