@@ -17,8 +17,8 @@ from musatpy.adjustment.ground import PointNormals, hold, point_normals, point_s
 from musatpy.adjustment.iteration import Linearisation, State, not_raised
 from musatpy.adjustment.kernels import Loops, loops_of, side_by_side
 from musatpy.adjustment.kinds import (
+    OF_IMAGES,
     UNKNOWNS,
-    WATER,
     add_direct,
     direct_squares,
     kept_movement,
@@ -168,7 +168,7 @@ def _point_extra(N: PointNormals, extras: Extras, W: FloatArray) -> FloatArray:
 
 def _extras(network: Network, group: PointGroup, N: PointNormals) -> Extras:
     """Return the partials of a group by the globals that it depends on."""
-    parts = [*_water_extras(network, group, N)]
+    parts = [*_image_extras(network, group, N)]
     if N.priors is not None and network.border.count(ObservationKind.EQUAL_ELEVATION):
         level = np.maximum(network.priors.group[group.point], 0)[:, None]  # of no weight for points without group
         row = np.zeros((len(level), 4, 1))
@@ -186,14 +186,12 @@ def _extras(network: Network, group: PointGroup, N: PointNormals) -> Extras:
     )
 
 
-def _water_extras(
+def _image_extras(
     network: Network, group: PointGroup, N: PointNormals
 ) -> list[tuple[IntArray, FloatArray, FloatArray]]:
-    """Return index, image partials, prior rows by the unknown water in the border: levels, tilts, index, waves."""
-    by_water = N.images.by_water
-    if by_water is None or not network.refracted[group.rays].any():
-        return []
-    index, images = zip(*(kind.of_images(network, group, by_water) for kind in WATER), strict=True)
+    """Return index, image partials, prior rows by what images depend on in the border: the water, lenses."""
+    parts = [kind.of_images(network, group, N.images) for kind in OF_IMAGES]
+    index, images = zip(*parts, strict=True)
     columns = np.concatenate(index, axis=1)
     if not columns.shape[1]:
         return []

@@ -198,6 +198,7 @@ class State:
     tilt: FloatArray  # (2,) rad, slopes of the water surface towards east and north
     index: float  # refractive index of water
     waves: FloatArray  # (k, 4) height, length, azimuth, crest of unknown waves; (0, 4) where they are known
+    lenses: FloatArray  # (c, 10) parameters of cameras; (0, 10) where these are held
     squares: FloatArray  # (p,) weighted squares of each point at its optimum, 0 for points that took no part
 
     @cached_property
@@ -223,6 +224,7 @@ def initial_state(network: Network) -> State:
         tilt=network.water.tilt,
         index=network.water.index,
         waves=np.zeros((0, 4)) if network.sea is None else network.sea.waves,
+        lenses=np.zeros((0, 10)) if network.lenses is None else network.lenses.given,
         squares=np.zeros(network.points),
     )
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -63,6 +64,9 @@ from musatpy.model import (
 from musatpy.model.progress import Progress, begin
 from musatpy.model.tables import finite_rows
 from musatpy.units import ARC_SECOND
+
+if TYPE_CHECKING:
+    from musatpy.adjustment.lenses import CameraLenses
 
 _ADJUSTMENTS = 20  # at most: plates that check themselves take three to five
 _COMPONENT_AT_REST = 1e-4  # of the plate sigma: a hundredth of what a million images tell of it
@@ -285,7 +289,13 @@ def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) ->
     if block.options.initial is not Initial.GIVEN:
         from musatpy.adjustment.initial import started  # costs the start of every run else
 
-        block, notes = started(block)
+        if block.lens_unknowns.count:
+            from musatpy.adjustment.lenses import ideal_plates  # most jobs hold their cameras
+
+            first, notes = started(ideal_plates(block))
+            block = replace(block, photos=first.photos)
+        else:
+            block, notes = started(block)
     _require_water(block)
     _require_control(block)
     sea = sea_of(block, sea) if sea or len(block.waves.ids) else None  # most jobs have none
@@ -381,6 +391,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         principal_point=block.cameras.principal_point[photos.camera],
         water=water,
         sea=None if sea is None else WorkingSea.of(sea, frame),
+        lenses=_lenses(block),
         tilt_axes=np.asarray(frame.axes(np.zeros(3)))[:2],
         photo=plates.photo,
         point=plates.point,
@@ -401,6 +412,15 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
             position if np.isfinite(position).all() else None,
         ),
     )
+
+
+def _lenses(block: Block) -> CameraLenses | None:
+    """Return the lenses of a block with unknowns of cameras, None of one without."""
+    if not block.lens_unknowns.count:
+        return None
+    from musatpy.adjustment.lenses import CameraLenses  # most jobs hold their cameras
+
+    return CameraLenses.of(block)
 
 
 def _ground_priors(block: Block, frame: Frame, enters: BoolArray) -> GroundPriors:

@@ -18,6 +18,7 @@ from musatpy.model import Block, CoordinateSystem, ObservationKind, PointStatus
 from musatpy.model.tables import order_of
 
 if TYPE_CHECKING:
+    from musatpy.adjustment.lenses import CameraLenses
     from musatpy.adjustment.iteration import WaterKnowledge
 
 ORDER, BACK = [1, 2, 0], [2, 0, 1]  # of turned axes: north, up, east; where east, north, up are among them
@@ -144,6 +145,7 @@ class Network:
     principal_point: FloatArray  # (n, 2) mm
     water: WaterKnowledge
     sea: WorkingSea | None  # waves on it
+    lenses: CameraLenses | None  # None: cameras are held
     tilt_axes: (
         FloatArray  # (2, 3) east and north in the middle of the block: the tilts of the water are slopes there
     )

@@ -42,11 +42,13 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.collinearity import nearest_point, widest_angle
 from musatpy.geometry.geodesy import surface, water_heights
 from musatpy.model import (
+    AdjustedLenses,
     AdjustedStations,
     AdjustedWater,
     AdjustedWaves,
     BathymetricPoints,
     Block,
+    Dependence,
     GroundPoints,
     ObservationKind,
     PlateResiduals,
@@ -99,6 +101,7 @@ def solution(
     stated, points = _points(block, refracted, state, part, known, reach)
     name = unknown_name(refracted, block)
     waves = _waves(refracted, state, known, name, crests)
+    depends = dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name)
     level_sigmas = known.border_sigma[network.border.at(ObservationKind.EQUAL_ELEVATION)]
     found = Solution(
         block=block,
@@ -126,7 +129,8 @@ def solution(
         water_precision=known.water,
         considered=known.considered,
         kernels=kernels.name_of(network.photos),
-        dependence=dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name),
+        dependence=depends,
+        lenses=_lenses(refracted, state, known, depends),
         held=None if reason else held_parameters(block, refracted, state, part, known, free),
     )
     return found if refracted is network else with_departure(found, refracted, line, factor, state)
@@ -166,6 +170,15 @@ def _waves(
     from musatpy.adjustment.adjusted_waves import adjusted_waves  # most jobs have none
 
     return adjusted_waves(network, state, known.diagonal, known.cofactors, known.unknowns, name, crests)
+
+
+def _lenses(network: Network, state: State, known: Covariances, depends: Dependence) -> AdjustedLenses | None:
+    """Return the unknown lenses, None without any."""
+    if network.lenses is None:
+        return None
+    from musatpy.adjustment.adjusted_lenses import adjusted_lenses  # most jobs hold their cameras
+
+    return adjusted_lenses(network, state, known.cofactors, known.unknowns, depends)
 
 
 def _water(

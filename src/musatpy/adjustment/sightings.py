@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from typing import TYPE_CHECKING
+
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.wavy_water import SeaIncidence
@@ -19,19 +21,23 @@ from musatpy.geometry.geodesy import TiltedWater, by_tilt, surface
 from musatpy.model import ObservationKind
 from musatpy.refraction import flat
 
+if TYPE_CHECKING:
+    from musatpy.adjustment.lenses import CameraLenses
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RayImages:
     """Images of ground points: xy (..., 2) mm, partials by station (..., 2, q) and by ground point (..., 2, 3).
 
     By the water (..., 2, 4 + w): level, tilt east, tilt north, index, w parameters of waves; None where nothing of
-    it is unknown.
+    it is unknown. By the parameters of lenses (..., 2, 10); None where these are held.
     """
 
     xy: FloatArray
     by_station: FloatArray
     by_ground: FloatArray
     by_water: FloatArray | None
+    by_lens: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,15 +57,21 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
     """
     photo, wet = network.photo[rays], np.nonzero(network.refracted[rays])
     camera, M, f, pp = _of_photos(network, state, photo)
-    v, bent = ground - camera, None
+    v, bent, by_lens = ground - camera, None, None
     if len(wet[0]):
         over, bent = _incidence(network, state, photo[wet], camera[wet], ground[wet])
         v[wet] = bent.v
     if not stations:
         xy, by_v = collinearity.image_by_vector(v, M, f, pp)
+        if network.lenses is not None:
+            xy, by_ideal, _ = _through_lenses(network.lenses, network, state, rays, xy - pp)
+            by_v = by_ideal @ by_v
         by_station, by_water = np.zeros((*v.shape[:-1], 2, 0)), None
     else:
         xy, by_v, by_attitude = collinearity.image_partials(v, M, state.dM.take(photo, axis=0), f, pp)
+        if network.lenses is not None:
+            xy, by_ideal, by_lens = _through_lenses(network.lenses, network, state, rays, xy - pp)
+            by_v, by_attitude = by_ideal @ by_v, by_ideal @ by_attitude
         waves = network.border.count(ObservationKind.WAVE)
         unknown = network.water.unknown or waves > 0
         by_camera, by_water = -by_v, np.zeros((*v.shape[:-1], 2, 4 + waves)) if unknown else None
@@ -72,7 +84,7 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
         by_station = np.concatenate([by_camera @ axes, by_attitude, *own_level], axis=-1)
     if bent is not None:
         by_v[wet] = by_v[wet] @ bent.by_ground
-    return RayImages(xy=xy, by_station=by_station, by_ground=by_v, by_water=by_water)
+    return RayImages(xy=xy, by_station=by_station, by_ground=by_v, by_water=by_water, by_lens=by_lens)
 
 
 def image_coordinates(network: Network, state: State, rays: IntArray, ground: FloatArray) -> FloatArray:
@@ -82,12 +94,32 @@ def image_coordinates(network: Network, state: State, rays: IntArray, ground: Fl
     v = ground - camera
     if wet.any():
         v[wet] = _water_vectors(network, state, photo[wet], camera[wet], ground[wet])
-    return collinearity.image(v, M, f, pp)
+    xy = collinearity.image(v, M, f, pp)
+    return xy if network.lenses is None else _through_lenses(network.lenses, network, state, rays, xy - pp)[0]
+
+
+def _through_lenses(
+    lenses: CameraLenses, network: Network, state: State, rays: IntArray, ideal: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return plate coordinates (..., 2) of images with ideal places (..., 2) about the principal point, with partials.
+
+    By the ideal places (..., 2, 2) and by the parameters of the lenses (..., 2, 10).
+    """
+    return lenses.predicted(state.lenses, network.photo[rays], network.xy.take(rays, axis=0), ideal)
+
+
+def measured_places(network: Network, state: State, rays: IntArray) -> FloatArray:
+    """Return the measured plate coordinates (..., 2) of rays (...), ideal ones where lenses are unknown."""
+    xy = network.xy.take(rays, axis=0)
+    return xy if network.lenses is None else network.lenses.ideal(state.lenses, network.photo[rays], xy)
 
 
 def _of_photos(network: Network, state: State, photo: IntArray) -> tuple[FloatArray, ...]:
     """Return stations, rotations, focal lengths and principal points of photos (...)."""
-    tables = (state.position, state.M, network.focal_length, network.principal_point)
+    cameras = (network.focal_length, network.principal_point)
+    if network.lenses is not None:
+        cameras = network.lenses.cameras(state.lenses)
+    tables = (state.position, state.M, *cameras)
     return tuple(table.take(photo, axis=0) for table in tables)  # several times as fast as by index
 
 
@@ -164,7 +196,7 @@ def _refracted_ray(
 def straight_rays(network: Network, state: State, rays: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return origins and unit directions (..., 3) of the measured rays in air."""
     camera, M, f, pp = _of_photos(network, state, network.photo[rays])
-    return camera, collinearity.ray(network.xy.take(rays, axis=0), M, f, pp)
+    return camera, collinearity.ray(measured_places(network, state, rays), M, f, pp)
 
 
 def condition_rays(network: Network, state: State, rays: IntArray, xy: FloatArray, ground: FloatArray) -> BentRays:

@@ -20,6 +20,7 @@ import numpy as np
 import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import extensions
+from musatpy.model.lenses import LensUnknowns
 from musatpy.model.options import EllipsoidSpec, Options, OrientationSpec, SystemSpec
 from musatpy.model.reduction import (
     ComparatorSpec,
@@ -266,6 +267,7 @@ class Block:
     water: Water | None = None  # None: no water card
     cameras: Cameras
     distortion: Distortion = field(default_factory=partial(empty, Distortion))
+    lens_unknowns: LensUnknowns = field(default_factory=partial(empty, LensUnknowns))
     fiducials: Fiducials = field(default_factory=partial(empty, Fiducials))
     photos: Photos
     fiducial_measurements: FiducialMeasurements = field(default_factory=partial(empty, FiducialMeasurements))

@@ -41,7 +41,8 @@ class ObservationKind(IntEnum):
     DISTANCE = 9, "distances", "distance", "distances", ("length",), "m"
     HEIGHT_DIFFERENCE = 10, "height differences", "height", "height_differences", ("diff.",), "m"
     WAVE = 11, "waves", "wave", "", ("height", "length", "azim.", "crest"), "m,rd"  # AdjustedWaves
-    for number, (name, statement) in enumerate(extensions.stated("OBSERVATIONS").items(), 12):
+    LENS = 12, "lens parameters", "lens", "", ("value",), ""  # AdjustedLenses
+    for number, (name, statement) in enumerate(extensions.stated("OBSERVATIONS").items(), 13):
         locals()[name] = number, *statement
 
     noun: str
@@ -72,6 +73,8 @@ class ObservationKind(IntEnum):
     def owners(self, solution: Solution, rows: IntArray) -> list[list[str]]:
         """Return the ids of the photos, then of the points, of observations (r,), or their tide or wave."""
         block, water, ids = solution.block, solution.water, None
+        if self is ObservationKind.LENS and solution.lenses:
+            return [[solution.lenses.camera[row], solution.lenses.parameter[row]] for row in rows.tolist()]
         if not self.attribute:
             if water and self is ObservationKind.WATER_LEVEL:
                 ids = water.correction_ids

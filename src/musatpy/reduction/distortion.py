@@ -92,6 +92,15 @@ class Lens:
         out[..., 1, 1] = g + dg * y * y + (2 * p1 * x + 6 * p2 * y) * c + ey * 2 * p3 * y
         return out
 
+    def coefficient_partials(self, xy: FloatArray) -> FloatArray:
+        """Return the derivatives (..., 2, 5) of the distortion by k1, k2, k3, p1, p2."""
+        x, y = xy[..., 0] - self.centre[0], xy[..., 1] - self.centre[1]
+        q = x * x + y * y
+        c = 1.0 + self._p[2] * q
+        of_x = [x * q, x * q**2, x * q**3, (q + 2 * x * x) * c, 2 * x * y * c]
+        of_y = [y * q, y * q**2, y * q**3, 2 * x * y * c, (q + 2 * y * y) * c]
+        return np.stack([np.stack(of_x, axis=-1), np.stack(of_y, axis=-1)], axis=-2)
+
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return the ideal places (..., 2) of measured ones."""
         return xy - self.distortion(xy) if self.side is Side.MEASURED else self._iterate(xy, 1.0)

@@ -137,7 +137,7 @@ def _calibration(block: Block, camera: int, options: ReductionOptions) -> Calibr
         mark_sigma=block.fiducials.sigma[fiducials],
         distances=_distances(block, camera) if by_distances else None,
         reseau=_reseau(block, camera),
-        lens=_lens(block, camera, options),
+        lens=None if camera in block.lens_unknowns.camera else lens_of(block, camera, options),
     )
 
 
@@ -174,7 +174,7 @@ def _reseau(block: Block, camera: int) -> Grid | None:
     return Grid(ids=ids, xy=xy)
 
 
-def _lens(block: Block, camera: int, options: ReductionOptions) -> Lens | None:
+def lens_of(block: Block, camera: int, options: ReductionOptions) -> Lens | None:
     """Return the distortion of a camera, of its principal point where no other is given; None where it has none."""
     rows = block.distortion.camera == camera
     kinds, values = block.distortion.kind[rows], block.distortion.values[rows]

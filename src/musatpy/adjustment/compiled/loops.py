@@ -115,7 +115,7 @@ class CompiledLoops(Loops):
         mine: list[PointGroup] = []
         others: list[PointGroup] = []
         for group in groups:
-            if group.kept or (group.known and border.count(ObservationKind.EQUAL_ELEVATION)):
+            if network.lenses or group.kept or (group.known and border.count(ObservationKind.EQUAL_ELEVATION)):
                 others.append(group)
             elif unknown:
                 wet = np.asarray(network.refracted[group.rays].any(axis=1))

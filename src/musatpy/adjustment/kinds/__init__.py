@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.adjustment.iteration import State, WaterKnowledge
-from musatpy.adjustment.kinds.kind import Kind, OfWater, Prior, Rows, StationKind, Unknown
+from musatpy.adjustment.kinds.kind import Kind, OfImages, OfWater, Prior, Rows, StationKind, Unknown
 from musatpy.adjustment.kinds.measured import MeasuredKind
 from musatpy.adjustment.network import NOTHING, MeasuredTies, Network
 from musatpy.adjustment.normals import NormalEquations
@@ -36,6 +36,7 @@ MEASURED = tuple(kind for kind in KINDS if isinstance(kind, MeasuredKind))
 PRIORS = tuple(kind for kind in KINDS if isinstance(kind, Prior))
 UNKNOWNS = tuple(kind for kind in KINDS if isinstance(kind, Unknown))
 WATER = tuple(kind for kind in KINDS if isinstance(kind, OfWater))
+OF_IMAGES = tuple(kind for kind in KINDS if isinstance(kind, OfImages))
 SEARCHED = tuple(kind for kind in KINDS if kind.searched)
 
 
@@ -102,7 +103,7 @@ def measured_values(block: Block, network: Network, state: State) -> dict[Observ
 
 def global_unknowns(block: Block, water: WaterKnowledge, sea: Sea | None) -> dict[ObservationKind, tuple[str, ...]]:
     """Return the names of the global unknowns of each kind; most jobs have none."""
-    some = water.unknown or sea is not None or block.equal_elevations.count > 0
+    some = water.unknown or sea is not None or block.equal_elevations.count + block.lens_unknowns.count > 0
     return {kind.observed: tuple(kind.names(block, water, sea)) if some else () for kind in UNKNOWNS}
 
 
@@ -179,6 +180,9 @@ def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts
     further = {kind.noun: len(measured.row) for kind, measured in network.measured.items()}
     further["water"] = sum(int(np.count_nonzero(kind.weight(network))) for kind in unknown_water)
     further["inner constraints"] = free_motions
+    if network.lenses is not None:
+        further["lens parameters"] = int(np.count_nonzero(network.lenses.weight))
+        unknowns["lens parameters"] = int(np.count_nonzero(network.lenses.unknown))
     observations |= {kind: number for kind, number in further.items() if number}
     if levels + of_water:
         unknowns["water"] = levels + of_water

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, ObservationKind
 from musatpy.model.tables import finite_rows
 from musatpy.units import DEGREE
+
+if TYPE_CHECKING:
+    from musatpy.adjustment.sightings import RayImages
 
 _COMPONENTS = ("east", "north", "up")
 _ANGLES = ("X-tilt", "Y-tilt", "heading")
@@ -132,19 +136,12 @@ class Unknown(Kind):
         return values[first + at.start : first + at.stop]
 
 
-class OfWater(Unknown):
-    """Global unknowns of the water, on which refracted images depend."""
+class OfImages(Unknown):
+    """Global unknowns on which images depend."""
 
-    def of_images(self, network: Network, group: PointGroup, by_water: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return columns (k, X) and the partials (k, m, 2, X) of the images of a group.
-
-        `by_water` (k, m, 2, 4 + w) are those by the level at each photo, the tilts, the index, and the waves.
-        """
+    def of_images(self, network: Network, group: PointGroup, images: RayImages) -> tuple[IntArray, FloatArray]:
+        """Return columns (k, X) of the border and the partials (k, m, 2, X) of the images of a group by them."""
         raise NotImplementedError
-
-    def of_surface(self, network: Network, state: State, group: PointGroup) -> tuple[IntArray, FloatArray]:
-        """Return columns (k, X), and the partials (k, X) of the mean height of the water over the points."""
-        return np.zeros((len(group.point), 0), dtype=np.int64), np.zeros((len(group.point), 0))
 
     def weight(self, network: Network) -> FloatArray:
         """Return the weights (X,) of what is known beforehand, 0 where nothing is."""
@@ -154,6 +151,30 @@ class OfWater(Unknown):
         """Return all of its columns in the border, for each of so many points, (points, X)."""
         columns = network.border.numbers(self.observed)
         return np.broadcast_to(columns, (points, len(columns)))
+
+
+class OfWater(OfImages):
+    """Global unknowns of the water, on which refracted images depend."""
+
+    def of_images(self, network: Network, group: PointGroup, images: RayImages) -> tuple[IntArray, FloatArray]:
+        """Return columns (k, X) and the partials (k, m, 2, X) of the images of a group: none of dry points."""
+        if images.by_water is None or not network.refracted[group.rays].any():
+            k, m = group.rays.shape
+            return np.zeros((k, 0), dtype=np.int64), np.zeros((k, m, 2, 0))
+        return self.of_wet_images(network, group, images.by_water)
+
+    def of_wet_images(
+        self, network: Network, group: PointGroup, by_water: FloatArray
+    ) -> tuple[IntArray, FloatArray]:
+        """Return columns (k, X) and the partials (k, m, 2, X) of the images of a group.
+
+        `by_water` (k, m, 2, 4 + w) are those by the level at each photo, the tilts, the index, and the waves.
+        """
+        raise NotImplementedError
+
+    def of_surface(self, network: Network, state: State, group: PointGroup) -> tuple[IntArray, FloatArray]:
+        """Return columns (k, X), and the partials (k, X) of the mean height of the water over the points."""
+        return np.zeros((len(group.point), 0), dtype=np.int64), np.zeros((len(group.point), 0))
 
 
 def in_digits(size: float, decimals: int) -> str:

@@ -1,0 +1,168 @@
+"""The lenses of a simultaneous adjustment: focal length, principal point, distortion and affinity as unknowns.
+
+With m a measured place, u = (x, y) the ideal one about the principal point (collinearity), A = (1 + b1, b2; 0, 1) and
+d the distortion (`reduction.distortion`), the residual of an image is
+
+    side MEASURED    u + d(z) - z,   z = A (m - p)        polynomials of bundle adjustments (Brown 1971)
+    side IDEAL       p + A w - m,    w = u + d(u)         polynomials of computer vision
+
+The place that is predicted for an image is m plus that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.model import LENS_PARAMETERS, Block, ReductionOptions
+from musatpy.reduction.distortion import Lens, Side
+from musatpy.reduction.refined_block import lens_of
+
+_F, _XP, _YP, _B1, _B2 = (LENS_PARAMETERS.index(name) for name in ("F", "XP", "YP", "B1", "B2"))
+_COEFFICIENTS = slice(3, 8)  # k1, k2, k3, p1, p2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CameraLenses:
+    """What is known of the lenses of c cameras, parameters in the order of `LENS_PARAMETERS`; millimetres."""
+
+    ids: tuple[str, ...]
+    camera: IntArray  # (n,) of each photo
+    lenses: tuple[Lens, ...]  # (c,) about the principal point, with what is no parameter
+    sign: float  # of polynomials: -1 where they are corrections
+    given: FloatArray  # (c, 10)
+    unknown: BoolArray  # (c, 10)
+    weight: FloatArray  # (c, 10) of what is given, 0 of what is free or held
+    reach: FloatArray  # (c,) mm, of the image farthest from the principal point
+
+    @classmethod
+    def of(cls, block: Block) -> Self:
+        """Return the lenses of a block. Raises `DeckError` where the calibrations of a camera contradict each other."""
+        options, cameras = block.reduction or ReductionOptions(), block.cameras
+        sign = -1.0 if options.polynomials is options.polynomials.CORRECTION else 1.0
+        given = np.zeros((cameras.count, len(LENS_PARAMETERS)))
+        given[:, _F], given[:, _XP : _YP + 1] = cameras.focal_length, cameras.principal_point
+        lenses = []
+        for camera in range(cameras.count):
+            lens = lens_of(block, camera, options) or Lens(centre=np.zeros(2), side=Side(options.side.value))
+            given[camera, _COEFFICIENTS] = sign * np.concatenate([lens.k[1:], lens.p[:2]])
+            lenses.append(replace(lens, centre=np.zeros(2)))
+        table, unknown, weight = block.lens_unknowns, np.zeros(given.shape, dtype=bool), np.zeros(given.shape)
+        column = np.array([LENS_PARAMETERS.index(name) for name in table.parameter.tolist()], dtype=int)
+        at = table.camera, column
+        given[at] = np.where(np.isnan(table.value), given[at], table.value)
+        unknown[at] = True
+        weight[at] = np.nan_to_num(1.0 / np.square(table.sigma))
+        camera = block.photos.camera
+        return cls(
+            ids=tuple(cameras.ids.tolist()),
+            camera=camera,
+            lenses=tuple(lenses),
+            sign=sign,
+            given=given,
+            unknown=unknown,
+            weight=weight,
+            reach=_reach(block, given),
+        )
+
+    @property
+    def effect(self) -> FloatArray:
+        """(c, 10) mm, what one unit of a parameter does to the image farthest from the principal point."""
+        r, one = self.reach, np.ones_like(self.reach)
+        columns = [r / self.given[:, _F], one, one, r**3, r**5, r**7, 3.0 * r**2, 3.0 * r**2, r, r]
+        return np.stack(columns, axis=1)
+
+    def predicted(
+        self, values: FloatArray, photo: IntArray, measured: FloatArray, ideal: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the predicted places (..., 2) of images with ideal places (..., 2), and the partials of these.
+
+        By the ideal places (..., 2, 2), and by the parameters (..., 2, 10). `values` (c, 10) are those of the lenses.
+        """
+        xy, by_ideal = np.empty_like(ideal), np.empty((*ideal.shape, 2))
+        by_lens = np.zeros((*ideal.shape, len(LENS_PARAMETERS)))
+        for camera, rays in self._by_camera(photo):
+            lens, A = self._lens(values[camera], camera)
+            f, p = values[camera, _F], values[camera, _XP : _YP + 1]
+            u = ideal[rays]
+            if lens.side is Side.MEASURED:
+                off = measured[rays] - p
+                z = off @ A.T
+                xy[rays] = measured[rays] + u + lens.distortion(z) - z
+                by_ideal[rays] = np.eye(2)
+                by_z = lens.distortion_partials(z) - np.eye(2)
+                partials = by_lens[rays]
+                partials[..., _F] = u / f
+                partials[..., _XP : _YP + 1] = -by_z @ A
+                partials[..., _COEFFICIENTS] = self.sign * lens.coefficient_partials(z)
+                partials[..., [_B1, _B2]] = by_z[..., :, :1] * off[..., None, :]
+            else:
+                w, by_u = u + lens.distortion(u), A @ (np.eye(2) + lens.distortion_partials(u))
+                xy[rays], by_ideal[rays] = p + w @ A.T, by_u
+                partials = by_lens[rays]
+                partials[..., _F] = (by_u @ u[..., None])[..., 0] / f
+                partials[..., _XP : _YP + 1] = np.eye(2)
+                partials[..., _COEFFICIENTS] = self.sign * (A @ lens.coefficient_partials(u))
+                partials[..., 0, [_B1, _B2]] = w
+            by_lens[rays] = partials
+        return xy, by_ideal, by_lens
+
+    def cameras(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return focal lengths (n,) and principal points (n, 2) mm of the photos by `values` (c, 10)."""
+        of_photos = values[self.camera]
+        return of_photos[:, _F], of_photos[:, _XP : _YP + 1]
+
+    def ideal(self, values: FloatArray, photo: IntArray, measured: FloatArray) -> FloatArray:
+        """Return the ideal places (..., 2) of measured ones, with the principal point of `values` (c, 10)."""
+        out = np.empty_like(measured)
+        for camera, rays in self._by_camera(photo):
+            lens, A = self._lens(values[camera], camera)
+            p = values[camera, _XP : _YP + 1]
+            across = A if lens.side is Side.MEASURED else np.linalg.inv(A)
+            out[rays] = p + lens.apply((measured[rays] - p) @ across.T)
+        return out
+
+    def _by_camera(self, photo: IntArray) -> Iterator[tuple[int, BoolArray]]:
+        camera = self.camera[photo]
+        for number in np.unique(camera).tolist():
+            yield number, camera == number
+
+    def _lens(self, values: FloatArray, camera: int) -> tuple[Lens, FloatArray]:
+        """Return the distortion and the affinity of a camera with `values` (10,)."""
+        fixed, coefficients = self.lenses[camera], self.sign * values[_COEFFICIENTS]
+        lens = replace(
+            fixed,
+            k=np.concatenate([fixed.k[:1], coefficients[:3]]),
+            p=np.concatenate([coefficients[3:], fixed.p[2:]]),
+        )
+        return lens, np.array([[1.0 + values[_B1], values[_B2]], [0.0, 1.0]])
+
+
+def ideal_plates(block: Block) -> Block:
+    """Return the block with ideal plate coordinates, by what its cards say of the lenses, and no unknowns of these."""
+    if not block.lens_unknowns.count:
+        return block
+    lenses, plates, cameras = CameraLenses.of(block), block.plates, block.cameras
+    xy = lenses.ideal(lenses.given, plates.photo, plates.xy)
+    focal, principal = lenses.given[:, _F], lenses.given[:, _XP : _YP + 1]
+    return replace(
+        block,
+        plates=replace(plates, xy=xy),
+        cameras=replace(cameras, focal_length=focal, principal_point=principal),
+        lens_unknowns=type(block.lens_unknowns)(
+            **{name: np.zeros(0) for name in ("camera", "parameter", "value", "sigma")}
+        ),
+    )
+
+
+def _reach(block: Block, given: FloatArray) -> FloatArray:
+    """Return how far (c,) mm images of cameras lie from their principal points."""
+    camera = block.photos.camera[block.plates.photo]
+    off = np.linalg.norm(block.plates.xy - given[camera, _XP : _YP + 1], axis=1)
+    reach = np.zeros(len(given))
+    np.fmax.at(reach, camera, off)
+    return reach
