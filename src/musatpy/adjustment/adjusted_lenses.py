@@ -42,7 +42,7 @@ def adjusted_lenses(
 
 
 def _partners(names: tuple[str, ...], dependence: Dependence) -> tuple[list[str], FloatArray]:
-    """Return the unknown that is no lens with the strongest correlation with each of `names`, and that; none: empty."""
+    """Return which unknown of something else each of `names` is most correlated with, and how; empty: none."""
     row = {name: number for number, name in enumerate(names)}
     partner, correlation = [""] * len(names), np.full(len(names), np.nan)
     pairs = zip(dependence.first.tolist(), dependence.second.tolist(), dependence.correlation.tolist(), strict=True)

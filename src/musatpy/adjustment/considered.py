@@ -19,6 +19,7 @@ import numpy as np
 from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.iteration import State, WaterKnowledge
 from musatpy.adjustment.kinds import global_unknowns
+from musatpy.adjustment.kinds.lens import LensParameter
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
@@ -30,7 +31,11 @@ if TYPE_CHECKING:
 
 _PAIRS = 2**20  # elements of S gathered at a time
 _WAVE = ObservationKind.WAVE
-_UNITS = {ObservationKind.WATER_TILT: "arc sec", ObservationKind.WATER_INDEX: ""}  # others are in m
+_UNITS = {  # others are in m
+    ObservationKind.WATER_TILT: "arc sec",
+    ObservationKind.WATER_INDEX: "",
+    ObservationKind.LENS: "",
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,6 +134,15 @@ def extended(block: Block, network: Network, state: State) -> Extended:
         state = replace(state, waves=sea.waves)
         waves = np.asarray(sea.sea.sigma)[sea.sea.unknown]
     columns = global_unknowns(block, knowledge, sea.sea if sea else None)
+    lenses, cameras = network.lenses, np.zeros(0)
+    if lenses is None and block.lens_unknowns.count:  # MUSAT-IIA holds its cameras
+        from musatpy.adjustment.lenses import CameraLenses  # most jobs know them without error
+
+        lenses = CameraLenses.of(block)
+        cameras = 1.0 / np.sqrt(lenses.weight[lenses.unknown])
+        lenses = replace(lenses, weight=np.zeros_like(lenses.weight))
+        state = replace(state, lenses=lenses.given)
+        columns = columns | {ObservationKind.LENS: LensParameter().names_of(block)}
     wide = replace(border, columns=columns if len(waves) else columns | {_WAVE: border.columns[_WAVE]})
     names: list[str] = []
     units: list[str] = []
@@ -139,12 +153,12 @@ def extended(block: Block, network: Network, state: State) -> Extended:
         names += now[before:]
         units += ["deg" if name.endswith("azimuth") else _UNITS.get(kind, "m") for name in now[before:]]
     return Extended(
-        network=replace(network, water=knowledge, sea=sea, border=wide),
+        network=replace(network, water=knowledge, sea=sea, lenses=lenses, border=wide),
         state=state,
         known=np.array(known + [False] * 3 * len(wide.kept), dtype=bool),
         names=names,
         units=units,
-        sigma=np.concatenate([sigma, [tilt] * 2 if tilt else [], [index] if index else [], waves]),
+        sigma=np.concatenate([sigma, [tilt] * 2 if tilt else [], [index] if index else [], waves, cameras]),
     )
 
 

@@ -31,7 +31,7 @@ from musatpy.adjustment.propagation import PointRows, point_rows
 from musatpy.adjustment.sightings import residuals
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.geodesy import water_heights
-from musatpy.model import Block, HeldParameters
+from musatpy.model import Block, HeldParameters, Program
 from musatpy.model.tables import finite_rows
 
 # Reference errors: a share, mm, 1, m, a share
@@ -129,7 +129,7 @@ class _AtRest:
         wide = self.known.wide
         if wide is None:
             return np.zeros(0)
-        network, state = wide.network, replace(moved, waves=wide.state.waves)
+        network, state = wide.network, replace(moved, waves=wide.state.waves, lenses=wide.state.lenses)
         if parameter is not None:
             network, _ = parameter.altered(network, state, parameter.size)
         rhs = Simultaneous(network=network, options=self.block.options).linearise(state).rhs
@@ -306,11 +306,15 @@ def _of_camera(block: Block, camera: int) -> Iterator[Parameter]:
         xy = network.principal_point + size * on[:, None] * np.eye(2)[axis]
         return replace(network, principal_point=xy), state
 
-    for what, reference, altered in (
-        (f"focal length of {name}", FOCAL_LENGTH * focal, focal_length),
-        (f"principal point x, {name}", PRINCIPAL_POINT, partial(principal_point, 0)),
-        (f"principal point y, {name}", PRINCIPAL_POINT, partial(principal_point, 1)),
+    table, adjusted = block.lens_unknowns, block.options.program is Program.IIIA
+    known = table.parameter[(table.camera == camera) & (adjusted | np.isfinite(table.sigma))]
+    for parameter, what, reference, altered in (
+        ("F", f"focal length of {name}", FOCAL_LENGTH * focal, focal_length),
+        ("XP", f"principal point x, {name}", PRINCIPAL_POINT, partial(principal_point, 0)),
+        ("YP", f"principal point y, {name}", PRINCIPAL_POINT, partial(principal_point, 1)),
     ):
+        if parameter in known:
+            continue
         yield Parameter(name=what, unit="mm", reference=reference, limit=MOST_CAMERA * focal, altered=altered)
 
 

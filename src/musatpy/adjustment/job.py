@@ -379,7 +379,10 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         plates.photo, plates.point, np.ones_like(part.used), part.status == PointStatus.INTERSECTED
     )
     together = [plates.photo[group.rays] for group in (*pass_groups, *control_groups, *left_out)]
-    water = water_knowledge(block)
+    water, lenses, cameras = water_knowledge(block), _lenses(block), block.cameras
+    focal_length, principal_point = cameras.focal_length[photos.camera], cameras.principal_point[photos.camera]
+    if lenses is not None:
+        focal_length, principal_point = lenses.cameras()
     return Network(
         frame=frame,
         position=position,
@@ -387,11 +390,11 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         axes=frame.axes(position),
         position_weight=inverse_squares(photos.position_sigma),
         attitude_weight=inverse_squares(photos.attitude_sigma),
-        focal_length=block.cameras.focal_length[photos.camera],
-        principal_point=block.cameras.principal_point[photos.camera],
+        focal_length=focal_length,
+        principal_point=principal_point,
         water=water,
         sea=None if sea is None else WorkingSea.of(sea, frame),
-        lenses=_lenses(block),
+        lenses=lenses,
         tilt_axes=np.asarray(frame.axes(np.zeros(3)))[:2],
         photo=plates.photo,
         point=plates.point,
@@ -415,8 +418,8 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
 
 
 def _lenses(block: Block) -> CameraLenses | None:
-    """Return the lenses of a block with unknowns of cameras, None of one without."""
-    if not block.lens_unknowns.count:
+    """Return the lenses of a block with unknowns of cameras, None of one without; IIA holds cameras."""
+    if block.options.program is not Program.IIIA or not block.lens_unknowns.count:
         return None
     from musatpy.adjustment.lenses import CameraLenses  # most jobs hold their cameras
 

@@ -1,7 +1,7 @@
 """The lenses of a simultaneous adjustment: focal length, principal point, distortion and affinity as unknowns.
 
-With m a measured place, u = (x, y) the ideal one about the principal point (collinearity), A = (1 + b1, b2; 0, 1) and
-d the distortion (`reduction.distortion`), the residual of an image is
+With m a measured place, u = (x, y) the ideal one about the principal point (collinearity), A = (1 + b1, b2; 0, 1)
+and d the distortion (`reduction.distortion`), the residual of an image is
 
     side MEASURED    u + d(z) - z,   z = A (m - p)        polynomials of bundle adjustments (Brown 1971)
     side IDEAL       p + A w - m,    w = u + d(u)         polynomials of computer vision
@@ -19,6 +19,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import LENS_PARAMETERS, Block, ReductionOptions
+from musatpy.model.tables import taken
 from musatpy.reduction.distortion import Lens, Side
 from musatpy.reduction.refined_block import lens_of
 
@@ -41,7 +42,7 @@ class CameraLenses:
 
     @classmethod
     def of(cls, block: Block) -> Self:
-        """Return the lenses of a block. Raises `DeckError` where the calibrations of a camera contradict each other."""
+        """Return the lenses of a block. Raises `DeckError` where the cards of a camera contradict each other."""
         options, cameras = block.reduction or ReductionOptions(), block.cameras
         sign = -1.0 if options.polynomials is options.polynomials.CORRECTION else 1.0
         given = np.zeros((cameras.count, len(LENS_PARAMETERS)))
@@ -57,10 +58,9 @@ class CameraLenses:
         given[at] = np.where(np.isnan(table.value), given[at], table.value)
         unknown[at] = True
         weight[at] = np.nan_to_num(1.0 / np.square(table.sigma))
-        camera = block.photos.camera
         return cls(
             ids=tuple(cameras.ids.tolist()),
-            camera=camera,
+            camera=block.photos.camera,
             lenses=tuple(lenses),
             sign=sign,
             given=given,
@@ -77,53 +77,64 @@ class CameraLenses:
         return np.stack(columns, axis=1)
 
     def predicted(
-        self, values: FloatArray, photo: IntArray, measured: FloatArray, ideal: FloatArray
+        self,
+        values: FloatArray,
+        photo: IntArray,
+        measured: FloatArray,
+        ideal: FloatArray,
+        f: FloatArray,
+        p: FloatArray,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the predicted places (..., 2) of images with ideal places (..., 2), and the partials of these.
 
-        By the ideal places (..., 2, 2), and by the parameters (..., 2, 10). `values` (c, 10) are those of the lenses.
+        By the ideal places (..., 2, 2), and by the parameters (..., 2, 10), which are `values` (c, 10); f (...) and
+        p (..., 2) are focal lengths and principal points. Ideal places are about these.
         """
         xy, by_ideal = np.empty_like(ideal), np.empty((*ideal.shape, 2))
         by_lens = np.zeros((*ideal.shape, len(LENS_PARAMETERS)))
         for camera, rays in self._by_camera(photo):
             lens, A = self._lens(values[camera], camera)
-            f, p = values[camera, _F], values[camera, _XP : _YP + 1]
             u = ideal[rays]
+            by_f = u / f[rays][..., None]
             if lens.side is Side.MEASURED:
-                off = measured[rays] - p
+                off = measured[rays] - p[rays]
                 z = off @ A.T
                 xy[rays] = measured[rays] + u + lens.distortion(z) - z
                 by_ideal[rays] = np.eye(2)
                 by_z = lens.distortion_partials(z) - np.eye(2)
                 partials = by_lens[rays]
-                partials[..., _F] = u / f
+                partials[..., _F] = by_f
                 partials[..., _XP : _YP + 1] = -by_z @ A
                 partials[..., _COEFFICIENTS] = self.sign * lens.coefficient_partials(z)
                 partials[..., [_B1, _B2]] = by_z[..., :, :1] * off[..., None, :]
             else:
                 w, by_u = u + lens.distortion(u), A @ (np.eye(2) + lens.distortion_partials(u))
-                xy[rays], by_ideal[rays] = p + w @ A.T, by_u
+                xy[rays], by_ideal[rays] = p[rays] + w @ A.T, by_u
                 partials = by_lens[rays]
-                partials[..., _F] = (by_u @ u[..., None])[..., 0] / f
+                partials[..., _F] = (by_u @ by_f[..., None])[..., 0]
                 partials[..., _XP : _YP + 1] = np.eye(2)
                 partials[..., _COEFFICIENTS] = self.sign * (A @ lens.coefficient_partials(u))
                 partials[..., 0, [_B1, _B2]] = w
             by_lens[rays] = partials
         return xy, by_ideal, by_lens
 
-    def cameras(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return focal lengths (n,) and principal points (n, 2) mm of the photos by `values` (c, 10)."""
-        of_photos = values[self.camera]
-        return of_photos[:, _F], of_photos[:, _XP : _YP + 1]
+    def changes(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what `values` (c, 10) add to focal lengths (n,) and principal points (n, 2) of the photos."""
+        change = (values - self.given)[self.camera]
+        return change[:, _F], change[:, _XP : _YP + 1]
 
-    def ideal(self, values: FloatArray, photo: IntArray, measured: FloatArray) -> FloatArray:
-        """Return the ideal places (..., 2) of measured ones, with the principal point of `values` (c, 10)."""
+    def cameras(self) -> tuple[FloatArray, FloatArray]:
+        """Return the given focal lengths (n,) and principal points (n, 2) of the photos."""
+        given = self.given[self.camera]
+        return given[:, _F], given[:, _XP : _YP + 1]
+
+    def ideal(self, values: FloatArray, photo: IntArray, measured: FloatArray, p: FloatArray) -> FloatArray:
+        """Return the ideal places (..., 2) of measured ones, both with the principal points p (..., 2)."""
         out = np.empty_like(measured)
         for camera, rays in self._by_camera(photo):
             lens, A = self._lens(values[camera], camera)
-            p = values[camera, _XP : _YP + 1]
             across = A if lens.side is Side.MEASURED else np.linalg.inv(A)
-            out[rays] = p + lens.apply((measured[rays] - p) @ across.T)
+            out[rays] = p[rays] + lens.apply((measured[rays] - p[rays]) @ across.T)
         return out
 
     def _by_camera(self, photo: IntArray) -> Iterator[tuple[int, BoolArray]]:
@@ -143,19 +154,22 @@ class CameraLenses:
 
 
 def ideal_plates(block: Block) -> Block:
-    """Return the block with ideal plate coordinates, by what its cards say of the lenses, and no unknowns of these."""
+    """Return the block with ideal plate coordinates by what its cards say of lenses.
+
+    Parameters with a sigma stay, about these coordinates.
+    """
     if not block.lens_unknowns.count:
         return block
     lenses, plates, cameras = CameraLenses.of(block), block.plates, block.cameras
-    xy = lenses.ideal(lenses.given, plates.photo, plates.xy)
+    xy = lenses.ideal(lenses.given, plates.photo, plates.xy, lenses.cameras()[1][plates.photo])
     focal, principal = lenses.given[:, _F], lenses.given[:, _XP : _YP + 1]
+    known, table = np.isfinite(block.lens_unknowns.sigma), block.lens_unknowns
     return replace(
         block,
         plates=replace(plates, xy=xy),
         cameras=replace(cameras, focal_length=focal, principal_point=principal),
-        lens_unknowns=type(block.lens_unknowns)(
-            **{name: np.zeros(0) for name in ("camera", "parameter", "value", "sigma")}
-        ),
+        distortion=taken(block.distortion, ~np.isin(block.distortion.camera, table.camera)),
+        lens_unknowns=replace(taken(table, known), value=np.full(np.count_nonzero(known), np.nan)),
     )
 
 

@@ -40,6 +40,11 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     adjusted: no usable measurements, missing water data, photos without initial values, normal equations that leave
     stations free.
     """
+    if block.lens_unknowns.count:
+        from musatpy.adjustment.lenses import ideal_plates  # most jobs know their cameras without error
+
+        job, state = prepared(ideal_plates(block), progress, sea)
+        return replace(_RunOfIIA(job=job).solution(state), block=block)
     job, state = prepared(block, progress, sea)
     return _RunOfIIA(job=job).solution(state)
 

@@ -18,8 +18,8 @@ from musatpy.model import Block, CoordinateSystem, ObservationKind, PointStatus
 from musatpy.model.tables import order_of
 
 if TYPE_CHECKING:
-    from musatpy.adjustment.lenses import CameraLenses
     from musatpy.adjustment.iteration import WaterKnowledge
+    from musatpy.adjustment.lenses import CameraLenses
 
 ORDER, BACK = [1, 2, 0], [2, 0, 1]  # of turned axes: north, up, east; where east, north, up are among them
 _FEW = 2**12  # rays

@@ -115,7 +115,8 @@ def precision(
         full = factor_of(Simultaneous(network=network, options=block.options).linearise(state).matrix)
     considered = None
     waves = network.sea is not None and network.sea.sea.considered
-    if block.points.bathymetric.any() and (is_considered(block, network.water) or waves):
+    cameras = network.lenses is None and block.lens_unknowns.count > 0
+    if cameras or (block.points.bathymetric.any() and (is_considered(block, network.water) or waves)):
         from musatpy.adjustment.considered import considered_parameters  # most jobs have none
 
         considered = considered_parameters(block, network, state, full, free.held if free else NOTHING_HELD, inner)

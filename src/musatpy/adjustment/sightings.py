@@ -7,10 +7,9 @@ seventh is the level of the water at the photo, where each photo has its own as 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-
-from typing import TYPE_CHECKING
 
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.network import Network
@@ -64,13 +63,13 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
     if not stations:
         xy, by_v = collinearity.image_by_vector(v, M, f, pp)
         if network.lenses is not None:
-            xy, by_ideal, _ = _through_lenses(network.lenses, network, state, rays, xy - pp)
+            xy, by_ideal, _ = _through_lenses(network.lenses, network, state, rays, xy - pp, f, pp)
             by_v = by_ideal @ by_v
         by_station, by_water = np.zeros((*v.shape[:-1], 2, 0)), None
     else:
         xy, by_v, by_attitude = collinearity.image_partials(v, M, state.dM.take(photo, axis=0), f, pp)
         if network.lenses is not None:
-            xy, by_ideal, by_lens = _through_lenses(network.lenses, network, state, rays, xy - pp)
+            xy, by_ideal, by_lens = _through_lenses(network.lenses, network, state, rays, xy - pp, f, pp)
             by_v, by_attitude = by_ideal @ by_v, by_ideal @ by_attitude
         waves = network.border.count(ObservationKind.WAVE)
         unknown = network.water.unknown or waves > 0
@@ -95,30 +94,33 @@ def image_coordinates(network: Network, state: State, rays: IntArray, ground: Fl
     if wet.any():
         v[wet] = _water_vectors(network, state, photo[wet], camera[wet], ground[wet])
     xy = collinearity.image(v, M, f, pp)
-    return xy if network.lenses is None else _through_lenses(network.lenses, network, state, rays, xy - pp)[0]
+    return (
+        xy if network.lenses is None else _through_lenses(network.lenses, network, state, rays, xy - pp, f, pp)[0]
+    )
 
 
 def _through_lenses(
-    lenses: CameraLenses, network: Network, state: State, rays: IntArray, ideal: FloatArray
+    lenses: CameraLenses,
+    network: Network,
+    state: State,
+    rays: IntArray,
+    ideal: FloatArray,
+    f: FloatArray,
+    pp: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return plate coordinates (..., 2) of images with ideal places (..., 2) about the principal point, with partials.
+    """Return plate coordinates (..., 2) of images with ideal places (..., 2) about the principal point.
 
-    By the ideal places (..., 2, 2) and by the parameters of the lenses (..., 2, 10).
+    And their partials by the ideal places (..., 2, 2) and by the parameters of the lenses (..., 2, 10).
     """
-    return lenses.predicted(state.lenses, network.photo[rays], network.xy.take(rays, axis=0), ideal)
-
-
-def measured_places(network: Network, state: State, rays: IntArray) -> FloatArray:
-    """Return the measured plate coordinates (..., 2) of rays (...), ideal ones where lenses are unknown."""
-    xy = network.xy.take(rays, axis=0)
-    return xy if network.lenses is None else network.lenses.ideal(state.lenses, network.photo[rays], xy)
+    return lenses.predicted(state.lenses, network.photo[rays], network.xy.take(rays, axis=0), ideal, f, pp)
 
 
 def _of_photos(network: Network, state: State, photo: IntArray) -> tuple[FloatArray, ...]:
     """Return stations, rotations, focal lengths and principal points of photos (...)."""
     cameras = (network.focal_length, network.principal_point)
     if network.lenses is not None:
-        cameras = network.lenses.cameras(state.lenses)
+        changes = network.lenses.changes(state.lenses)
+        cameras = (cameras[0] + changes[0], cameras[1] + changes[1])
     tables = (state.position, state.M, *cameras)
     return tuple(table.take(photo, axis=0) for table in tables)  # several times as fast as by index
 
@@ -196,7 +198,10 @@ def _refracted_ray(
 def straight_rays(network: Network, state: State, rays: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return origins and unit directions (..., 3) of the measured rays in air."""
     camera, M, f, pp = _of_photos(network, state, network.photo[rays])
-    return camera, collinearity.ray(measured_places(network, state, rays), M, f, pp)
+    xy = network.xy.take(rays, axis=0)
+    if network.lenses is not None:
+        xy = network.lenses.ideal(state.lenses, network.photo[rays], xy, pp)
+    return camera, collinearity.ray(xy, M, f, pp)
 
 
 def condition_rays(network: Network, state: State, rays: IntArray, xy: FloatArray, ground: FloatArray) -> BentRays:

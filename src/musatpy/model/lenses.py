@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.tables import Table, per_row
 
 # Focal length, principal point (mm), radial and decentring coefficients (powers of mm), affinity and shear.
@@ -22,8 +22,8 @@ _LEARNT, _KEPT = 0.5, 0.95  # of the sigma that was given
 class LensUnknowns(Table):
     """l parameters of cameras that the simultaneous adjustment estimates, by their names in `LENS_PARAMETERS`.
 
-    Polynomials are as the reduction means them (`ReductionOptions`): distortion or correction, of the measured or of
-    the ideal place.
+    Polynomials are as the reduction means them (`ReductionOptions`): distortion or correction, of the measured or
+    of the ideal place.
     """
 
     camera: IntArray = per_row(link="cameras", key=True)  # (l,) link to Cameras
@@ -50,7 +50,7 @@ class AdjustedLenses(Table):
     correlation: FloatArray = per_row()  # (l,) with it; NaN: none reaches 0.95
 
     @property
-    def determined(self) -> np.ndarray:
+    def determined(self) -> BoolArray:
         """(l,) whether anything determines a parameter, be it only what was given."""
         return np.asarray(self.spread * self.effect <= _MOST * self.reach)
 
@@ -82,5 +82,7 @@ class AdjustedLenses(Table):
     def undetermined(self) -> Iterator[str]:
         """The names of what is not determined, with what it is correlated."""
         for row in np.flatnonzero(~self.determined).tolist():
-            tie = f" (correlation {self.correlation[row]:.3f} with {self.partner[row]})" if self.partner[row] else ""
+            tie = (
+                f" (correlation {self.correlation[row]:.3f} with {self.partner[row]})" if self.partner[row] else ""
+            )
             yield f"{self.parameter[row]} of camera {self.camera[row]}{tie}"

@@ -13,7 +13,7 @@ from musatpy.adjustment.kinds.kind import OfImages, Rows, in_digits, of_unknowns
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.model import LENS_PARAMETERS, Block, ObservationKind
+from musatpy.model import LENS_PARAMETERS, Block, ObservationKind, Program
 from musatpy.units import MICROMETRE
 
 if TYPE_CHECKING:
@@ -30,10 +30,17 @@ class LensParameter(OfImages):
     change = "the {} still moves images by {} um"
 
     def names(self, block: Block, water: WaterKnowledge, sea: Sea | None) -> Sequence[str]:
-        """Return their names."""
+        """Return their names; IIA holds cameras."""
+        if block.options.program is not Program.IIIA:
+            return ()
+        return self.names_of(block)
+
+    def names_of(self, block: Block) -> tuple[str, ...]:
+        """Return the names of what cards say of lenses."""
         table = block.lens_unknowns
-        order = np.lexsort([[LENS_PARAMETERS.index(name) for name in table.parameter.tolist()], table.camera])
-        return [f"{table.parameter[row]} of camera {block.cameras.ids[table.camera[row]]}" for row in order]
+        column = np.array([LENS_PARAMETERS.index(name) for name in table.parameter.tolist()])
+        order = np.lexsort((column, table.camera))
+        return tuple(f"{table.parameter[row]} of camera {block.cameras.ids[table.camera[row]]}" for row in order)
 
     def rows(self, network: Network, state: State) -> Rows:
         """Return the parameters as observed."""

@@ -78,7 +78,9 @@ class LevelCorrection(OfWater):
         moves = level_motions(network, centre, state.tilt, np.nan_to_num(level))
         motions[self._index(network)] = np.where(known[:, None], moves, 0.0)
 
-    def of_wet_images(self, network: Network, group: PointGroup, by_water: FloatArray) -> tuple[IntArray, FloatArray]:
+    def of_wet_images(
+        self, network: Network, group: PointGroup, by_water: FloatArray
+    ) -> tuple[IntArray, FloatArray]:
         """Return columns (k, m) and partials (k, m, 2, m): each image sees the water of its photo."""
         k, m = group.rays.shape
         if not network.border.count(self.observed):
@@ -146,7 +148,9 @@ class WaterParameter(OfWater):
         part = self.part_of(network, step)
         return self.with_values(network, state, self.values(network, state)[0] + part) if len(part) else state
 
-    def of_wet_images(self, network: Network, group: PointGroup, by_water: FloatArray) -> tuple[IntArray, FloatArray]:
+    def of_wet_images(
+        self, network: Network, group: PointGroup, by_water: FloatArray
+    ) -> tuple[IntArray, FloatArray]:
         """Return columns (k, X) and partials (k, m, 2, X)."""
         index = self.everywhere(network, len(by_water))
         return index, by_water[..., self.part][..., : index.shape[1]]
