@@ -18,7 +18,7 @@ from musatpy.adjustment.network import Network, kept_axes
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.formats.musat import read_deck
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
-from musatpy.model import AirBases, Block, Grade, ObservationKind, Program, Solution
+from musatpy.model import AirBases, Block, Grade, LensUnknowns, ObservationKind, Program, Solution
 from musatpy.units import DEGREE
 from reference.rays import rotation
 
@@ -33,7 +33,11 @@ def at_start(name: str) -> tuple[Network, State]:
         block = sea_block(**WATER[name])
         bases = AirBases(photo=[[0, 1], [3, 1]], length=[900.0, 1800.0], sigma=[0.1, 0.2])
         attitude = np.full_like(block.photos.attitude, 1e-4)
-        block = altered(block, air_bases=bases, photos={"attitude_sigma": attitude})
+        sigma = np.array([0.1, 0.2])
+        lens = LensUnknowns(
+            camera=np.zeros(2, dtype=int), parameter=np.array(["F", "B1"]), value=sigma + 152.0, sigma=sigma
+        )
+        block = altered(block, air_bases=bases, photos={"attitude_sigma": attitude}, lens_unknowns=lens)
     else:
         block = read_deck(FIXTURES / "waves" / "unknown.crd")
     job, state = prepared(block, None)

@@ -35,7 +35,14 @@ MAY_IMPORT: dict[str, set[str]] = {
     "geometry": set(),
     "refraction": {"geometry"},
     "orientation": {"model", "geometry", "refraction"},
-    "adjustment": {"model", "geometry", "refraction", "orientation", "sea"},  # of the sea, the waves of a deck
+    "adjustment": {
+        "model",
+        "geometry",
+        "refraction",
+        "orientation",
+        "sea",
+        "reduction",
+    },  # of the sea, the waves of a deck
     "blunders": {"model", "geometry", "orientation", "adjustment", "statistics", "jobs"},
     "pipeline": {"model", "reduction", "blunders", "adjustment", "statistics"},
     "formats": {"model", "geometry", "refraction", "systems", "sea", "statistics"},
@@ -172,6 +179,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 }
 # (room, other room) -> the only modules of the other that it may import.
 ONLY = {
+    ("adjustment", "reduction"): {"musatpy.reduction.distortion", "musatpy.reduction.refined_block"},  # lenses
     ("simulation", "formats"): {"musatpy.formats.refractive_index"},  # the refractive index of what a WTC card says
     ("formats", "statistics"): {"musatpy.statistics.gates"},  # when a height contradicts a flag
 }

@@ -190,12 +190,9 @@ def _image_extras(
     network: Network, group: PointGroup, N: PointNormals
 ) -> list[tuple[IntArray, FloatArray, FloatArray]]:
     """Return index, image partials, prior rows by what images depend on in the border: the water, lenses."""
-    parts = [kind.of_images(network, group, N.images) for kind in OF_IMAGES]
-    index, images = zip(*parts, strict=True)
-    columns = np.concatenate(index, axis=1)
-    if not columns.shape[1]:
-        return []
-    return [(columns, np.concatenate(images, axis=-1), np.zeros((len(columns), 4, columns.shape[1])))]
+    unknown = (kind for kind in OF_IMAGES if network.border.count(kind.observed))
+    parts = [kind.of_images(network, group, N.images) for kind in unknown]
+    return [(index, images, np.zeros((len(index), 4, index.shape[1]))) for index, images in parts if index.shape[1]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

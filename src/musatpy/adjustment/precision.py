@@ -114,9 +114,7 @@ def precision(
         # full weights, by which observations check each other
         full = factor_of(Simultaneous(network=network, options=block.options).linearise(state).matrix)
     considered = None
-    waves = network.sea is not None and network.sea.sea.considered
-    cameras = network.lenses is None and block.lens_unknowns.count > 0
-    if cameras or (block.points.bathymetric.any() and (is_considered(block, network.water) or waves)):
+    if _has_considered(block, network):
         from musatpy.adjustment.considered import considered_parameters  # most jobs have none
 
         considered = considered_parameters(block, network, state, full, free.held if free else NOTHING_HELD, inner)
@@ -202,6 +200,14 @@ def _water_precision(
         stations=of_stations[:, :6],
         levels=of_stations[:, LEVEL] if network.water.per_photo else np.empty((0, len(water))),
     )
+
+
+def _has_considered(block: Block, network: Network) -> bool:
+    """Return whether anything that is held has a sigma: cameras in IIA; water and waves, with submerged points."""
+    if network.lenses is None and block.lens_unknowns.count:
+        return True
+    waves = network.sea is not None and network.sea.sea.considered
+    return bool(block.points.bathymetric.any()) and (is_considered(block, network.water) or waves)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -48,7 +48,6 @@ from musatpy.model import (
     AdjustedWaves,
     BathymetricPoints,
     Block,
-    Dependence,
     GroundPoints,
     ObservationKind,
     PlateResiduals,
@@ -101,8 +100,6 @@ def solution(
     stated, points = _points(block, refracted, state, part, known, reach)
     name = unknown_name(refracted, block)
     waves = _waves(refracted, state, known, name, crests)
-    depends = dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name)
-    level_sigmas = known.border_sigma[network.border.at(ObservationKind.EQUAL_ELEVATION)]
     found = Solution(
         block=block,
         converged=not reason,
@@ -120,7 +117,7 @@ def solution(
         plates=plates,
         bathymetric=bathymetric_points(block, measured, stated, job.water_groups(), np.sqrt(known.depths)),
         levels=state.levels,
-        level_sigmas=np.where(np.isnan(state.levels), np.nan, level_sigmas),
+        level_sigmas=_group_sigmas(network, state, known),
         measured=measured_values(block, network, state),
         water=_water(block, refracted, state, part, known, reach.height, waves),
         observed=known.observed,
@@ -129,8 +126,8 @@ def solution(
         water_precision=known.water,
         considered=known.considered,
         kernels=kernels.name_of(network.photos),
-        dependence=depends,
-        lenses=_lenses(refracted, state, known, depends),
+        dependence=dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name),
+        lenses=_lenses(refracted, state, known, name),
         held=None if reason else held_parameters(block, refracted, state, part, known, free),
     )
     return found if refracted is network else with_departure(found, refracted, line, factor, state)
@@ -172,12 +169,21 @@ def _waves(
     return adjusted_waves(network, state, known.diagonal, known.cofactors, known.unknowns, name, crests)
 
 
-def _lenses(network: Network, state: State, known: Covariances, depends: Dependence) -> AdjustedLenses | None:
+def _group_sigmas(network: Network, state: State, known: Covariances) -> FloatArray:
+    """Return the sigmas (g,) m of the levels of groups of equal elevation, NaN where there is no level."""
+    sigmas = known.border_sigma[network.border.at(ObservationKind.EQUAL_ELEVATION)]
+    return np.where(np.isnan(state.levels), np.nan, sigmas)
+
+
+def _lenses(
+    network: Network, state: State, known: Covariances, name: Callable[[int], str]
+) -> AdjustedLenses | None:
     """Return the unknown lenses, None without any."""
     if network.lenses is None:
         return None
     from musatpy.adjustment.adjusted_lenses import adjusted_lenses  # most jobs hold their cameras
 
+    depends = dependence(network, known.diagonal, known.cofactors, known.unknowns, name)
     return adjusted_lenses(network, state, known.cofactors, known.unknowns, depends)
 
 
