@@ -27,7 +27,7 @@ class LensUnknowns(Table):
     """
 
     camera: IntArray = per_row(link="cameras", key=True)  # (l,) link to Cameras
-    parameter: TextArray = per_row(key=True, sort=True)  # (l,)
+    parameter: TextArray = per_row(sort=True)  # (l,)
     value: FloatArray = per_row(blank=np.nan)  # (l,) NaN: that of the camera and its distortion, or zero
     sigma: FloatArray = per_row(blank=np.nan)  # (l,) NaN: free
 

@@ -15,7 +15,7 @@ from musatpy.statistics import Statistics
 _UNITS = dict(zip(LENS_PARAMETERS, LENS_UNITS, strict=True))
 
 LENSES = Rows[Statistics, AdjustedLenses](
-    "lenses", "one row per parameter of a lens that was adjusted; empty where cameras were held",
+    "adjusted_lenses", "one row per parameter of a lens that was adjusted; empty where cameras were held",
     of=attrgetter("solution.lenses"), fields=(
         Field("camera", "string", "camera id", heading="Camera", edit="A6", is_id=True),
         Field("parameter", "enum", "as on its card", heading="Param.", edit="A6", choices=LENS_PARAMETERS,

@@ -14,7 +14,7 @@ from musatpy.formats.checks.images import by_camera, common_rays, photo_pairs, r
 from musatpy.formats.checks.references import repeats
 from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import ROLES
-from musatpy.model import Atmosphere, CoordinateSystem, Curvature, Refused, Transformation
+from musatpy.model import Atmosphere, CoordinateSystem, Curvature, Program, Refused, Transformation
 
 _SOME, _SMALL = 3, 0.01  # images of a camera, and the share of its format in which all of them do not lie
 _MICROMETRES = 500.0  # of a format in mm: half of it in the smaller unit
@@ -205,6 +205,25 @@ def lenses(draft: Draft) -> Iterator[Problem]:
         if draft.lacks("lenses", row, "lenses.centre", component):
             message = "the principal point of best symmetry needs both x and y, or neither"
             yield draft.problem("lenses", row, message, path="lenses.centre", component=component)
+
+
+@check(of_run=True)
+def lens_unknowns(draft: Draft) -> Iterator[Problem]:
+    """Yield what of the unknowns of lenses cannot be estimated, or is held."""
+    role, camera = "lens_unknowns", draft.camera["lens_unknowns"]
+    free = np.isnan(draft.rows[role]["lens_unknowns.sigma"])
+    if draft.options.program is Program.IIA and free.any():
+        message = "MUSAT-IIA holds cameras: of a lens only values, and standard deviations, count"
+        row = int(np.flatnonzero(free)[0])
+        yield draft.problem(role, row, message, path="lens_unknowns.sigma", severity="warning")
+    photos = _counts(draft.camera["stations"], len(draft.camera_ids))
+    for number in np.unique(camera[free & (photos[camera] == 1)]).tolist():
+        row = int(np.flatnonzero(camera == number)[0])
+        message = f"camera {draft.camera_ids[number]} took one photo: its lens can hardly be told from its station"
+        yield draft.problem(role, row, message, path="lens_unknowns.camera", severity="warning")
+    others = np.isin(camera, draft.camera["lenses"])
+    message = "a lens with a principal point of best symmetry of its own (LNS) cannot be estimated"
+    yield from draft.problems(role, others, message, path="lens_unknowns.camera")
 
 
 @check(raw=True)
