@@ -104,6 +104,20 @@ CASES: list[Case] = [
         deck(add("BAS 842      841          702.8513   0.2000")),
         "49 BAS [842      841] already given on line 48",
     ),
+    # --- lenses ---
+    case(
+        deck(
+            replace(6, "RC8 ", "RC9 "),
+            add(CAM, "CAL RC9  F", "CAL RC9  F", "CAL RC7  K1", "LNS RC9     0.01200   0.00000"),
+        ),
+        "~50 CAL.camera [RC9] camera RC9 took one photo: its lens can hardly be told from its station",
+        "50 CAL.camera [RC9] a lens with a principal point of best symmetry of its own (LNS) cannot be estimated",
+        "~50 CAL.sigma [] MUSAT-IIA holds cameras: of a lens only values, and standard deviations, count",
+        "51 CAL.camera [RC9] a lens with a principal point of best symmetry of its own (LNS) cannot be estimated",
+        "51 CAL.parameter [F] this parameter of camera RC9 is already given on line 50",
+        "52 CAL.camera [RC7] camera RC7 has no CAM card",
+        "~53 LNS [] plate coordinates are taken as refined: 1 card carried and listed, not applied",
+    ),
     # --- references ---
     case(
         deck(

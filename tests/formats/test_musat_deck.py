@@ -65,6 +65,9 @@ def full(system: CoordinateSystem) -> model.Block:
         fiducial_measurements=marks,
         orientation=otherwise(model.OrientationSpec()),
         reduction=otherwise(model.ReductionOptions()),
+        lens_unknowns=model.LensUnknowns(
+            camera=[0, 0], parameter=["F", "K1"], value=[152.1, np.nan], sigma=[np.nan, 1e-9]
+        ),
     )  # fmt: skip
 
 

@@ -49,7 +49,9 @@ class CameraLenses:
         given[:, _F], given[:, _XP : _YP + 1] = cameras.focal_length, cameras.principal_point
         lenses = []
         for camera in range(cameras.count):
-            lens = lens_of(block, camera, options) or Lens(centre=np.zeros(2), side=Side(options.side.value))
+            estimated = camera in block.lens_unknowns.camera  # images of others are ideal already
+            lens = lens_of(block, camera, options) if estimated else None
+            lens = lens or Lens(centre=np.zeros(2), side=Side(options.side.value))
             given[camera, _COEFFICIENTS] = sign * np.concatenate([lens.k[1:], lens.p[:2]])
             lenses.append(replace(lens, centre=np.zeros(2)))
         table, unknown, weight = block.lens_unknowns, np.zeros(given.shape, dtype=bool), np.zeros(given.shape)

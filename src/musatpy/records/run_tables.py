@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.errors import Problem, RecordError
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.systems import Geographic, System, geographic
 from musatpy.model import (
@@ -44,8 +45,9 @@ from musatpy.systems.statement import ellipsoid_by
 from musatpy.units import AngleUnit
 
 SYSTEM = ("options", "ellipsoid", "stated")  # tables that tell the system of a job
-STATIONS = (*SYSTEM, "water", "adjusted_water", "waves", "wave_origin", "cameras", "stations")
+STATIONS = (*SYSTEM, "water", "adjusted_water", "waves", "wave_origin", "cameras", "adjusted_lenses", "stations")
 BLOCK = (*STATIONS, "points", "plates")
+_INTERIOR = ("F", "XP", "YP")
 COVARIANCES = ("station_pairs", "level_pairs", "water_precision")
 
 
@@ -97,12 +99,21 @@ def water_fault(tables: Tables) -> str:
 
 
 def cameras_of(tables: Tables) -> Cameras:
-    """Return the cameras of a record."""
-    cameras = tables["cameras"]
+    """Return the cameras of a record, as adjusted. Raises `RecordError` where a distortion was: images need it."""
+    cameras, adjusted = tables["cameras"], tables["adjusted_lenses"]
+    ids, parameter = texts(cameras, "camera"), texts(adjusted, "parameter")
+    focal_length, principal_point = numbers(cameras, "focal_length"), numbers(cameras, "principal_point", 2)
+    row, value = rows_of(ids, texts(adjusted, "camera")), numbers(adjusted, "adjusted")
+    if distorted := sorted({str(ids[camera]) for camera in row[~np.isin(parameter, _INTERIOR)].tolist()}):
+        what = f"the distortion of camera {', '.join(distorted)} was adjusted"
+        raise RecordError([Problem(message=f"{what}: this command does not correct images for it")])
+    focal_length[row[parameter == "F"]] = value[parameter == "F"]
+    for axis, name in enumerate(("XP", "YP")):
+        principal_point[row[parameter == name], axis] = value[parameter == name]
     return Cameras(
-        ids=texts(cameras, "camera"),
-        focal_length=numbers(cameras, "focal_length"),
-        principal_point=numbers(cameras, "principal_point", 2),
+        ids=ids,
+        focal_length=focal_length,
+        principal_point=principal_point,
         format_size=numbers(cameras, "format_size", 2),
     )
 

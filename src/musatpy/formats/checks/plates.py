@@ -187,13 +187,18 @@ def _several(zero: BoolArray, owner: IntArray, name: IntArray) -> BoolArray:
 
 @check(raw=False)
 def plates_taken_as_refined(draft: Draft) -> Iterator[Problem]:
-    """Yield once for each kind of card that plate reduction would need: such cards are carried, not applied."""
+    """Yield once for each kind of card that plate reduction would need: such cards are carried, not applied.
+
+    But the distortion of lenses that are estimated: the adjustment starts from it.
+    """
     for role in _OF_REDUCTION:
-        number = len(draft.rows[role])
-        if number:
+        carried = np.ones(len(draft.rows[role]), dtype=bool)
+        if role == "distortion":
+            carried = ~np.isin(draft.camera[role], draft.camera["lens_unknowns"])
+        if number := int(carried.sum()):
             count = "1 card" if number == 1 else f"{number} cards"
             message = f"plate coordinates are taken as refined: {count} carried and listed, not applied"
-            yield draft.problem(role, 0, message, severity="warning")
+            yield draft.problem(role, int(carried.argmax()), message, severity="warning")
 
 
 @check(of_card=True)
