@@ -274,7 +274,7 @@ def test_what_the_deck_knows_of_the_plane_is_held(level: model.WaterLevel, tilt:
 def test_control_that_contradicts_says_so_of_both_ways() -> None:
     _, block = tank()
     mixed = replace(block, control=replace(block.control, position=block.control.position[::-1]))
-    with pytest.raises(AdjustmentError, match=r"agree with no station.*; through the water, SINGLE-RAY: "):
+    with pytest.raises(AdjustmentError, match=r"no station agrees with .*; through the water, SINGLE-RAY: "):
         musatpy.adjust(mixed)
 
 

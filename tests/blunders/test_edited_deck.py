@@ -124,6 +124,6 @@ def test_without_editing_there_is_nothing_to_punch(tmp_path: Path) -> None:
     deck.write_bytes(DECK.read_bytes())
     result = CliRunner().invoke(main, ["run", str(deck), "--punch-edits"])
     assert result.exit_code == 0
-    assert "no edited deck: the options do not have blunders looked for" in result.stderr
+    assert "no edited deck: the options do not ask for a search for blunders" in result.stderr
     assert not (tmp_path / "job.edited.crd").exists()
     assert "found" not in result.stdout

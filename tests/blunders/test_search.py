@@ -355,4 +355,4 @@ def test_a_search_that_has_spent_its_effort_is_given_up_and_says_so(monkeypatch:
     block, _ = with_plate_blunders(clean()[0], 0.02, np.random.default_rng(5))
     solution = edited(block)
     assert not solution.findings
-    assert any("given up: it came to no end" in warning for warning in solution.warnings)
+    assert any("given up: it did not end" in warning for warning in solution.warnings)

@@ -120,7 +120,7 @@ def test_a_cluster_that_does_not_answer(tmp_path, monkeypatch):
         ran = musat("batch", tmp_path, "--cluster", address)
         assert (ran.exit_code, f"{address}: no scheduler can be reached" in ran.stderr) == (1, True)
     ran = musat("batch", tmp_path, "--cluster", "tcp://127.0.0.1:9", "-j", "2")
-    assert (ran.exit_code, "-j is of this machine" in ran.stderr) == (2, True)
+    assert (ran.exit_code, "-j counts jobs on this machine" in ran.stderr) == (2, True)
 
 
 def test_the_program_is_known_by_its_sources(tmp_path):

@@ -88,7 +88,7 @@ def test_points_are_corrected(tmp_path: Path) -> None:
     result = depth("correct", LAGOON / "points.csv", "-o", out, *CAMERAS, *FORMAT, "--jobs", 1)
     assert result.exit_code == 0, result.output
     assert result.output.splitlines()[0] == f"{out}: 73 points, 63 corrected"
-    assert "7 not: only one camera sees it" in result.output
+    assert "7 not corrected: only one camera sees it" in result.output
     assert len(out.read_text().splitlines()) == 74
     quiet = depth("correct", LAGOON / "points.csv", "-o", out, *CAMERAS, "--angle", 35, "--quiet")
     assert (quiet.exit_code, quiet.output) == (0, "")
@@ -165,7 +165,7 @@ POINTS = ("correct", LAGOON / "points.csv", "-o", "out.csv")
             "--salinity or --chlorinity",
         ),
         (("table", "--height", 900, "--index", 1.34), "--height and --base are needed, or --cameras"),
-        (("table", *PAIR, "--cameras", LAGOON / "cameras.csv"), "stands in place of --height"),
+        (("table", *PAIR, "--cameras", LAGOON / "cameras.csv"), "--cameras replaces --height"),
         (("table", *PAIR, "--angle", 30), "go with --cameras"),
         (("table", *PAIR, "--exact", "--at", TABLE_1), "rays need x, y"),
         (("table", *PAIR, "--depths", "-1"), "an apparent depth is not less than zero"),

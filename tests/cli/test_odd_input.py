@@ -62,7 +62,7 @@ def test_a_grid_is_part_of_the_name_of_a_file(folder: Path, name: str) -> None:
     deck = folder / "deck.crd"
     deck.write_text(COMPILED.read_text().replace("GRD BAY   ", f"GRD {name:<6}"))
     words = told(folder, "as11", "compile", "DIR/st_thomas.json", deck, "--gis")
-    assert "cols 5-12 GRD.name: names files of the grid" in words
+    assert "cols 5-12 GRD.name: is used in names of files" in words
 
 
 @pytest.mark.parametrize(

@@ -184,7 +184,7 @@ REFUSALS = {
     "misplaced": (bad(*FAR), 31, "under no other names the marks fit; out of place: 5; residuals x y in um: 1 "),
     "degenerate": (bad(in_one_place), 31, "the marks lie in one place"),
     "limit": (bad(OFF), 31, "mark 5 is off by 0.1", "0.0300 mm; without mark 5 the others keep", "in um: 1 "),
-    "lost": (deck_bytes(replace(raw_block(), distortion=WILD)), 27, "satisfies the calibration of the camera"),
+    "lost": (deck_bytes(replace(raw_block(), distortion=WILD)), 27, "fits the calibration of the camera"),
     "distances": (deck_bytes(by_distances(mark_distances=WRONG)), 35, "distance 3 - 1 is off", "in um: 7 - 5 "),
     "axes": (bad(
         edit(3, "AFFINE   ", "DISTANCES"), drop(*range(35, 39), *range(43, 47)),

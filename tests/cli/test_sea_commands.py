@@ -95,7 +95,7 @@ def test_the_grid_of_the_pair(tmp_path: Path) -> None:
     left = [row for row in table if row["reason"]]
     assert {row["reason"] for row in left} <= {"the surface is not known where its rays meet the water"}
     assert all(row["true_z"] == "" and row["sigma_height"] == "" for row in left)
-    assert f"{len(left)} not: the surface is not known" in result.output
+    assert f"{len(left)} not corrected: the surface is not known" in result.output
 
 
 @pytest.mark.parametrize("model", ["fourier", "grid"])

@@ -122,7 +122,10 @@ def test_lines_are_cut_where_no_photo_shows_them_and_stay_on_land(stations: Path
     write_layers(tmp_path / "a.gpkg", {"lines": lines})
     result = by_stations(stations, tmp_path / "a.gpkg", tmp_path / "true.gpkg")
     assert result.exit_code == 0, result.output
-    assert "1 not: not below the water" in result.stdout and "2 not: no camera sees it" in result.stdout
+    assert (
+        "1 not corrected: not below the water" in result.stdout
+        and "2 not corrected: no camera sees it" in result.stdout
+    )
     done = read_layers(tmp_path / "true.gpkg")["lines"]
     assert isinstance(done, Lines)
     assert [len(path) for path in done.vertices] == [2, 2, 3] and done.closed.tolist() == [False, False, True]

@@ -189,6 +189,6 @@ def test_a_raster_that_is_not_read_as_it_was_written_is_refused(
 ) -> None:
     """What a file system loses without a word shows when the file is read again."""
     monkeypatch.setattr(geotiff, "_sum", lambda *_: 0)
-    with pytest.raises(InterchangeError, match="what is read is not what was written"):
+    with pytest.raises(InterchangeError, match="the file differs from what was written"):
         geotiff.write(tmp_path / "a.tif", grid())
     assert not list(tmp_path.iterdir())

@@ -210,7 +210,7 @@ def test_ground_without_any_height_has_to_be_told() -> None:
     )
     assert ground_level(block) == pytest.approx(0.12)  # the middle one of the tides
     dry = replace(block, photos=replace(block.photos, tide=np.full(3, np.nan)))
-    with pytest.raises(DeckError, match="give its height"):
+    with pytest.raises(DeckError, match="from neither control nor tides"):
         ground_level(dry)
 
 

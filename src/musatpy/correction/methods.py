@@ -205,5 +205,7 @@ class Method:
     def lines(self, tally: Tally) -> list[str]:
         """Return what has come of points in words."""
         every = dict.fromkeys((*self.reasons.values(), *tally.counts))
-        lost = [f"{tally.counts[reason]} not: {reason}" for reason in every if reason and tally.counts[reason]]
+        lost = [
+            f"{tally.counts[reason]} not corrected: {reason}" for reason in every if reason and tally.counts[reason]
+        ]
         return [f"{tally.counts.total()} points, {tally.corrected} corrected", *lost]
