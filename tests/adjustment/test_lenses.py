@@ -273,7 +273,7 @@ def test_a_wrong_focal_length_is_the_cause_and_freed_is_found() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("side", SIDES)
 def test_errors_are_as_large_as_their_sigmas(side: DistortionSide) -> None:
-    """Forty draws over the water: RMS of errors over sigmas .9 to 1.1 of all, .7 to 1.3 of each (standard error .11)."""
+    """Forty draws over the water: RMS of errors over sigmas, .06 (all) and .11 (each) by chance, within three times."""
     ratios = []
     for seed in range(40):
         solution = converged(unknowns(through_lens(drone(1000 + seed), side, TRUE), *TRUE))
@@ -283,5 +283,5 @@ def test_errors_are_as_large_as_their_sigmas(side: DistortionSide) -> None:
             (solution.lenses.value - solution.lenses.given - true) / solution.lenses.spread * solution.sigma0
         )
     rms = np.sqrt(np.mean(np.square(ratios), axis=0))
-    assert 0.9 < np.sqrt(np.mean(np.square(ratios))) < 1.1
-    np.testing.assert_array_less(np.abs(rms - 1.0), 0.3)
+    assert abs(np.sqrt(np.mean(np.square(ratios))) - 1.0) < 0.18
+    np.testing.assert_array_less(np.abs(rms - 1.0), 0.33)
