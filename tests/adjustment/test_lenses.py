@@ -273,7 +273,7 @@ def test_a_wrong_focal_length_is_the_cause_and_freed_is_found() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("side", SIDES)
 def test_errors_are_as_large_as_their_sigmas(side: DistortionSide) -> None:
-    """Forty draws over the water: RMS of errors over sigmas, .06 (all) and .11 (each) by chance, within three times."""
+    """Forty draws over the water: errors over sigmas, RMS within 3 of .06 (all) and .11 (each)."""
     ratios = []
     for seed in range(40):
         solution = converged(unknowns(through_lens(drone(1000 + seed), side, TRUE), *TRUE))
