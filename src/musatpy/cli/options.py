@@ -69,11 +69,11 @@ def _with_common(command: click.Command) -> click.Command:
 WORDS = "musatpy.words"  # those of the command line, in the `meta` of a context
 COMMON: list[click.Parameter] = [
     click.Option(
-        ["-v", "--verbose"], is_flag=True, expose_value=False, callback=_be_verbose, help="Tell phases on stderr."
+        ["-v", "--verbose"], is_flag=True, expose_value=False, callback=_be_verbose, help="Print phases on stderr."
     ),
     click.Option(
         ["--log"], metavar="FILE", type=click.Path(dir_okay=False, path_type=Path), expose_value=False,
-        callback=_open_log, help="Add what is said, and phases, to FILE, with the time.",
+        callback=_open_log, help="Append messages and phases to FILE, with the time.",
     ),
 ]  # fmt: skip
 

@@ -144,7 +144,7 @@ def plot_command(
     ctx.exit(int(failed))
 
 
-@click.command(name="report", short_help="Make the pages of runs: HTML files to hand over.")
+@click.command(name="report", short_help="Make the page of a run: one HTML file to hand over.")
 @click.argument("records", metavar="RUN.json...", nargs=-1, required=True, type=NamedPath())
 @click.option(
     "-o", "--out", "out", metavar="NAME.html|DIR", type=NamedPath(),
