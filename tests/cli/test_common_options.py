@@ -139,6 +139,13 @@ def test_a_listing_that_nobody_reads_is_no_bad_deck(tmp_path):
         (("batch", DECK, "--cluster", "tcp://localhost:1"), "distributed", "cluster"),
         (("plot", "DIR/st_thomas.json"), "matplotlib", "plots"),
         (("report", "DIR/st_thomas.json"), "jinja2", "report"),
+        (("report", "DIR/st_thomas.json"), "matplotlib", "report"),
+        (("depth", "picture", "DIR/m.png", "--height", 3, "--base", 1, "--index", 1.34), "matplotlib", "plots"),
+        (
+            ("depth", "correct", "DIR/points.las", "-o", "DIR/d.las", "--cameras", "DIR/st_thomas.json"),
+            "laspy",
+            "las",
+        ),
         (("correct", "DIR/points.las", "--run", "DIR/st_thomas.json", "-o", "DIR/true.las"), "laspy", "las"),
         (("correct", "DIR/points.gpkg", "--run", "DIR/st_thomas.json", "-o", "DIR/true.gpkg"), "pyogrio", "gis"),
         (("as11", "contours", "DIR/depths.tif", "-o", "DIR/c.gpkg", "--interval", "1"), "rasterio", "gis"),

@@ -187,24 +187,6 @@ def test_a_command_line_that_says_too_little_or_too_much(arguments: tuple[object
     assert message in " ".join(result.stderr.split())
 
 
-@pytest.mark.parametrize(
-    ("package", "arguments"),
-    [
-        ("matplotlib", ("picture", "model.png", *PAIR)),
-        ("laspy", ("correct", "in.las", "-o", "out.las", *CAMERAS, *FORMAT)),
-    ],
-)
-def test_a_missing_package_is_named(
-    monkeypatch: pytest.MonkeyPatch, package: str, arguments: tuple[object, ...]
-) -> None:
-    for name in [package, "matplotlib.figure", "matplotlib.backends.backend_agg"]:
-        monkeypatch.setitem(sys.modules, name, None)
-    result = depth(*arguments)
-    extra = {"matplotlib": "plots", "laspy": "las"}[package]
-    assert result.exit_code == 1
-    assert f"the package {package}: pip install 'musatpy[{extra}]'" in result.stderr
-
-
 @pytest.mark.slow
 def test_a_picture_of_the_model(tmp_path: Path) -> None:
     result = depth("picture", tmp_path / "model.png", *PAIR, "--width", 2250)

@@ -9,8 +9,7 @@ import pytest
 import shapely
 
 from cli.commands import musat
-from musatpy.errors import MusatError, RecordError
-from musatpy.page import rendering
+from musatpy.errors import RecordError
 from musatpy.page.composition import page_of_record
 from musatpy.units import ARC_SECOND, DEGREE
 from page.pages import ROOT, ST_THOMAS, Reader, read, record, record_text, written
@@ -280,10 +279,3 @@ def test_what_edit_left_out_stands_with_its_tests(tmp_path):
     found, rows = json.loads(text)["findings"], read(written(tmp_path, text)).rows("Blunders Found")
     assert [row["Test"] for row in rows] == sorted((row["Test"] for row in rows), key=lambda t: -abs(float(t)))
     assert len(rows) == len(found) > 0
-
-
-@pytest.mark.parametrize("missing", ["jinja2", "matplotlib"])
-def test_a_missing_package_is_named_with_its_pip_line(monkeypatch, tmp_path, missing):
-    monkeypatch.setattr(rendering.importlib.util, "find_spec", lambda name: None if name == missing else name)
-    with pytest.raises(MusatError, match=rf"pages need {missing}: pip install 'musatpy\[report\]'"):
-        page_of_record(written(tmp_path))

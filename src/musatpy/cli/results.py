@@ -131,6 +131,8 @@ def plot_command(
     for record in records:
         try:
             done = drawn(record, out_dir, names, profile, form)
+        except MissingPackageError:
+            raise
         except (MusatError, OSError) as error:
             complain_of_error(error)
             failed = True
