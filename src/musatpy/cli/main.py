@@ -71,9 +71,11 @@ class Commands(LazyGroup):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; whatever it raises ends as a message and an exit status."""
-        start, status = time.monotonic(), 0
+        start, status = time.monotonic(), 1
         try:
-            return super().invoke(ctx) if ctx.params["debug"] else self._invoke(ctx)
+            result = super().invoke(ctx) if ctx.params["debug"] else self._invoke(ctx)
+            status = 0
+            return result
         except click.exceptions.Exit as ended:
             status = ended.exit_code
             raise
