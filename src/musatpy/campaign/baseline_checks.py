@@ -201,8 +201,8 @@ def check_text(check: BaselineCheck, listed: int, style: Style = plain) -> str:
         if listed and deck.differences and not deck.same:
             lines += [style(deck.name, "title"), _rendered(deck, listed, style)]
     for deck in check.decks:
-        counts = [] if listed else [_count_text(file) for file in deck.differences if not file.same]
-        why = "; ".join([*deck.notes, *counts])
+        different = [] if listed else [_count_text(file) for file in deck.differences if not file.same]
+        why = "; ".join([*deck.notes, *different])
         notes = printable(f"  ({why})") if why else ""
         state = style(deck.state, "same" if deck.same else "different")
         lines.append(f"{printable(deck.name):<{width}}  {state}{notes}")

@@ -100,9 +100,11 @@ def _tell_of_trouble(
         if outcome.message and not (asked(QUIET) and outcome.state is JobState.UNUSABLE):
             complain(f"{name_of(job.deck)}: {outcome.state}: {outcome.message}")
     complain_of_each(None, result.notes)
-    kept = sum(len(outcome.problems) for outcome in result.outcomes if outcome.kept)
-    if known and kept and not asked(QUIET):
-        complain(f"{count_of(kept, 'warning')} of jobs that were kept from an earlier run; --warnings prints them")
+    warnings = sum(len(outcome.problems) for outcome in result.outcomes if outcome.kept)
+    if known and warnings and not asked(QUIET):
+        complain(
+            f"{count_of(warnings, 'warning')} of jobs that were kept from an earlier run; --warnings prints them"
+        )
     if result.interrupted:
         kept = "; what is finished is kept, and the same command goes on from there" if resumable else ""
         complain(f"interrupted{kept}")

@@ -166,6 +166,7 @@ def plot_command(
 @click.pass_context
 def report_command(
     ctx: click.Context,
+    /,
     records: tuple[Path, ...],
     out: Path | None,
     inputs: tuple[Path, ...],
