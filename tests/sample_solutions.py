@@ -48,21 +48,19 @@ class _Strip:
 def sample_block(
     system: model.CoordinateSystem = model.CoordinateSystem.GEOGRAPHIC,
     refraction: model.Refraction = model.Refraction.WATPT,
-    seed: int = 306,
 ) -> model.Block:
     """Return the block: 10 photos, 98 points, 7 horizontal, 35 vertical and 3 check points."""
-    return _block(_Strip(seed), system, refraction)
+    return _block(_Strip(306), system, refraction)
 
 
 def sample_solution(
     system: model.CoordinateSystem = model.CoordinateSystem.GEOGRAPHIC,
     refraction: model.Refraction = model.Refraction.WATPT,
-    seed: int = 306,
     *,
     converged: bool = True,
 ) -> model.Solution:
     """Return a solution of `sample_block`; point 1101 is not determined, point 1047 kept out and intersected."""
-    strip = _Strip(seed)
+    strip = _Strip(306)
     block = _block(strip, system, refraction)
     rng = strip.rng
     n, p = len(PHOTOS), len(strip.ids)

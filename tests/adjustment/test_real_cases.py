@@ -18,7 +18,6 @@ from blocks import converged
 from musatpy import model
 from musatpy.adjustment import adjust
 from musatpy.model import Block, PointStatus
-from musatpy.units import DEGREE
 from reference import dense_bundle
 from reference.compare import beside
 
@@ -38,8 +37,7 @@ def load_case(name: str) -> dict[str, Any]:
 def strasbourg(case: dict[str, Any], variant: str) -> model.Block:
     """Return the five-photo block as DBAT adjusted it: variant S1 (fixed control), S2 (weighted) or S4 (smart).
 
-    x = 0.006 px - 26.577, y = 38.811 - 0.006 py in millimetres; image sigma 1 px; no sigmas on the stations, which
-    start from a plane similarity rounded to 5 m and 0.1 degree.
+    x = 0.006 px - 26.577, y = 38.811 - 0.006 py in millimetres; image sigma 1 px; nothing is known of the stations.
     """
     marks = case["mark_id_image_px_py"] + (case["smart_id_image_px_py"] if variant == "S4" else [])
     images = list(case["image_names"])
@@ -85,16 +83,8 @@ def local_block(
     control: dict[str, list[float]],
     control_sigma: np.ndarray | None,  # None: it is fixed
 ) -> model.Block:
-    """Return a local rectangular block of one camera with full control.
-
-    It starts from plane similarities, rounded to 5 m and 0.1 degree.
-    """
+    """Return a local rectangular block of one camera with full control; its stations are to be computed."""
     ids = list(dict.fromkeys([*names, *control]))
-    starts = []
-    for number in range(len(photo_ids)):
-        rows = [row for row in np.flatnonzero(photo == number) if names[row] in control]
-        starts.append(near_vertical(xy[rows], np.array([control[names[row]] for row in rows]), focal_length))
-    position, attitude = (np.array(values) for values in zip(*starts, strict=True))
     return model.Block(
         titles=(title,),
         options=model.Options(
@@ -102,6 +92,7 @@ def local_block(
             refraction=model.Refraction.NONE,
             plate_sigma=plate_sigma,
             max_iterations=30,
+            initial=model.Initial.COMPUTE,
         ),
         cameras=model.Cameras(
             ids=["CAM1"], focal_length=[focal_length], principal_point=[[0.0, 0.0]], format_size=[[np.nan, np.nan]]
@@ -109,8 +100,8 @@ def local_block(
         photos=model.Photos(
             ids=photo_ids,
             camera=np.zeros(len(photo_ids), dtype=int),
-            position=np.round(position / 5.0) * 5.0,
-            attitude=np.round(attitude / (0.1 * DEGREE)) * 0.1 * DEGREE,
+            position=np.full((len(photo_ids), 3), np.nan),
+            attitude=np.full((len(photo_ids), 3), np.nan),
         ),
         points=model.Points(ids=ids),
         plates=model.PlateMeasurements(photo=photo, point=[ids.index(name) for name in names], xy=xy),
@@ -122,19 +113,6 @@ def local_block(
             sigma=[] if control_sigma is None else control_sigma,
         ),
     )
-
-
-def near_vertical(xy: np.ndarray, ground: np.ndarray, focal_length: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (position (3,), (omega, phi, kappa)) of a photo taken straight down over nearly flat ground.
-
-    `xy` (k, 2) plate mm from the principal point, `ground` (k, 3) local coordinates, `focal_length` mm. With no
-    tilt, E + iN = (E0 + iN0) + s exp(i kappa) (x + iy), where s is the scale number times 1/1000.
-    """
-    plate = xy[:, 0] + 1j * xy[:, 1]
-    plan = ground[:, 0] + 1j * ground[:, 1]
-    terms, *_ = np.linalg.lstsq(np.stack([np.ones_like(plate), plate], axis=1), plan, rcond=None)
-    height = ground[:, 2].mean() + abs(terms[1]) * focal_length
-    return np.array([terms[0].real, terms[0].imag, height]), np.array([0.0, 0.0, np.angle(terms[1])])
 
 
 STRASBOURG = {"S1": "S1_fixed", "S2": "S2_weighted", "S4": "S4_smart"}
@@ -156,7 +134,8 @@ def from_python(block: Block) -> SimpleNamespace:
 
 def from_reference(block: Block) -> dense_bundle.Result:
     """Return what the reference has, from a start some metres off."""
-    start = beside(adjust(block))
+    solution = adjust(block)
+    start, block = beside(solution), solution.block
     rng = np.random.default_rng(1)
     away = {name: getattr(start, name) + rng.normal(0.0, 2.0, (1, 3)) for name in ("position", "points")}
     return dense_bundle.solve(block, replace(start, **away), refraction=False)

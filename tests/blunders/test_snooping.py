@@ -48,12 +48,9 @@ def judgement_without(block: Block, *rows: tuple[ObservationKind, int]) -> tuple
     return scene, judged(scene, state, units, taken, factors, factor)
 
 
-def test_values(judgement: Judgement, kind: ObservationKind, row: int) -> np.ndarray:
+def values_of(judgement: Judgement, kind: ObservationKind, row: int) -> np.ndarray:
     units = judgement.units
     return judgement.test[(units.kind == kind) & (units.row == row)]
-
-
-test_values.__test__ = False
 
 
 def test_the_tests_of_a_sound_block_are_those_of_its_solution() -> None:
@@ -98,9 +95,9 @@ def test_one_observation_is_tested_alike_in_and_out(kind: ObservationKind, row: 
     _, inside = judgement_without(block)
     _, outside = judgement_without(block, (kind, row))
     f = sum(adjust(block).observations.values()) - sum(adjust(block).unknowns.values())
-    (t,) = test_values(inside, kind, row)
+    (t,) = values_of(inside, kind, row)
     tau = t / np.sqrt((f - 1 + t * t) / f)  # Pope's value of Student's
-    (w,) = test_values(outside, kind, row)
+    (w,) = values_of(outside, kind, row)
     assert w * outside.sigma0 == pytest.approx(tau * inside.sigma0, rel=2e-3)
 
 

@@ -1,7 +1,6 @@
 """Whole decks: tables, every problem in one pass, line ends, and decks written."""
 
 import math
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -204,21 +203,6 @@ def test_a_deck_of_many_chunks(family):
         changed = np.flatnonzero(plates["point"] != "1046")
         assert changed.tolist() == odd
         assert plates["point"][odd].tolist() == [str(i) for i in odd]
-
-
-@pytest.mark.parametrize("make", [numbered, bare])
-def test_reading_takes_at_most_four_times_the_file(family, tmp_path, make):
-    # Columns, line numbers and the file itself; with 60,000 cards the chunk in work is a small part.
-    path = tmp_path / "large.crd"
-    path.write_bytes(make([CAMERA, *(PLATES[:2] * 30_000), "END"]))
-    tracemalloc.start()
-    try:
-        deck = read_cards(path, family)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert len(deck.lines["PLT"]) == 60_000
-    assert peak <= 4 * path.stat().st_size
 
 
 # --- writing ---

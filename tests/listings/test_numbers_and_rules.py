@@ -6,7 +6,7 @@ from decimal import Decimal
 import pytest
 
 from musatpy.fortran import parse_edit, write_number
-from musatpy.listings import RulesError, compare_texts, load_rules, parse_rules
+from musatpy.listings import RulesError, compare_texts, parse_rules
 
 
 def difference(a, b):
@@ -60,38 +60,6 @@ def test_what_fortran_writes_is_read_as_it_stands(descriptor):
         found = compare_texts(f"x {write_number(value, edit)}\n", f"x {value!r}\n")
         # half a unit of the last digit is how a decimal is rounded; binary numbers add their own error
         assert all(one.kind == "number" and abs(one.last_digits) <= 0.5000001 for one in found.findings)
-
-
-def test_a_rule_file_is_read(tmp_path):
-    path = tmp_path / "rules.toml"
-    path.write_text(
-        """
-[layout]
-section = '^TABLE \\d'
-header = ['^RUN ', '^DATE ']
-carriage_control = true
-
-[[rule]]
-name = "sigmas"
-section = "Adjusted"
-column = "Sigma"
-last_digits = 1
-
-[[rule]]
-page = [2, 3]
-point = ["101", 102]
-at = [10, 20]
-absolute = 0.001
-relative = 1e-6
-"""
-    )
-    rules = load_rules(path)
-    assert [rule.name for rule in rules.rules] == ["sigmas", "rule 2"]
-    assert rules.rules[1].absolute == Decimal("0.001")
-    assert rules.rules[1].pages == (2, 3)
-    assert rules.rules[1].point.fullmatch("102") and not rules.rules[1].point.fullmatch("1021")
-    assert rules.layout.carriage_control is True
-    assert len(rules.layout.header) == 2
 
 
 @pytest.mark.parametrize(

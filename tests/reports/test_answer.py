@@ -5,13 +5,13 @@ import functools
 import itertools
 import json
 import re
-from pathlib import Path
 from string import ascii_lowercase
 
 import numpy as np
 import pytest
 
 from altered import added, altered, with_options
+from blocks import FIXTURES, simulation
 from musatpy import adjust, read_deck
 from musatpy.listings import compare_texts
 from musatpy.listings.audit import audit
@@ -24,12 +24,11 @@ from musatpy.reports.listing import listing, listing_of, uncut
 from musatpy.reports.pages import BODY_LINES, PAGE_WIDTH
 from musatpy.reports.record import dumps, record_of
 from musatpy.reports.statistical_tests import HIDDEN
-from musatpy.simulation import simulate
 from musatpy.statistics import Statistics
 from reports.test_listing import pages_of, section
 from sample_solutions import sample_solution
 
-DECK = Path(__file__).parents[2] / "fixtures" / "st_thomas" / "st_thomas.crd"
+DECK = FIXTURES / "st_thomas" / "st_thomas.crd"
 CONTROL = "Control Residuals: Adjusted Minus Given, With The Sigmas Given"
 CHECKS = "Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Position"
 VERTICAL = 4  # row of the vertical control point of the deck
@@ -276,15 +275,16 @@ def test_what_may_be_cut_are_rows_each_of_them_once(angles):
 
 
 @pytest.mark.slow
-def test_a_block_of_320_photos_is_brief_on_forty_pages(tmp_path):
-    spec = tmp_path / "block.toml"
-    spec.write_text(
-        "title = ['BLOCK']\n[flight]\nstrips = 8\nphotos = 40\nattitude_scatter = 1.0\n[water]\nlevel = 0.0\n"
-        "[[shoal]]\nshare = 0.3\ndepth = [0.5, 10.0]\n[points]\nextra = [{ number = 4000 }]\n"
-        "[[control]]\nkind = 'full'\nnumber = 100\nsigma = 0.1\nerror = 0.1\n"
-        "[stations]\nposition_error = 30.0\nattitude_error = 0.5\n"
+def test_a_block_of_320_photos_is_brief_on_forty_pages():
+    made = simulation(
+        1,
+        flight={"strips": 8, "photos": 40, "attitude_scatter": 1.0},
+        shoal=[{"share": 0.3, "depth": [0.5, 10.0]}],
+        points={"extra": [{"number": 4000}]},
+        control=[{"kind": "full", "number": 100, "sigma": 0.1, "error": 0.1}],
+        stations={"position_error": 30.0, "attitude_error": 0.5},
     )
-    statistics = Statistics(adjust(simulate(spec).block))
+    statistics = Statistics(adjust(made.block))
     assert len(statistics.block.photos.ids) == 320 and len(statistics.block.points.ids) > 4000
     text = listing_of(statistics, brief=True)
     assert 20 < len(pages_of(text)) <= listing_module.MOST_PAGES

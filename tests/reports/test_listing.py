@@ -9,11 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from adjustment.test_free_network import free_block
 from altered import altered
 from asa_printer import played
+from blocks import converged
 from musatpy import adjust, model, read_deck
+from musatpy.model.tables import empty
 from musatpy.reports.listing import listing
 from musatpy.reports.pages import PAGE_LINES, PAGE_WIDTH
+from reference.networks import Plan
 from sample_solutions import sample_solution
 
 ST_THOMAS = Path(__file__).parents[2] / "fixtures" / "st_thomas" / "st_thomas.crd"
@@ -121,42 +125,12 @@ def test_a_date_is_printed_on_every_page_when_asked_for():
 
 
 def test_a_job_without_extras_has_no_empty_tables():
-    solution = sample_solution(model.CoordinateSystem.LOCAL, model.Refraction.NONE)
-    none = np.zeros((0, 3))
-    solution = altered(
-        solution,
-        block={
-            "control": model.Control(point=[], kind=[], fixed=[], position=none, sigma=none),
-            "equal_elevations": model.EqualElevations(ids=[], sigma=[], group=[], point=[]),
-            "air_bases": model.AirBases(photo=np.zeros((0, 2)), length=[], sigma=[]),
-            "photos": {"tide": np.full(10, np.nan), "tide_sigma": np.full(10, np.nan)},
-            "points": {"bathymetric": np.zeros(98, dtype=bool)},
-        },
-        warnings=(),
-        observed=None,
-        levels=[],
-        level_sigmas=[],
-        measured=lambda measured: {**measured, model.ObservationKind.AIR_BASE: np.zeros(0)},
-        water=None,
-        bathymetric=model.BathymetricPoints(
-            point=[], apparent=none, predicted=none, **dict.fromkeys(DEPTHS, np.zeros(0))
-        ),
-    )
-    text = listing(solution)
-    absent = (
-        "Tides",
-        "Control Residuals",
-        "Check Point",
-        "Equal Elevation",
-        "Air Bases\n",
-        "Bathymetric",
-        "Warnings",
-    )
+    """A free network of images alone."""
+    free = altered(free_block(Plan(photos_per_strip=4)), control=empty(model.Control), titles=("IMAGES",))
+    text = listing(converged(free))
+    absent = ("Tides", "Control Residuals", "Check Point", "Equal Elevation", "Air Bases\n", "Bathymetric")
     assert not [title for title in absent if title in text]
     assert section(text, "Ground Point Analysis")[6].split() == ["Sample", "Size", "0", "0", "0"]
-
-
-DEPTHS = ("water_level", "incidence", "apparent_depth", "predicted_depth", "depth", "depth_sigma")
 
 
 def test_long_reasons_are_wrapped_not_cut():

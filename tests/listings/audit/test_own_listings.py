@@ -1,16 +1,17 @@
-"""Our own listings, those of compilations and scanned tables are audited by their standard reports."""
+"""Listings, our own and those of the report, are audited by their standard reports."""
 
 import re
 
 import numpy as np
 import pytest
 
-from listings.audit.report_tables import FIXTURES
+from listings.audit.report_tables import FIXTURES, statistics_of, table
 from musatpy.campaign.baselines import load_baseline
 from musatpy.listings.audit import audit, listing_of, read_listing
 
 GOLDEN = load_baseline(FIXTURES)
-CAYMAN = (FIXTURES / "cayman" / "cayman_modified.lst").read_text()
+STANDARD, MODIFIED = (FIXTURES / "cayman" / f"cayman_{name}.lst" for name in ("standard", "modified"))
+CAYMAN = MODIFIED.read_text()
 
 
 def audited(text):
@@ -47,13 +48,32 @@ def test_depths_of_some_decimetres_are_coordinates():
 
 
 @pytest.mark.parametrize(
-    ("label", "old", "new"),
-    [("RMS of Points Not Trig. - y", " .139", " .009"), ("RMS of All Points - y", " .031", " .213")],
+    ("source", "row", "old", "new", "item"),
+    [
+        (MODIFIED, "RMS of Points Not Trig. - y", " .139", " .009", "frame 841"),
+        (MODIFIED, "RMS of All Points - y", " .031", " .213", "frame 841"),
+        (table(4), "RMS of All Points - y", " .033", "-.033", "frame 841"),  # roots are not negative
+        (table(1), "Standard Dev", " 0  0    .144", "-0  0    .144", "Latitude"),
+    ],
 )
-def test_a_spoiled_plate_residual_is_found(label, old, new):
-    (row,) = (line for line in CAYMAN.splitlines() if line.startswith(label))
-    assert row.count(old) == 1
-    assert "frame 841" in {one.item for one in audited(CAYMAN.replace(row, row.replace(old, new)))}
+def test_a_number_that_contradicts_others_is_found_at_its_line(source, row, old, new, item):
+    lines = source.read_text().splitlines()
+    (at,) = (n for n, line in enumerate(lines) if line.startswith(row))
+    assert lines[at].count(old) == 1
+    lines[at] = lines[at].replace(old, new)
+    known = {(one.item, one.message) for one in audit(read_listing(source))}
+    findings = [one for one in audit(listing_of("\n".join(lines), "x")) if (one.item, one.message) not in known]
+    assert item in {one.item for one in findings}
+    if "-" in new:
+        (found,) = findings
+        assert found.line == at + 1 and " ".join(new.split()) in [suspect.found for suspect in found.suspects]
+
+
+def test_an_error_in_the_second_run_is_found_at_its_line():
+    spoiled = MODIFIED.read_text().replace("-0  0  4.113", "-0  0  4.173")
+    found = audit(listing_of(STANDARD.read_text() + "\f" + spoiled, "x"))
+    (alone,) = {one.line for one in audit(listing_of(spoiled, "x"))}
+    assert {one.line for one in found} == {alone + STANDARD.read_text().count("\n")}
 
 
 def test_sixty_seconds_are_no_angle():
@@ -66,6 +86,21 @@ def test_a_point_that_is_nowhere_near_is_found():
     adjusted = row.split()[-1]
     (finding,) = audited(CAYMAN.replace(row, row.replace(adjusted, f"{float(adjusted) + 100:.1f}")))
     assert finding.item == "point 1044" and finding.suspects[0].item == "Y, refraction"
+
+
+@pytest.mark.parametrize("source", [MODIFIED, table(4)])
+def test_line_ends_tabs_and_a_byte_order_mark_change_nothing(source, tmp_path):
+    text = source.read_text().replace("        ", "\t" if source == table(4) else "        ")
+    (path := tmp_path / "x.lst").write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode() + b"\f")
+    found, plain = read_listing(path), read_listing(source)
+    assert found.repairs == found.unreadable == () and statistics_of(found) == statistics_of(plain)
+
+
+def test_ids_with_letters_that_look_like_digits_are_no_noise():
+    text = (FIXTURES / "st_thomas_utm" / "st_thomas_utm.lst").read_text().replace("ROCK", "I0l ")
+    listing = listing_of(text, "x")
+    assert listing.repairs == () and listing.unreadable == ()
+    assert any(report.name == "bathymetric points" and "I0l" in report.items for report in listing.reports)
 
 
 LABELS = {

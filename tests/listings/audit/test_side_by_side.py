@@ -6,7 +6,7 @@ import pytest
 
 from listings.audit.report_tables import FIXTURES, statistics_of, table
 from musatpy.listings.audit import listing_of, read_listing, side_by_side
-from musatpy.listings.audit.against import Key, StatisticPair, side_text
+from musatpy.listings.audit.against import Key, StatisticPair, numbers_of, side_text
 from musatpy.listings.audit.report import PrintedNumber
 from musatpy.model import CoordinateSystem
 from musatpy.reports.listing import listing as listing_text
@@ -14,7 +14,7 @@ from musatpy.reports.record import dumps, record
 from record_rows import read_rows, with_columns
 from sample_solutions import sample_solution
 
-MODIFIED = FIXTURES / "cayman" / "cayman_modified.lst"
+STANDARD, MODIFIED = (FIXTURES / "cayman" / f"cayman_{name}.lst" for name in ("standard", "modified"))
 
 
 @pytest.mark.slow
@@ -78,3 +78,16 @@ def test_legacy_tables_beside_a_new_run():
 def test_a_report_that_does_not_say_its_run_is_of_the_only_one():
     text = table(5).read_text().replace("Modified MUSAT-IIA\nRefraction Correction Applied\n", "")
     assert len(side_by_side(listing_of(text, "x"), MODIFIED).pairs) == 3 * 7
+
+
+@pytest.mark.slow
+def test_what_two_runs_say_otherwise_is_not_compared(tmp_path):
+    (both := tmp_path / "both.lst").write_text(STANDARD.read_text() + "\f" + MODIFIED.read_text())
+    found = side_by_side(read_listing(MODIFIED), both)
+    assert all(pair.alike for pair in found.pairs) and found.only_old == ()
+    compared = {pair.key for pair in found.pairs}
+    assert {key for key in compared if key.refracted} == {
+        key for key in statistics_of(read_listing(MODIFIED)) if key.refracted
+    }
+    assert compared.isdisjoint(found.several) and "bathymetric points" in {key.report for key in found.several}
+    assert set(found.several) == numbers_of(read_listing(both))[1]
