@@ -35,7 +35,7 @@ from musatpy.runs import run_deck
 from musatpy.sea.deck_waves import wave_trains
 from musatpy.units import DEGREE
 from record_rows import read_rows, with_columns
-from wave_strip import CHOP_LENGTH, CHOP_SPEED, FOLDER, PERIOD, swell_length
+from wave_strip import FOLDER, swell_length
 
 DECK = FOLDER / "strip.crd"
 SEA = WaterConditions(temperature=26.0, wavelength=480.0, chlorinity=19.2, air_temperature=28.0, air_pressure=1e5)
@@ -113,17 +113,6 @@ def test_a_deck_with_waves_comes_back_byte_for_byte() -> None:
     assert same(reread(block), block)
 
 
-def test_theory_knows_what_cards_leave_blank() -> None:
-    trains = wave_trains(waves().waves)
-    # rounding, of another way to solve the same equation
-    assert trains.length == pytest.approx([swell_length(), CHOP_LENGTH], rel=1e-12)
-    assert trains.period == pytest.approx([PERIOD, CHOP_LENGTH / CHOP_SPEED], rel=1e-15)
-    deep = wave_trains(wave(period=8.0))
-    assert deep.length[0] == pytest.approx(9.80665 * 64.0 / (2.0 * np.pi))  # g T^2 / 2 pi
-    assert deep.group_speed[0] == pytest.approx(deep.speed[0] / 2.0)
-    assert deep.breaking_height[0] == pytest.approx(0.142 * deep.length[0])
-
-
 @pytest.mark.parametrize(
     "given",
     [
@@ -196,15 +185,6 @@ def test_other_waters_and_waves_do_not_agree() -> None:
     ]
     kept, place, problems = waves_of(jobs, jobs[2])
     assert not problems and kept.crest.tolist() == [0.0, 0.0] and place == origin
-
-
-def test_what_is_punched_has_waves() -> None:
-    solution = adjust(waves())
-    for block in (restart(solution)[0], result(solution, PunchedPoints.ALL, ControlKind.FULL)[0]):
-        assert same(block, waves())
-        np.testing.assert_array_equal(block.photos.time, waves().photos.time)
-    moved = adjust(restart(solution)[0]).points.position - solution.points.position
-    assert np.abs(moved * [6.4e6, 6.0e6, 1.0]).max() < 1e-4  # where the iteration stops
 
 
 @pytest.mark.slow

@@ -376,9 +376,3 @@ def test_photos_that_stand_in_another_table_are_found():
 def test_a_mark_below_another_photo_is_found():
     a, b = (f"{across_page(PHOTOS[:2])}Largest     {stars}\n" for stars in ("    ****", "            ****"))
     assert [(one.row, one.column) for one in compare_texts(a, b).findings] == [("Largest", "21"), ("Largest", "22")]
-
-
-def test_rules_know_the_photo_of_a_column():
-    a, b = across_page(PHOTOS), across_page(PHOTOS, {("RMS y", "24"): ".125"})
-    assert compared(b, "[[rule]]\nphoto = '24'\nlast_digits = 1\n", a).same
-    assert not compared(b, "[[rule]]\nphoto = '23'\nlast_digits = 1\n", a).same

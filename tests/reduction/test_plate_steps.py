@@ -38,17 +38,6 @@ def test_means_and_their_spread():
     np.testing.assert_allclose(means.probability, want, rtol=1e-10)  # of the series
 
 
-def test_single_readings_have_no_spread():
-    means = mean_readings(np.array(["a", "b"]), np.eye(2), reading_sigma=0.5)
-    assert means.freedom == 0
-    assert np.isnan(means.pooled).all()
-    assert np.isnan(means.probability).all()
-    assert means.largest == 0.0
-    empty = mean_readings(np.zeros(0, dtype=str), np.zeros((0, 2)))
-    assert empty.xy.shape == (0, 2)
-    assert empty.largest == 0.0
-
-
 # --- distances between marks ---
 
 # what the film and comparator did: shrinkage and shear, a turn and a shift
