@@ -189,6 +189,21 @@ TABLE_2 = {
     50.0: (1.4651, 73.255, 73.365, 0.110, 0.15),
     100.0: (1.4608, 146.08, 146.73, 0.65, 0.44),
 }
+# Table 3, a single value of 1.410 at 25 feet: contour, depth, difference, per cent
+TABLE_3 = [
+    (1.467, 36.68, 1.43, 4.1),
+    (1.460, 36.50, 1.25, 3.5),
+    (1.450, 36.25, 1.00, 2.8),
+    (1.440, 36.00, 0.75, 2.1),
+    (1.430, 35.75, 0.50, 1.4),
+    (1.420, 35.50, 0.25, 0.7),
+    (1.410, 35.25, 0.00, 0.0),
+    (1.400, 35.00, -0.25, -0.7),
+    (1.390, 34.75, -0.50, -1.4),
+    (1.380, 34.50, -0.75, -2.1),
+    (1.370, 34.25, -1.00, -2.8),
+    (1.365, 34.13, -1.12, -3.2),  # printed -1.22 and -3.5, which no contour of 1.365 can have
+]
 
 
 def table_1() -> list[dict[str, float]]:
@@ -227,3 +242,39 @@ def test_table_2() -> None:
             assert off.depth[i] == pytest.approx(true, abs=PRINTED * depth + 0.005)
             assert off.other_depth[i] == pytest.approx(approximate, abs=PRINTED * depth + 0.005)
             assert off.error[i] == pytest.approx(error, abs=1.4 * PRINTED * depth)
+
+
+def test_table_2_to_the_printed_digit_by_the_printed_factors() -> None:
+    F = np.array([row[0] for row in TABLE_2.values()])
+    off = departure(F, F[2], DEPTHS)
+    # a half unit of the last printed figure; 1.4673 * 25 = 36.6825 and 0.645 print as 36.68 and 0.65
+    np.testing.assert_allclose(100.0 * off.relative, [row[4] for row in TABLE_2.values()], atol=0.0051)
+    for i, (_, true, approximate, error, _) in enumerate(TABLE_2.values()):
+        if true is not None:
+            np.testing.assert_allclose(off.depth[i], true, atol=0.0051)
+            np.testing.assert_allclose(off.other_depth[i], approximate, atol=0.0051)
+            np.testing.assert_allclose(off.error[i], error, atol=0.0051)
+
+
+def test_table_3() -> None:
+    contour, depth, difference, per_cent = np.array(TABLE_3).T
+    off = departure(1.410, contour, 25.0)
+    np.testing.assert_allclose(off.depth, 35.25, rtol=1e-12)
+    np.testing.assert_allclose(off.other_depth, depth, atol=0.0051)  # half a unit: 36.675 prints as 36.68
+    np.testing.assert_allclose(off.error, difference, atol=0.0051)
+    # per cents come from differences that were rounded before: 1.43 / 35.25, not 1.425 / 35.25
+    np.testing.assert_allclose(100.0 * off.relative, per_cent, atol=0.05 + 100.0 * 0.005 / 35.25)
+
+
+def test_the_extremes_of_table_3_are_those_of_the_model() -> None:
+    """The contours end at the corner and at the middle of the model."""
+    assert pair_factor(*CORNER, 25.0, H_TABLE, N_TABLE) == pytest.approx(TABLE_3[0][0], abs=5e-4)  # three decimals
+    middle = model_factor(B_TABLE / 2.0, 0.0, 25.0, H_TABLE, B_TABLE, N_TABLE)
+    assert middle == pytest.approx(TABLE_3[-1][0], abs=5e-4)
+
+
+def test_equation_14_is_13_with_its_substitutions() -> None:
+    x, y = np.meshgrid(np.linspace(0.0, B_TABLE, 7), np.linspace(-1125.0, 1125.0, 9))
+    by_distance = pair_factor(np.hypot(x, y), np.hypot(B_TABLE - x, y), x, B_TABLE - x, 25.0, H_TABLE, N_TABLE)
+    np.testing.assert_array_equal(model_factor(x, y, 25.0, H_TABLE, B_TABLE, N_TABLE), by_distance)
+    np.testing.assert_allclose(by_distance, by_distance[::-1, ::-1], rtol=1e-14)  # the model is symmetric
