@@ -117,7 +117,9 @@ def test_examples_of_the_manual_run_and_it_has_all_tables():
     tables = re.findall(r"^### (`\[.*\]`)$", key_tables(SimulationSpec), re.MULTILINE)
     assert len(tables) > 20 and not [table for table in tables if table not in text]
     examples = [part.partition("```")[0] for part in text.split("```toml\n")[1:]]
-    first, wrong = (simulate(spec_from_table(tomllib.loads(example))) for example in examples)
+    tables, errors = (tomllib.loads(example) for example in examples)
+    besides = {name: tables.get(name, {}) | table for name, table in errors.items()}
+    first, wrong = (simulate(spec_from_table(spec)) for spec in (tables, tables | besides))
     assert first.block.points.bathymetric.any() and len(first.block.control.point) == 8
     record = truth_record(wrong)
     assert {"water", "tides", "swapped", "misnamed", "wrong_control"} <= set(record) and record["blunders"]
