@@ -62,14 +62,112 @@ def test_between_other_agencies_no_deck_is_needed_where_none_says_more(tmp_path)
     assert one == other
 
 
-def test_a_deck_that_cannot_run_yet_is_written_with_warnings(tmp_path):
+def test_what_a_deck_lacks_to_run_is_one_list_and_the_status_says_so(tmp_path):
     convert(DECK, tmp_path / "itera.dat")
     (tmp_path / "geoin.dat").unlink()
     lines = DECK.read_text().splitlines(keepends=True)
     (tmp_path / "given.crd").write_text("".join(line for line in lines if line[:3] in ("OPT", "ELL", "CAM")))
     result = convert(tmp_path / "itera.dat", tmp_path / "job.crd", "--deck", tmp_path / "given.crd")
-    assert result.exit_code == 0 and (tmp_path / "job.crd").exists()
-    assert f"{tmp_path / 'job.crd'}" in result.stderr and "warning" in result.stderr
+    assert result.exit_code == 3 and (tmp_path / "job.crd").exists()
+    assert result.stderr.splitlines() == [
+        f"musat: {tmp_path / 'job.crd'} will not run as it stands; it lacks:",
+        "musat: - the block has no horizontally and no vertically known points or stations: its datum needs 2 "
+        "horizontal and 3 vertical ones, or observed stations: a --deck that says it",
+    ]
+
+
+OPTIONS = ("--camera", "RC8=152.25,0.01,-0.005", "--set", "OPT.system=GEOC", "--set", "ELL.name=clrk66")
+SIGMAS = ("--control-sigma", "0.1,0.2", "--plate-sigma", "5")
+
+
+def test_a_job_of_files_and_options_runs(tmp_path):
+    convert(DECK, tmp_path / "job.im")
+    lacks = convert(tmp_path / "job.im", tmp_path / "job.crd")
+    assert lacks.exit_code == 1 and not (tmp_path / "job.crd").exists()
+    options = ["--camera NAME=FOCAL_LENGTH (mm) or a table", "--set OPT.system=GEOG, GEOC or LOCL"]
+    assert [line.split(": ")[-1].partition(", or a --deck")[0] for line in lacks.stderr.splitlines()] == options
+    lacks = convert(tmp_path / "job.im", tmp_path / "job.crd", *OPTIONS)
+    assert lacks.exit_code == 3
+    assert lacks.stderr.splitlines()[1:] == [
+        "musat: - the east, north, up components are known and not fixed: they need sigmas (4 cards): "
+        "--control-sigma EAST,NORTH,UP"
+    ]
+    made = convert(tmp_path / "job.im", tmp_path / "job.crd", *OPTIONS, *SIGMAS)
+    assert (made.exit_code, made.stderr) == (0, "")
+    assert made.stdout == f"sigmas 0.1, 0.1, 0.2 m: 4 control points\nwrote {tmp_path / 'job.crd'}\n"
+    block = read_deck(tmp_path / "job.crd")
+    assert block.control.sigma.tolist() == [[0.1, 0.1, 0.2]] * 4 and block.options.plate_sigma == 0.005
+    assert block.cameras.focal_length == [152.25] and block.cameras.principal_point.tolist() == [[0.01, -0.005]]
+
+
+def test_cameras_of_a_table_beside_a_deck(tmp_path):
+    convert(DECK, tmp_path / "job.im")
+    (tmp_path / "cameras.csv").write_text("camera;focal_length;xp;yp\nRC8;152,25;0,01;-0,005\n")
+    (tmp_path / "given.crd").write_text("OPT IIA  GEOC\nELL clrk66\n")
+    more = ("--deck", tmp_path / "given.crd", "--camera", tmp_path / "cameras.csv", *SIGMAS)
+    assert convert(tmp_path / "job.im", tmp_path / "job.crd", *more).exit_code == 0
+    given = convert(tmp_path / "job.im", tmp_path / "other.crd", *OPTIONS, *SIGMAS)
+    assert given.exit_code == 0
+    assert (tmp_path / "job.crd").read_bytes() == (tmp_path / "other.crd").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--control-sigma a", "'a' is not one, two or three numbers above zero"),
+        ("--control-sigma 1,-1", "'1,-1' is not one, two or three numbers above zero"),
+        ("--plate-sigma 0", "'--plate-sigma'"),
+        ("--camera RC8=1,2", "--camera RC8=1,2: not NAME=FOCAL or NAME=FOCAL,X,Y"),
+        ("--camera RC8=x", "--camera: CAM.focal_length: 'x' is not a number"),
+        ("--camera RC8=-152", "--camera RC8=-152: "),
+        ("--set OPT.system=UTM", "--set: OPT.system: 'UTM' is not A4 (one of GEOG, GEOC, LOCL)"),
+    ],
+)
+def test_options_that_say_nothing(tmp_path, options, message):
+    convert(DECK, tmp_path / "job.im")
+    result = convert(tmp_path / "job.im", tmp_path / "job.crd", *options.split())
+    assert result.exit_code == 2 and message in result.stderr and not (tmp_path / "job.crd").exists()
+
+
+PIX4D = """\
+P1060498 H_8.07_6.0525
+1006 -1.90643 1.83493
+1020 2.00132 -0.797681
+
+P1060499 H_8.07_6.0525
+
+1006 -2.42102 1.87814
+1020 2.15263 -0.33399
+"""  # as printed, support.pix4d.com article 203590305
+
+
+@pytest.mark.parametrize("ends", [0, 1, 2])
+def test_the_sample_of_pix4d(tmp_path, ends):
+    """Without -99 it is read as if they stood there; a point that lacks a coordinate is no header."""
+    text = PIX4D.replace("\nP1060499", "-99\nP1060499") if ends else PIX4D
+    (tmp_path / "image.dat").write_text(text + "-99\n" * (ends == 2))
+    result = convert(tmp_path / "image.dat", tmp_path / "job.im", "--camera", "H=8.07", "--set", "OPT.system=LOCL")
+    assert result.exit_code == 0
+    missing = {0: "before this line: read as if it stood there (2 in all)", 1: "at the end of the file: read"}
+    assert result.stderr.count("-99 is missing") == (ends < 2) and missing.get(ends, "") in result.stderr
+    words = (tmp_path / "job.im").read_text().split()
+    points = "1006 -1906.430 1834.930 1020 2001.320 -797.681", "1006 -2421.020 1878.140 1020 2152.630 -333.990"
+    assert " ".join(words) == f"P1060498 {points[0]} -99 P1060499 {points[1]} -99"
+    (tmp_path / "image.dat").write_text(PIX4D.replace("1020 2.00132 -0.797681", "1020 2.00132"))
+    result = convert(tmp_path / "image.dat", tmp_path / "job.im", "--camera", "H=8.07", "--set", "OPT.system=LOCL")
+    assert result.exit_code == 1 and "image.dat:3 col 13 point.y: blank" in result.stderr
+
+
+def test_words_behind_the_last_field_of_patb_are_told_once(tmp_path):
+    convert(DECK, tmp_path / "job.im")
+    plain = convert(tmp_path / "job.im", tmp_path / "one.crd", *OPTIONS, *SIGMAS)
+    text = (tmp_path / "job.im").read_text()
+    (tmp_path / "job.im").write_text("".join(f"{line} 1 0\n" for line in text.splitlines()))
+    result = convert(tmp_path / "job.im", tmp_path / "two.crd", *OPTIONS, *SIGMAS)
+    assert (plain.exit_code, result.exit_code) == (0, 0)
+    assert (tmp_path / "one.crd").read_bytes() == (tmp_path / "two.crd").read_bytes()
+    told = [line for line in result.stderr.splitlines() if "job." in line]
+    assert len(told) == 1 and "'0' stands behind the last field: left out (54 lines in all)" in told[0]
 
 
 def test_an_own_family_takes_the_place_of_one_of_its_name(tmp_path):

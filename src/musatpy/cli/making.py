@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain_of, name_of, tell
+from musatpy.cli.messages import complain, complain_of, count_of, name_of, tell
 from musatpy.cli.options import (
+    POSITIVE,
     NamedPath,
     keys_option,
     offered,
     out_option,
     picture_options,
     refuse_overwriting,
+    set_option,
+    settings_for,
     submerged_option,
     usage_errors,
 )
@@ -28,6 +31,10 @@ if TYPE_CHECKING:
 
     from musatpy.figures import ImageForm
     from musatpy.formats.families import FormatFamily
+
+_CAMERA = ("camera", "focal_length", "xp", "yp")  # fields of its card, in the order of an option
+_OF_COUNT = {1: (0, 0, 0), 2: (0, 0, 1), 3: (0, 1, 2)}  # which of so many numbers are those of east, north, up
+_WILL_NOT_RUN = 3  # exit status of `convert` whose deck lacks something
 
 
 def _examples_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
@@ -135,6 +142,18 @@ def waves_command(spec: Path, plots: bool, form: ImageForm, out_dir: Path | None
     tell(f"{name_of(text)}: sigma {sigma} m, accuracy {says}")
 
 
+def _three_sigmas(ctx: click.Context, param: click.Parameter, text: str | None) -> tuple[float, ...]:
+    """Return the sigmas of east, north and up that one, two or three numbers say; nothing of no text."""
+    if text is None:
+        return ()
+    words = text.split(",")
+    try:
+        east, north, up = (POSITIVE.convert(words[n], param, ctx) for n in _OF_COUNT[len(words)])
+    except (KeyError, click.BadParameter) as error:
+        raise click.BadParameter(f"'{text}' is not one, two or three numbers above zero", ctx, param) from error
+    return east, north, up
+
+
 @click.command(name="convert", short_help="Convert a job between decks and other agencies' files.")
 @click.argument("source", metavar="FROM", type=NamedPath(exists=True))
 @click.argument("target", metavar="TO", type=NamedPath())
@@ -145,6 +164,21 @@ def waves_command(spec: Path, plots: bool, form: ImageForm, out_dir: Path | None
     type=NamedPath(exists=True, dir_okay=False),
     help="Deck, which may be incomplete, with what FROM does not hold: camera, options, water.",
 )
+@click.option(
+    "--camera",
+    "cameras",
+    multiple=True,
+    metavar="NAME=FOCAL[,X,Y]|FILE",
+    help="A camera: focal length, principal point, mm; or a table of cameras, columns named as on the CAM card.",
+)
+@click.option("--plate-sigma", type=POSITIVE, metavar="UM", help="Standard deviation of plate coordinates, um.")
+@click.option(
+    "--control-sigma",
+    metavar="EAST,NORTH,UP",
+    callback=_three_sigmas,
+    help="Standard deviations of control that has none, m; one number for all, or two for plan and height.",
+)
+@set_option
 @submerged_option
 @click.option(
     "--formats",
@@ -152,12 +186,18 @@ def waves_command(spec: Path, plots: bool, form: ImageForm, out_dir: Path | None
     type=NamedPath(exists=True, file_okay=False),
     help="Folder of format files (TOML): a family of your own, named like the folder.",
 )
+@click.pass_context
 def convert_command(
+    ctx: click.Context,
     source: Path,
     target: Path,
     source_name: str | None,
     target_name: str | None,
     deck: Path | None,
+    cameras: tuple[str, ...],
+    plate_sigma: float | None,
+    control_sigma: tuple[float, ...],
+    settings: tuple[str, ...],
     submerged: Path | None,
     formats: Path | None,
 ) -> None:
@@ -166,22 +206,39 @@ def convert_command(
     Families are musat (*.crd), giant, patb, bingo and jfk, or your own. FROM and TO are a file, or a folder of
     files that belong together; any file of a set stands for the whole set.
 
-    Exit status: 0 written, 1 FROM cannot be used or TO cannot hold it at all (nothing is written).
+    Exit status: 0 written, 1 FROM cannot be used or TO cannot hold it at all (nothing is written), 3 the deck that
+    is written will not run as it stands: what it lacks is listed, with the option that gives it.
     """
+    from musatpy.errors import DeckError
     from musatpy.files import write_files
     from musatpy.formats.families import DeckFamily, families
-    from musatpy.formats.parts import deck_parts
+    from musatpy.formats.job_tables import card_family
+    from musatpy.formats.parts import given_parts, missing_parts, with_control_sigmas
 
     known = families(formats)
     from_family = _family(known, source, source_name, "--from", is_target=False)
     to_family = _family(known, target, target_name, "--to", is_target=True)
-    if deck is not None and isinstance(from_family, DeckFamily):
-        raise click.UsageError("--deck is for files that do not hold everything; FROM is a deck itself")
+    if isinstance(from_family, DeckFamily):
+        more = {"--deck": deck, "--camera": cameras, "--plate-sigma": plate_sigma, "--set": settings}
+        for option in (option for option, value in more.items() if value):
+            raise click.UsageError(f"{option} is for files that do not hold everything; FROM is a deck itself")
+    texts = [*settings, *([] if plate_sigma is None else [f"OPT.plate_sigma={plate_sigma:g}"])]
+    cards, given_settings = _camera_cards(cameras), settings_for(texts, card_family())
     stem = source.resolve().name if source.is_dir() else source.stem
     written = [path for path in to_family.targets(target, stem).values() if path.exists()]
     refuse_overwriting(written, [*from_family.targets(source, stem).values(), source])
-    parts, warnings = from_family.read(source, {} if deck is None else deck_parts(deck))
+    given = given_parts(deck, given_settings, cards)
+    try:
+        parts, warnings = from_family.read(source, given)
+    except DeckError as error:
+        told = " ".join(problem.message for problem in error.problems)
+        lacks = missing_parts(given) if isinstance(to_family, DeckFamily) and "--" in told else []
+        more_lacks = [one for one in lacks if one.message.partition(": ")[2] not in told]
+        raise DeckError([*error.problems, *more_lacks]) from error
     complain_of(warnings)
+    if control_sigma:
+        parts, count = with_control_sigmas(parts, control_sigma)
+        tell(f"sigmas {', '.join(f'{sigma:g}' for sigma in control_sigma)} m: {count_of(count, 'control point')}")
     if submerged is not None:
         from musatpy.formats.job_tables import with_flags
         from musatpy.jobs.point_flags import PointFlags, flags_of_parts
@@ -197,6 +254,36 @@ def convert_command(
     for line in rendered.left_out:
         tell(line)
     complain_of(rendered.warnings)
+    if rendered.lacks:
+        complain(f"{name_of(target)} will not run as it stands; it lacks:")
+        for line in rendered.lacks:
+            complain(f"- {line}")
+        ctx.exit(_WILL_NOT_RUN)
+
+
+def _camera_cards(texts: Sequence[str]) -> list[str]:
+    """Return the cards of cameras, each NAME=FOCAL or NAME=FOCAL,X,Y in mm, or a table of them."""
+    from musatpy.formats.cards.manual import card_of
+    from musatpy.formats.cards.settings import SettingError, setting_of
+    from musatpy.formats.job_tables import card_family
+    from musatpy.keypunch.rows import cards_of_table
+
+    family, cards = card_family(), list[str]()
+    spec = family.cards["CAM"]
+    for text in texts:
+        name, equals, numbers = text.partition("=")
+        if not equals:
+            cards += cards_of_table(Path(text), spec, family)
+            continue
+        values = [name, *numbers.split(",")]
+        with usage_errors(SettingError, "--camera"):
+            settings = [setting_of(spec, *field) for field in zip(_CAMERA, values, strict=False)]
+        card, problems = card_of(spec, settings, family)
+        wrong = [problem.message for problem in problems if problem.severity == "error"]
+        if wrong or len(values) not in (2, 4):
+            raise click.UsageError(f"--camera {text}: {', '.join(wrong) or 'not NAME=FOCAL or NAME=FOCAL,X,Y'}")
+        cards.append(card)
+    return cards
 
 
 def _family(

@@ -5,7 +5,8 @@ A family of decks is cards, any other one files of records that belong together;
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -47,6 +48,30 @@ class Rendered:
     contents: dict[Path, bytes]
     left_out: tuple[str, ...]
     warnings: tuple[Problem, ...] = ()
+    lacks: tuple[str, ...] = ()  # what keeps a deck from running as it stands, with the option that gives it
+
+
+_ANY_OPTION = "a --deck that says it"
+_OPTIONS = (  # what the message of an error begins with or has, and what of a conversion gives it
+    ("they need sigmas", "--control-sigma EAST,NORTH,UP"),
+    ("it needs a sigma", "--control-sigma EAST,NORTH,UP"),
+    ("no exposure stations", "--set OP2.initial=COMPUTE with control enough, or a --deck that says them"),
+    ("no attitudes", "--set OP2.initial=COMPUTE with control enough, or a --deck that says them"),
+)
+
+
+def _lacks(problems: Iterable[Problem]) -> tuple[str, ...]:
+    """Return a line for each kind of error, with how many there are, and the option that helps."""
+    errors = [problem for problem in problems if problem.severity == "error"]
+    counts = Counter(problem.kind for problem in errors)
+    first = {problem.kind: problem for problem in reversed(errors)}
+    lines = []
+    for kind in counts:
+        message = first[kind].message or first[kind].headline()
+        option = next((option for words, option in _OPTIONS if words in message), _ANY_OPTION)
+        more = f" ({counts[kind]} cards)" if counts[kind] > 1 else ""
+        lines.append(f"{message}{more}: {option}")
+    return tuple(lines)
 
 
 @dataclass(frozen=True)
@@ -73,7 +98,7 @@ class DeckFamily:
         return parts.parts_of(block), problems
 
     def render(self, given: Tables, path: Path, stem: str) -> Rendered:
-        """Return a deck; what keeps it from running as it stands is a warning."""
+        """Return a deck, and what keeps it from running as it stands."""
         missing = parts.missing_parts(given)
         if missing:
             raise DeckError(missing)
@@ -82,9 +107,9 @@ class DeckFamily:
         (place,) = self.targets(path, stem).values()
         if "systems" in given:
             message = "SYS cards are left out: coordinates and attitudes are converted as the adjustment has them"
-            problems = (Problem(message=message), *problems)
-        warnings = tuple(replace(one, file=str(place), severity="warning") for one in problems)
-        return Rendered(contents={place: data}, left_out=(), warnings=warnings)
+            problems = (Problem(message=message, severity="warning"), *problems)
+        warnings = tuple(replace(one, file=str(place)) for one in problems if one.severity == "warning")
+        return Rendered(contents={place: data}, left_out=(), warnings=warnings, lacks=_lacks(problems))
 
 
 @dataclass(frozen=True)

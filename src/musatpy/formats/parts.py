@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,11 +14,14 @@ from musatpy import model
 from musatpy.errors import DeckError, Problem
 from musatpy.formats import assembly, mapping, system_rows
 from musatpy.formats.cards.deck import read_cards
+from musatpy.formats.cards.settings import Setting, deck_with
 from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.formats.checks.systems import statements
 from musatpy.formats.draft import draft_of, draft_of_rows
 from musatpy.formats.job_tables import (
     KEYS,
+    OPTION_OF_CAMERAS,
+    OPTION_OF_SYSTEM,
     ROLES,
     RoleRows,
     Table,
@@ -52,14 +57,15 @@ def parts_of(block: model.Block) -> Tables:
     return _stating(block.given_in, block.stated_in) | parts
 
 
-def deck_parts(path: Any) -> Tables:
+def deck_parts(path: Any, name: str | None = None) -> Tables:
     """Return what a deck says that need not be whole: a camera card and options will do.
 
-    What it states in other words comes in those of the adjustment. Raises `DeckError` with every card that cannot
-    be read, or that makes no statement, `SystemsError`, and `OSError`.
+    `path` may be the bytes of a deck, which messages call `name`. What it states in other words comes in those of
+    the adjustment. Raises `DeckError` with every card that cannot be read, or that makes no statement,
+    `SystemsError`, and `OSError`.
     """
     family = card_family()
-    deck = read_cards(path, family)
+    deck = read_cards(path, family, name)
     missing = [one for one in deck.problems if one.line is None and one.card]  # cards that a whole deck must have
     errors = [one for one in deck.problems if one.severity == "error" and one not in missing]
     draft = draft_of(deck, family)
@@ -74,6 +80,40 @@ def deck_parts(path: Any) -> Tables:
     parts = {role: dict(rows.values) for role, rows in stated.items() if len(rows)}
     parts |= _stating(draft.given_in, draft.stated_in)
     return parts | {"options": assembly.single_values(draft.options, "options")}
+
+
+def given_parts(deck: Path | None, settings: Sequence[Setting] = (), cameras: Sequence[str] = ()) -> Tables:
+    """Return what a deck says that need not be whole, with settings in place of what it says, and camera cards.
+
+    Without a deck the options are those of the settings, none where these do not say the system of the job. Raises
+    what `deck_parts` does.
+    """
+    if deck is None and not (settings or cameras):
+        return {}
+    data = b"" if deck is None else deck.read_bytes()
+    if not re.search(rb"(?m)^END", data):
+        data = data.removesuffix(b"\n") + b"\nEND\n" if data else b"END\n"
+    data = deck_with(data, settings)
+    more = "".join(f"{card}\n" for card in cameras).encode()
+    given = deck_parts(re.sub(rb"(?m)^END", lambda end: more + end[0], data, count=1), str(deck or "options"))
+    if deck is None and not any(setting.name == "system" or setting.card == "SYS" for setting in settings):
+        given.pop("options")
+    return given
+
+
+def with_control_sigmas(given: Tables, sigmas: Sequence[float]) -> tuple[Tables, int]:
+    """Return parts whose control has `sigmas` (3,) of east, north, up, m, where it has none; with their number."""
+    table = given.get("control")
+    if table is None:
+        return given, 0
+    plan, height = (
+        np.isin(table["control.kind"], [kind, model.ControlKind.FULL])
+        for kind in (model.ControlKind.HORIZONTAL, model.ControlKind.VERTICAL)
+    )
+    lacks = np.stack([plan, plan, height], axis=-1) & np.isnan(table["control.sigma"])
+    lacks &= ~table["control.fixed"].astype(bool)[:, None]
+    sigma = np.where(lacks, np.asarray(sigmas), table["control.sigma"])
+    return given | {"control": table | {"control.sigma": sigma}}, int(lacks.any(axis=1).sum())
 
 
 def _linked(draft: Draft, needed: str) -> model.Block:
@@ -134,16 +174,16 @@ def missing_parts(parts: Tables) -> list[Problem]:
     """Return what a block must have and the parts do not."""
     lacks = []
     if "options" not in parts:
-        lacks.append("the coordinate system of the job is not known: no options (OPT card)")
+        lacks.append(f"the coordinate system of the job is not known: {OPTION_OF_SYSTEM}")
     if "cameras" not in parts:
-        lacks.append("no camera (CAM card)")
+        lacks.append(f"no camera (CAM card): {OPTION_OF_CAMERAS}")
     elif "stations" in parts:
         photos = parts["stations"]["photos.ids"][parts["stations"]["photos.camera"] == ""].tolist()
         shown = ", ".join(photos[:5]) + (", ..." if len(photos) > 5 else "")
         if photos:
             named = f"photo {shown}" if len(photos) == 1 else f"{len(photos)} photos ({shown})"
-            lacks.append(f"no camera is known of {named}")
-    return [Problem(message=f"{message}; give a deck that says it") for message in lacks]
+            lacks.append(f"no camera is known of {named}: a --deck with their stations (STA or STX)")
+    return [Problem(message=message) for message in lacks]
 
 
 def block_of(parts: Tables) -> model.Block:

@@ -13,13 +13,13 @@ from musatpy.errors import Problem
 from musatpy.formats import mapping
 from musatpy.formats.cards.spec import FieldSpec
 from musatpy.formats.checks.check import check
+from musatpy.formats.checks.images import FOCAL_LENGTHS, odd_focal_lengths
 from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import table_of
 from musatpy.formats.system_rows import radians_of
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.units import DEGREE
 
-_FOCAL_LENGTHS = (10.0, 3000.0)  # mm: from small formats to reconnaissance cameras
 _WITHIN = {">": np.greater, ">=": np.greater_equal}
 _LARGEST = {"": 1e9, "m": 1e8, "mm": 1e8, "um": 1e9, "m/s": 1e4}  # by the unit of a field, whatever it means
 _SMALLEST_SIGMA = 1e-9  # in any unit: what is as good as that can only be a slip
@@ -104,8 +104,8 @@ def attitudes(draft: Draft) -> Iterator[Problem]:
 @check(of_card=True)
 def cameras(draft: Draft) -> Iterator[Problem]:
     """Yield focal lengths that no aerial camera has."""
-    focal, (low, high) = draft.rows["cameras"]["cameras.focal_length"], _FOCAL_LENGTHS
-    odd = (focal > 0) & ((focal < low) | (focal > high))
+    focal, (low, high) = draft.rows["cameras"]["cameras.focal_length"], FOCAL_LENGTHS
+    odd = odd_focal_lengths(focal)
     message = f"a focal length of {{:g}} mm is out of the ordinary ({low:g} to {high:g} mm)"
     yield from draft.problems("cameras", odd, message, focal, path="cameras.focal_length", severity="warning")
 
@@ -182,16 +182,19 @@ def control_components(draft: Draft) -> Iterator[Problem]:
         blank = [f"X, Y and Z hold a point only together, and {name} is blank" for name in names]
         needed = (known | ~missing).any(axis=1, keepdims=True) & np.ones(3, dtype=bool)
     loose = known & np.isnan(rows["control.sigma"]) & ~rows["control.fixed"][:, np.newaxis]
-    unweighted = [
-        f"the {side} component is known and not fixed: it needs a sigma" for side in ("east", "north", "up")
-    ]
-    for path, mask, messages in (
-        ("control.position", needed & missing, blank),
-        ("control.sigma", loose, unweighted),
-    ):
-        for row, component in np.argwhere(mask).tolist():
-            if draft.lacks("control", row, path, component):
-                yield draft.problem("control", row, messages[component], path=path, component=component)
+    for row, component in np.argwhere(needed & missing).tolist():
+        if draft.lacks("control", row, "control.position", component):
+            yield draft.problem("control", row, blank[component], path="control.position", component=component)
+    for row in np.flatnonzero(loose.any(axis=1)).tolist():  # all that a card lacks is told as one
+        lacking = [
+            n for n in np.flatnonzero(loose[row]).tolist() if draft.lacks("control", row, "control.sigma", n)
+        ]
+        sides, many = ", ".join(("east", "north", "up")[n] for n in lacking), len(lacking) > 1
+        words = ("components are", "they need sigmas") if many else ("component is", "it needs a sigma")
+        message = f"the {sides} {words[0]} known and not fixed: {words[1]}"
+        if lacking:
+            one = None if many else lacking[0]
+            yield draft.problem("control", row, message, path="control.sigma", component=one)
 
 
 @check()

@@ -6,6 +6,7 @@ On writing come the records between rows that the order of a file asks for.
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,6 +20,7 @@ from musatpy.errors import DeckError, Problem, in_order
 from musatpy.formats.records.layout import START, FileSpec, RecordSpec, Value, record_line, record_values
 
 _END_OF_FILE = "\x1a"
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([EeDd][-+]?\d+)?", re.ASCII)
 Columns = Mapping[str, NDArray[Any]]  # field -> (k,) numbers, NaN for no value, or texts
 
 
@@ -61,6 +63,8 @@ class _RecordReader:
         self.end = 1  # the last line that is not blank
         self.problems: list[Problem] = []
         self.skipped: Counter[str] = Counter()
+        self.further: list[tuple[int, int]] = []  # lines with words behind the last field, and where these begin
+        self.missing: list[tuple[int, str]] = []  # lines before which a record is missing, and its mark
 
     def read(self) -> RecordFile:
         for number, line in enumerate(self.texts, 1):
@@ -87,6 +91,12 @@ class _RecordReader:
         if record is None:
             return
         self.before = record.name
+        if self.spec.skip_words:
+            words = [word.start() for word in re.finditer(r"\S+", line)]
+            most = len(record.fields) + bool(record.mark)
+            if len(words) > most:
+                self.further.append((number, words[most]))
+                line = line[: words[most]].rstrip()
         try:
             values = record_values(record, line)
         except DeckError as error:
@@ -128,10 +138,14 @@ class _RecordReader:
     def _record(self, number: int, line: str) -> RecordSpec | None:
         """Return the record that a line is: by its mark, else the one that may stand here."""
         word = line.split()[0]
-        allowed = [record for record in self.spec.records if self.before in record.follows]
+        allowed = self._allowed(self.before)
         marked = [record for record in allowed if record.mark and record.mark == word]
         is_mark = word in {record.mark for record in self.spec.records}
         plain = [record for record in allowed if not record.mark and not is_mark]
+        if not marked and self._is_heading(line):
+            for record in (record for record in allowed if record.may_be_missing):
+                plain = [one for one in self._allowed(record.name) if not one.mark] or plain
+                self.missing.append((number, record.mark))
         if marked or plain:
             record = (marked or plain)[0]
             if record.name in self.waiting:  # others should have joined it before one like it comes
@@ -151,6 +165,14 @@ class _RecordReader:
         )
         return None
 
+    def _allowed(self, before: str) -> list[RecordSpec]:
+        return [record for record in self.spec.records if before in record.follows]
+
+    def _is_heading(self, line: str) -> bool:
+        """Return whether a line has several words, of which none behind the first is a number."""
+        words = line.split()[1:]
+        return bool(words) and not any(_NUMBER.fullmatch(word) for word in words)
+
     def _warn_waiting(self, name: str) -> None:
         line = self.waiting.pop(name)
         message = "nothing belongs to this record: it is left out"
@@ -159,15 +181,29 @@ class _RecordReader:
     def _finish(self) -> None:
         for name in tuple(self.waiting):
             self._warn_waiting(name)
+        at_end = [record.mark for record in self._allowed(self.before) if record.may_be_missing and record.last]
+        if self.before == START:
+            self.problems.append(Problem(file=self.file, message="the file has no records"))
+        elif at_end and not self.spec.record(self.before).last:
+            self.missing.append((self.end + 1, at_end[0]))
+        elif not self.spec.record(self.before).last:
+            expected = [record.mark or record.name for record in self._allowed(self.before)]
+            message = f"the file ends after {self.before}; expected {' or '.join(expected)}"
+            self._problem(self.end, message=message)
+        if self.further:
+            line, column = self.further[0]
+            words = self.texts[line - 1][column:].strip()
+            message = f"'{words}' stands behind the last field: left out ({len(self.further)} lines in all)"
+            place = (column + 1, column + len(words))
+            self._problem(line, columns=place, message=message, found=words, severity="warning")
+        if self.missing:
+            line, mark = self.missing[0]
+            where = "at the end of the file" if line > self.end else "before this line"
+            message = f"{mark} is missing {where}: read as if it stood there ({len(self.missing)} in all)"
+            self._problem(min(line, self.end), message=message, severity="warning")
         for word, count in self.skipped.items():
             message = f"{count} record{'s' * (count > 1)} '{word}' left out: no format says what it holds"
             self.problems.append(Problem(file=self.file, message=message, severity="warning"))
-        if self.before == START:
-            self.problems.append(Problem(file=self.file, message="the file has no records"))
-        elif not self.spec.record(self.before).last:
-            expected = [record.mark or record.name for record in self.spec.records if self.before in record.follows]
-            message = f"the file ends after {self.before}; expected {' or '.join(expected)}"
-            self._problem(self.end, message=message)
 
     def _problem(self, line: int, **details: object) -> None:
         self.problems.append(Problem(file=self.file, line=line, text=self.texts[line - 1].rstrip(), **details))  # type: ignore[arg-type]

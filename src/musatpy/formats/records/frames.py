@@ -9,6 +9,7 @@ import pyproj
 from numpy.typing import NDArray
 
 from musatpy.errors import DeckError, Problem
+from musatpy.formats.job_tables import OPTION_OF_ELLIPSOID
 from musatpy.formats.records.layout import FileSpec
 from musatpy.geometry import collinearity
 from musatpy.geometry.collinearity import AngleForm, attitude_from_matrix, attitude_matrix
@@ -67,7 +68,8 @@ class JobFrame:
         """The ellipsoid of the job; raises `DeckError` where none is given or it is not known."""
         spec = self._ellipsoid
         if spec is None:
-            raise DeckError([Problem(message=f"a {self.system} job needs an ellipsoid (ELL card); none is given")])
+            message = f"a {self.system} job needs an ellipsoid: {OPTION_OF_ELLIPSOID}"
+            raise DeckError([Problem(message=message)])
         try:
             return Ellipsoid.of(spec)
         except ValueError as error:

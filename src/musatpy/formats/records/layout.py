@@ -63,6 +63,9 @@ class RecordSpec:
     follows: tuple[str, ...] = key(doc="records that may stand before it; `start` is the start of the file")
     joins: str = key("", "the record before it with which it makes one row; many may join one")
     last: bool = key(False, "whether the file may end after it")
+    may_be_missing: bool = key(
+        False, "whether it may be missing before a record of several words, none of them a number, and at the end"
+    )
     constants: tuple[tuple[str, str], ...] = key(
         (), "model attributes that the kind of record says, as letters of the deck", convert=_constants
     )
@@ -112,6 +115,12 @@ class FileSpec:
         False,
         "lines of no record: an `error` (so without the key), or `skip` with a warning",
         name="others",
+        convert=_second_of("error", "skip"),
+    )
+    skip_words: bool = key(
+        False,
+        "words behind the last field (free layout): an `error` (so without the key), or `skip` with a warning",
+        name="further_words",
         convert=_second_of("error", "skip"),
     )
     attitude: str = key(
@@ -173,7 +182,13 @@ def record_values(record: RecordSpec, line: str) -> dict[str, Value]:
     if free:
         pieces = dict(enumerate(words, 1))
         most = len(record.fields) + bool(record.mark)
-        bad = [Problem(columns=at, found=word, message=f"'{word}' is a word too many") for word, at in words[most:]]
+        bad = []
+        if len(words) > most:
+            (first, _), last = words[most][1], words[-1][1][1]
+            further = line[first - 1 : last]
+            plural = len(words) > most + 1
+            message = f"'{further}' {'are words' if plural else 'is a word'} too many"
+            bad = [Problem(columns=(first, last), found=further, message=message)]
     else:
         pieces = {field.first: (line[field.first - 1 : field.last], field.columns) for field in record.fields}
         rest = list(line)

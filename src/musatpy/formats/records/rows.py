@@ -11,7 +11,18 @@ from numpy.typing import NDArray
 
 from musatpy.errors import CardFormatError, DeckError, Problem
 from musatpy.formats import mapping, parts
-from musatpy.formats.job_tables import KEYS, Table, Tables, blank, repeated, role_of, size, words_of
+from musatpy.formats.job_tables import (
+    KEYS,
+    OPTION_OF_CAMERAS,
+    OPTION_OF_SYSTEM,
+    Table,
+    Tables,
+    blank,
+    repeated,
+    role_of,
+    size,
+    words_of,
+)
 from musatpy.formats.records.fields import JOB_UNIT, PACKED, RecordField
 from musatpy.formats.records.files import Columns, RecordFile
 from musatpy.formats.records.frames import JobFrame
@@ -37,7 +48,7 @@ def resolved(file: FileSpec, frame: JobFrame) -> FileSpec:
     """
     if frame.system is None:
         if any(field.unit == JOB_UNIT for record in file.records for field in record.fields):
-            message = f"the units of {file.title} are those of the job; give a deck with its options (OPT card)"
+            message = f"the units of {file.title} are those of the job: {OPTION_OF_SYSTEM}"
             raise DeckError([Problem(message=message)])
         return file
     geographic = frame.geographic and frame.statement is None
@@ -420,7 +431,7 @@ def with_origin(given: Tables, *, at_principal_point: bool) -> Tables:
     names = [camera_of.get(photo) or only for photo in plates["plates.photo"].tolist()]
     if any(name not in points for name in names):
         message = "image coordinates are about the principal point, and the camera of a photo is not known"
-        raise DeckError([Problem(message=f"{message}; give a deck with camera cards")])
+        raise DeckError([Problem(message=f"{message}: {OPTION_OF_CAMERAS}")])
     shift = np.array([points[name] for name in names])
     xy = plates["plates.xy"] - shift if at_principal_point else plates["plates.xy"] + shift
     return given | {"plates": plates | {"plates.xy": xy}}
