@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError, numerics
 from musatpy.files import real_path, write_files
+from musatpy.formats.cards.settings import deck_with
+from musatpy.formats.job_tables import card_family
 from musatpy.formats.musat import CheckedDeck, checked_deck, deck_bytes, read_deck
 from musatpy.jobs.point_flags import PointFlags, flags_set
 from musatpy.memory import give_back
@@ -125,7 +127,9 @@ def run_deck(
     if solution is None:
         return RunResult(deck=deck, status=ExitStatus.UNUSABLE, problems=problems)
     listing, place = output_paths(deck, out_dir)
-    edited, notes = _edited_deck(solution, listing.with_suffix(".edited.crd"), family) if punch_edits else ({}, ())
+    edited, notes = dict[Path, bytes](), tuple[str, ...]()
+    if punch_edits:
+        edited, notes = _edited_deck(deck, settings, solution, listing.with_suffix(".edited.crd"), family)
     punched, more = _punched(solution, punch, listing.with_suffix(".pun"), family, punch_family)
     try:
         with numerics("the statistics of the solution"):
@@ -199,12 +203,18 @@ def _adjusted(
 
 
 def _edited_deck(
-    solution: Solution, place: Path, family: Family | None
+    deck: Path, settings: Sequence[Setting], solution: Solution, place: Path, family: Family | None
 ) -> tuple[dict[Path, bytes], tuple[str, ...]]:
-    """Return the deck without the blunders that were found, and why there is none."""
+    """Return the deck without the blunders that were found, and why there is none, or it is another one."""
     if solution.edited is None:
         return {}, ("no edited deck: the options do not ask for a search for blunders (OP2 editing)",)
-    return {place: deck_bytes(solution.edited, family)}, ()
+    from musatpy.formats.edited_deck import edited_deck
+
+    data = edited_deck(deck_with(deck.read_bytes(), settings), solution.edited, family or card_family())
+    if data is None:
+        note = "the edited deck has all its cards anew: not all of the edits are changes of single cards"
+        return {place: deck_bytes(solution.edited, family)}, (note,)
+    return {place: data}, ()
 
 
 def _punched(

@@ -52,6 +52,29 @@ def test_the_edited_deck_gives_the_same_solution(run) -> None:
 
 
 @pytest.mark.slow
+def test_lines_that_are_not_edited_are_those_of_the_deck_byte_for_byte(tmp_path: Path) -> None:
+    """With CR LF, letters in the title, numbers as typed, no numbers of the sequence, and without the option."""
+    deck = spoilt(tmp_path, "EDIT")
+    lines = deck.read_text().replace("USVI", "K\u00fcste").splitlines()
+    lines = [line if number % 2 else line[:72].rstrip() for number, line in enumerate(lines)]
+    data = "".join(f"{line}\r\n" for line in lines).replace("152.25000 ", "  152.25  ").encode("latin-1")
+    deck.write_bytes(data)
+    edited = run_deck(deck, punch_edits=True).edited
+    assert edited is not None
+    before, after = data.split(b"\n"), edited.read_bytes().split(b"\n")
+    assert before.pop(2).startswith(b"OP2")
+    assert len(before) == len(after)
+    changes = [(old[:72], new[:72]) for old, new in zip(before, after, strict=True) if old != new]
+    assert [(old[4:17].split(), new[4:17].split()) for old, new in changes] == [
+        ([b"21", b"205"], [b"21", b"204"]),
+        ([b"21", b"204"], [b"21", b"205"]),
+        ([b"22", b"205"], [b"22", b"205"]),
+        ([b"103", b"F"], [b"103", b"V"]),
+    ]
+    assert [sum(a != b for a, b in zip(old, new, strict=False)) for old, new in changes] == [1, 1, 1, 1]
+
+
+@pytest.mark.slow
 def test_the_edited_deck_has_the_names_of_the_sound_one_and_its_control_no_more(run) -> None:
     edited, sound = read_deck(run.edited), read_deck(DECK)
     np.testing.assert_array_equal(edited.points.ids[edited.plates.point], sound.points.ids[sound.plates.point])
