@@ -122,6 +122,11 @@ class Draft:
         result[self.photo[role][named]] = values[named]
         return result
 
+    def is_spoilt(self, *roles: str) -> bool:
+        """Return whether one of the cards of some roles could not be read, so that what they say is not known."""
+        unread = list(self.deck.unread)
+        return bool(unread) and any(np.isin(self.rows[role].lines, unread).any() for role in roles)
+
     @cached_property
     def _unread(self) -> frozenset[tuple[int | None, str | None]]:
         return frozenset((problem.line, problem.field) for problem in self.deck.problems)

@@ -13,7 +13,7 @@ from musatpy import model
 from musatpy.errors import DeckError, Problem, in_order
 from musatpy.files import write_files
 from musatpy.formats import assembly
-from musatpy.formats.cards.deck import read_cards, write_cards
+from musatpy.formats.cards.deck import read_cards, until, write_cards
 from musatpy.formats.cards.settings import Setting, deck_with
 from musatpy.formats.cards.spec import Family
 from musatpy.formats.checks import check_entered, cross_check
@@ -119,6 +119,7 @@ def checked_deck(
     no_plates = [spec.mnemonic for spec in draft.rows["plates"].specs] if not for_run else []
     problems = [one for one in deck.problems if one.line is not None or one.card not in no_plates]
     problems += cross_check(draft, for_run=for_run)
+    problems = list(until(deck.end, problems))
     block = None if has_errors(problems) else assembly.block_of(draft)
     entered = draft
     if block is not None and draft.given_in is not None:

@@ -15,6 +15,7 @@ from scipy.interpolate import PchipInterpolator
 from musatpy.arrays import FloatArray
 from musatpy.errors import DeckError, Problem
 from musatpy.formats.cards.deck import CardDeck, read_cards
+from musatpy.formats.cards.letters import bytes_of, text_of
 from musatpy.formats.cards.settings import blank_card, card_with, setting_of
 from musatpy.formats.cards.spec import END_MNEMONIC, CardSpec, Family
 from musatpy.pointfiles.columns import FileColumn, Wanted
@@ -158,7 +159,8 @@ def deck_with_tides(
     lost = [(photo, reason) for photo, reason in zip(photos, reasons, strict=True) if reason]
     if lost:
         raise DeckError([Problem(message=f"photo {photo}: {reason}") for photo, reason in lost])
-    lines = re.findall(r"[^\n]*\n|[^\n]+", data.decode("latin-1"))
+    text, encoding = text_of(data)
+    lines = re.findall(r"[^\n]*\n|[^\n]+", text)
     new = list[str]()
     for photo, *values in zip(photos, height.tolist(), sigma.tolist(), strict=True):
         named = zip(("photos.tide", "photos.tide_sigma"), values, strict=True)
@@ -171,7 +173,7 @@ def deck_with_tides(
             name = setting_of(spec, fields["photos.ids"], photo)
             new.append(card_with(blank_card(spec), [name, *settings]).rstrip() + "\n")
     end = next((row for row, line in enumerate(lines) if line.startswith(END_MNEMONIC)), len(lines))
-    data = "".join([*lines[:end], *new, *lines[end:]]).encode("latin-1")
+    data = bytes_of("".join([*lines[:end], *new, *lines[end:]]), encoding)
     return data, dict(zip(photos, zip(height.tolist(), sigma.tolist(), strict=True), strict=True))
 
 

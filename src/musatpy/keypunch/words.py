@@ -10,6 +10,7 @@ from itertools import islice
 
 from musatpy.errors import Problem, nearest_or_all
 from musatpy.formats.cards.deck import read_cards
+from musatpy.formats.cards.letters import bytes_of, text_of
 from musatpy.formats.cards.settings import Setting, SettingError, blank_card, card_with, setting_of
 from musatpy.formats.cards.spec import DATA_COLUMNS, CardSpec, Family, FieldSpec
 
@@ -30,7 +31,8 @@ def tidied(data: bytes, family: Family, file: str = "deck") -> TidyDeck:
     on; where they do not fit so, to the only fields that can take them in that order. A line for which there is no
     such way, or more than one, is kept and has a problem.
     """
-    lines = re.findall(r"[^\n]*\n|[^\n]+", data.decode("latin-1"))
+    text, encoding = text_of(data)
+    lines = re.findall(r"[^\n]*\n|[^\n]+", text)
     deck = read_cards(data, family, name=file)
     wrong = {problem.line for problem in deck.problems if problem.severity == "error" and problem.line is not None}
     if not deck.images.count:  # no line begins with a card
@@ -44,7 +46,7 @@ def tidied(data: bytes, family: Family, file: str = "deck") -> TidyDeck:
         elif card.rstrip() != text.rstrip():
             lines[number - 1] = card.rstrip() + lines[number - 1][len(text) :]
             changed.append((number, text, card.rstrip()))
-    return TidyDeck(data="".join(lines).encode("latin-1"), changed=tuple(changed), problems=tuple(problems))
+    return TidyDeck(data=bytes_of("".join(lines), encoding), changed=tuple(changed), problems=tuple(problems))
 
 
 def tidy_card(text: str, family: Family) -> tuple[str, str]:
@@ -53,7 +55,7 @@ def tidy_card(text: str, family: Family) -> tuple[str, str]:
     A line with every word in columns of a field of its own is no line of words: what is wrong is one of its values.
     """
     in_capitals = text.upper() if text == text.lower() else text[:3].upper() + text[3:]
-    faults = [one for one in read_cards(f"{in_capitals}\n".encode("latin-1"), family).problems if one.line == 1]
+    faults = [one for one in read_cards(f"{in_capitals}\n".encode(), family).problems if one.line == 1]
     faults = [one for one in faults if one.severity == "error"]
     if not faults:
         return in_capitals, ""

@@ -161,8 +161,8 @@ def texts_of(statistics: Statistics, content: RecordContent = RecordContent.FULL
 _ROWS = 20_000  # at a time
 _MANY = 500  # entries of a column, from which on a package is worth its loading
 # One encoder for all: json.dumps would make another for every row.
-encoded = json.JSONEncoder(allow_nan=False).encode
-_compact = json.JSONEncoder(allow_nan=False, separators=(",", ":")).encode
+encoded = json.JSONEncoder(allow_nan=False, ensure_ascii=False).encode
+_compact = json.JSONEncoder(allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode
 
 
 def object_texts(nodes: Sequence[Node[Any]], source: Any, margin: str) -> Iterator[str]:

@@ -133,7 +133,14 @@ def encode_cards(
             for row, error in _encode_column(field, values, chunk[:, field.first - 1 : field.last]):
                 message = f"card {numbers[row]}: '{error.found}' is not {error.expected}"
                 problems.append(field.problem(error, message, card=spec.mnemonic))
-    return cards.tobytes(), problems
+    data = cards.tobytes()
+    for field in (field for field in spec.fields if field.letters):
+        for row, value in enumerate(columns[field.name].tolist()):
+            if not value.isascii() and len(value) <= field.edit.width:
+                lines = data.decode().split("\n")
+                lines[row] = f"{lines[row][: field.first - 1]}{value:<{field.edit.width}}{lines[row][field.last :]}"
+                data = "\n".join(lines).encode()
+    return data, problems
 
 
 def _encode_column(field: FieldSpec, values: Column, target: ByteArray) -> Iterator[tuple[int, FieldError]]:
@@ -185,4 +192,4 @@ def _printed(form: str, width: int, values: FloatArray | IntArray) -> ByteArray:
 
 
 def _characters(text: str, width: int) -> ByteArray:
-    return np.frombuffer(text.encode("ascii"), dtype=np.uint8).reshape(-1, width)
+    return np.frombuffer(text.encode("ascii", "replace"), dtype=np.uint8).reshape(-1, width)

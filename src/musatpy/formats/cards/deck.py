@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import codecs
+import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import ByteArray, IntArray
+from musatpy.arrays import BoolArray, ByteArray, IntArray
 from musatpy.errors import DeckError, Problem, in_order
 from musatpy.formats.cards.codec import (
     Column,
@@ -21,13 +21,17 @@ from musatpy.formats.cards.codec import (
     strays,
 )
 from musatpy.formats.cards.foreign import foreign
-from musatpy.formats.cards.spec import CARD_WIDTH, DATA_COLUMNS, END_MNEMONIC, CardSpec, Family
+from musatpy.formats.cards.letters import LATIN_1, text_of
+from musatpy.formats.cards.slips import readings
+from musatpy.formats.cards.spec import CARD_WIDTH, END_MNEMONIC, CardSpec, Family
 
 _CHUNK = 4096  # cards decoded in one go: the numbers of a field stay in the cache
 _UNKNOWN = -1
-_MOVES = (1, -1, 2, -2, 3, -3)  # columns to the left
 _END_OF_FILE = b"\x1a"
 _LF, _TAB = b"\n\t"
+_LETTER = "'{}' is not ASCII: only titles and the names of liquids may have such letters"
+_CONTROL = "control character (byte {:#04x})"
+_TRIED = 200  # cards that a slip must explain one of, before all are tried
 _SUBSTITUTE = ord("?")  # in place of characters that no card has
 Columns = Mapping[str, Column]  # field -> (k,) float64, NaN for no value; or text without outer blanks
 
@@ -36,9 +40,11 @@ Columns = Mapping[str, Column]  # field -> (k,) float64, NaN for no value; or te
 class CardImages:
     """The lines of a file, which end with LF or CR LF, as cards of 80 columns."""
 
-    cards: ByteArray  # (count, 80), `?` in place of characters that no card has
+    cards: ByteArray  # (count, 80), `?` in place of characters beyond ASCII, and of what is none
     overlong: Mapping[int, str]  # lines (1-based) that go on beyond column 80 with more than blanks
-    bad_characters: tuple[tuple[int, int, str], ...]  # line and column, 1-based, and what no card may hold there
+    bad_characters: tuple[tuple[int, int, str], ...]  # line and column, 1-based, and what is no ASCII character
+    letters: Mapping[int, str]  # lines with letters beyond ASCII, as they are
+    encoding: str = ""  # of these letters, where it is not UTF-8
 
     @property
     def count(self) -> int:
@@ -46,21 +52,28 @@ class CardImages:
         return len(self.cards)
 
     def text(self, line: int) -> str:
-        """Return line `line` (1-based) as text, without trailing blanks; `?` for what is no card character."""
+        """Return line `line` (1-based) as text, without trailing blanks; `?` for what is no character."""
         if not 1 <= line <= self.count:
             raise IndexError(f"line {line} of {self.count}")
-        return self.overlong.get(line) or self.cards[line - 1].tobytes().decode("ascii").rstrip(" ")
+        longer = self.letters.get(line) or self.overlong.get(line)
+        return longer or self.cards[line - 1].tobytes().decode("ascii").rstrip(" ")
 
 
 def card_images(data: bytes) -> CardImages:
-    """Return the card images of the bytes of a file."""
+    """Return the card images of the bytes of a file. A letter is one column, however many bytes it has."""
     data = data.replace(b"\r\n", b"\n")
+    letters, encoding = dict[int, str](), ""
+    if not data.isascii():
+        text, encoding = text_of(data)
+        text = unicodedata.normalize("NFC", text)
+        letters = {number: line for number, line in enumerate(text.split("\n"), 1) if not line.isascii()}
+        data = text.encode("ascii", "replace")
     # Unsigned differences wrap: one comparison finds what is below the blank and what is above the tilde.
     every = np.frombuffer(data, dtype=np.uint8)
     bad = np.flatnonzero(every - np.uint8(ord(" ")) > ord("~") - ord(" "))
     bad = bad[every[bad] != _LF]
-    characters = tuple(_located(data, bad.tolist()))
-    if characters:
+    characters = list(_located(data, bad.tolist()))
+    if len(bad):
         mended = every.copy()
         mended[bad] = _SUBSTITUTE
         data = mended.tobytes()
@@ -71,18 +84,27 @@ def card_images(data: bytes) -> CardImages:
     np.maximum(cards, ord(" "), out=cards)  # short lines end in zeros
     long = {number: line.rstrip(b" ") for number, line in enumerate(lines, 1) if len(line) > CARD_WIDTH}
     overlong = {number: line.decode("ascii") for number, line in long.items() if len(line) > CARD_WIDTH}
-    return CardImages(cards=cards, overlong=overlong, bad_characters=characters)
+    characters += [
+        (line, column, _LETTER.format(letter) if letter.isprintable() else _CONTROL.format(ord(letter)))
+        for line, text in letters.items()
+        for column, letter in enumerate(text, 1)
+        if not letter.isascii()
+    ]
+    taken = "Latin-1" if encoding == LATIN_1 else ""
+    bad_characters = tuple(sorted(characters))
+    return CardImages(
+        cards=cards, overlong=overlong, bad_characters=bad_characters, letters=letters, encoding=taken
+    )
 
 
 def _located(data: bytes, places: list[int]) -> Iterator[tuple[int, int, str]]:
-    """Yield line, column, and in words what is there: a tab, a control character, or a byte outside ASCII."""
+    """Yield line, column, and in words what is there: a tab, or a control character."""
     line, start = 1, 0
     for place in places:
         line += data.count(b"\n", start, place)
         start = max(start, data.rfind(b"\n", start, place) + 1)
         byte = data[place]
-        kind = f"{'control' if byte < 128 else 'non-ASCII'} character (byte {byte:#04x})"
-        yield line, place - start + 1, "tab character" if byte == _TAB else kind
+        yield line, place - start + 1, "tab character" if byte == _TAB else _CONTROL.format(byte)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,6 +119,8 @@ class CardDeck:
     lines: Mapping[str, IntArray]  # by mnemonic, (k,) 1-based
     problems: tuple[Problem, ...]  # by line
     images: CardImages
+    unread: frozenset[int] = frozenset()  # lines with errors, whose values are not known
+    end: int | None = None  # the first line that should not be there: it stands behind the END card
 
 
 def read_cards(source: Path | str | bytes, family: Family, name: str | None = None) -> CardDeck:
@@ -115,12 +139,37 @@ def read_cards(source: Path | str | bytes, family: Family, name: str | None = No
     reader = _DeckReader(file, family, images)
     if kind:
         reader.problems = [Problem(file=file, message=f"this is {kind}")]
-    elif marked:
+    elif images.encoding:
+        taken = f"letters beyond ASCII are read as {images.encoding}: the file is not in UTF-8"
+        reader.problems.append(Problem(file=file, message=taken, severity="warning"))
+    if marked and not kind:
         skipped = Problem(file=file, message="begins with a byte order mark, skipped", severity="warning")
         reader.problems.append(skipped)
     tables = {spec.mnemonic: reader.columns(spec) for spec in family.cards.values()}
     lines = {mnemonic: rows + 1 for mnemonic, rows in reader.rows.items()}
-    return CardDeck(file=file, tables=tables, lines=lines, problems=in_order(reader.problems), images=reader.images)
+    errors = {problem.line for problem in reader.problems if problem.line and problem.severity == "error"}
+    return CardDeck(
+        file=file,
+        tables=tables,
+        lines=lines,
+        problems=in_order(until(reader.end, reader.problems)),
+        images=images,
+        unread=frozenset(errors - reader.mended),
+        end=reader.end,
+    )
+
+
+def _reads(spec: CardSpec, cards: ByteArray, columns: dict[str, Column] | None = None) -> BoolArray:
+    """Return (k,) whether all of a card (k, 80) reads; its columns (k,) are filled."""
+    read = columns or {field.name: empty_column(field, len(cards)) for field in spec.fields}
+    bad = {row for field in spec.fields for row, _ in decode_column(field, cards, read[field.name])}
+    bad |= {row for row, _, _ in strays(spec, cards)}
+    return ~np.isin(np.arange(len(cards)), list(bad))
+
+
+def until(end: int | None, problems: Iterable[Problem]) -> Iterator[Problem]:
+    """Yield problems without the errors of lines behind one; all where there is none."""
+    return (one for one in problems if end is None or one.severity == "warning" or (one.line or 0) <= end)
 
 
 class _DeckReader:
@@ -132,11 +181,15 @@ class _DeckReader:
         self.specs = tuple(family.cards.values())
         mnemonics = np.ascontiguousarray(images.cards[:, :3]).view("S3")[:, 0]
         self.kinds = np.full(images.count, _UNKNOWN, dtype=np.int8)  # of each line, by its mnemonic
+        capitals = np.char.upper(mnemonics)
         for kind, spec in enumerate(self.specs):
-            self.kinds[mnemonics == spec.mnemonic.encode("ascii")] = kind
+            self.kinds[capitals == spec.mnemonic.encode("ascii")] = kind
         self.rows = {spec.mnemonic: np.flatnonzero(self.kinds == kind) for kind, spec in enumerate(self.specs)}
         self.problems: list[Problem] = []
+        self.mended = {*(np.flatnonzero((capitals != mnemonics) & (self.kinds != _UNKNOWN)) + 1).tolist()}
+        self.end: int | None = None  # the first line behind the END card, where there are cards
         self.unreadable: set[int] = set()  # lines whose characters are wrong; their fields are not complained of
+        self.lettered = {spec.mnemonic: [field for field in spec.fields if field.letters] for spec in self.specs}
         self._check_characters()
         self._check_mnemonics()
         self._check_counts()
@@ -162,46 +215,47 @@ class _DeckReader:
                         name, why = (given_up, f": {instead}") if first <= column <= last else (name, why)
                     place = {"columns": (column, column + len(found) - 1), "card": spec.mnemonic, "field": name}
                     self._add(line, message=f"'{found}'{why}", found=found, **place)
-        self._try_moved(spec, columns)
+        self._try_slips(spec, columns)
+        if self.unreadable:
+            lost = np.isin(rows + 1, list(self.unreadable))
+            for field in spec.fields:
+                columns[field.name][lost] = np.nan if field.edit.is_number else ""
+        lettered = self.images.letters.keys() - self.unreadable
+        for line in lettered & {*(rows + 1).tolist()} if lettered else ():
+            for field in self.lettered[spec.mnemonic]:
+                text = self.images.letters[line][field.first - 1 : field.last]
+                columns[field.name][np.searchsorted(rows, line - 1)] = text.strip(" ")
         return columns
 
-    def _try_moved(self, spec: CardSpec, columns: Columns) -> None:
-        """Say of cards that read in other columns how far they are moved, not what is wrong in each of these.
+    def _try_slips(self, spec: CardSpec, columns: Columns) -> None:
+        """Say of cards that read without one slip what that is, not what is wrong in each of their fields.
 
-        The columns (k,) have the values of the moved cards then, so that no other card misses them. A card with a
-        field that is given up is none of them.
+        The columns (k,) have the values that the cards have without it, so that no other card misses them. A card
+        with a field that is given up, or with letters beyond ASCII, is none of them.
         """
         of_card = [problem for problem in self.problems if problem.card == spec.mnemonic]
         fields = {name for name, *_ in spec.given_up}
-        used = {problem.line for problem in of_card if problem.field in fields}
+        used = {problem.line for problem in of_card if problem.field in fields} | self.images.letters.keys()
         wrong = {problem.line for problem in of_card if problem.line is not None} - used
         at = np.flatnonzero(np.isin(self.rows[spec.mnemonic] + 1, list(wrong)))
-        if not at.size:
-            return
-        body, lines, moved_lines = DATA_COLUMNS[0] - 1, self.rows[spec.mnemonic][at] + 1, set[int]()
-        for move, end in product(
-            _MOVES, (CARD_WIDTH, DATA_COLUMNS[1])
-        ):  # with the number of the sequence, or without
-            left = np.flatnonzero(~np.isin(lines, list(moved_lines)))
-            cards = self.images.cards[lines[left] - 1]
-            text = cards[:, body:end]
-            lost = text[:, :move] if move > 0 else text[:, move:]
-            moved = np.full_like(cards, ord(" "))
-            moved[:, :body] = cards[:, :body]
-            moved[:, max(body, body - move) : end - max(move, 0)] = text[
-                :, max(move, 0) : len(text.T) + min(move, 0)
-            ]
-            read = {field.name: empty_column(field, len(left)) for field in spec.fields}
-            bad = {row for f in spec.fields for row, _ in decode_column(f, moved, read[f.name])}
-            bad |= {row for row, _, _ in strays(spec, moved)} | {*np.flatnonzero((lost != ord(" ")).any(axis=1))}
-            good = [row for row in range(len(left)) if row not in bad]
-            by = f"{abs(move)} column{'s' * (abs(move) > 1)} to the {'left' if move > 0 else 'right'}"
-            self.problems = [problem for problem in self.problems if problem.line not in {*lines[left[good]]}]
-            for row in good:
-                self._add(int(lines[left[row]]), message=f"the card reads if it is moved {by}", card=spec.mnemonic)
+        lines = self.rows[spec.mnemonic][at] + 1
+        left = np.ones(len(at), dtype=bool)
+        for message, mended, possible in readings(spec, self.images.cards[lines - 1]):
+            tried = np.flatnonzero(left & possible)
+            if not _reads(spec, mended[tried[:_TRIED]]).any():
+                continue
+            read = {field.name: empty_column(field, len(tried)) for field in spec.fields}
+            good = tried[_reads(spec, mended[tried], read)]
+            known = dict(zip(lines[good].tolist(), good.tolist(), strict=True))
+            self.problems = [problem for problem in self.problems if problem.line not in known]
+            for line, row in known.items():
+                changed = np.flatnonzero(mended[row] != self.images.cards[line - 1]) + 1
+                place = None if message.endswith(("left", "right")) else (int(changed[0]), int(changed[-1]))
+                self._add(line, message=message, card=spec.mnemonic, columns=place)
             for name, values in read.items():
-                columns[name][at[left[good]]] = values[good]
-            moved_lines.update(lines[left[good]].tolist())
+                columns[name][at[good]] = values[np.isin(tried, good)]
+            left[good] = False
+            self.mended |= known.keys()
 
     # --- problems ---
 
@@ -211,17 +265,22 @@ class _DeckReader:
 
     def _check_characters(self) -> None:
         for line, column, what in self.images.bad_characters:
+            mnemonic = self.images.cards[line - 1, :3].tobytes().decode("ascii")
+            fields = self.lettered.get(mnemonic, ()) if what.startswith("'") else ()
+            if any(field.first <= column <= field.last for field in fields):
+                continue
             if line not in self.unreadable:  # one problem for each card
                 self.unreadable.add(line)
                 self._add(line, columns=(column,) * 2, message=what, expected="printable ASCII characters")
         for line, text in self.images.overlong.items():
+            if line in self.unreadable:
+                continue
             message = f"card of {len(text)} columns, longer than {CARD_WIDTH}"
             self._add(line, columns=(CARD_WIDTH + 1, len(text)), message=message, expected=f"{CARD_WIDTH} columns")
 
     def _check_mnemonics(self) -> None:
         known = [spec.mnemonic for spec in self.specs]
-        for row in np.flatnonzero(self.kinds == _UNKNOWN):
-            line = int(row) + 1
+        for line in sorted({*(np.flatnonzero(self.kinds == _UNKNOWN) + 1).tolist(), *self.mended}):
             text = self.images.text(line)
             if not text:
                 self._add(line, message="blank line, skipped", severity="warning")
@@ -247,6 +306,7 @@ class _DeckReader:
                 for line in after[:1]:
                     message = f"{count} after the {END_MNEMONIC} card of line {end}"
                     self._add(line, columns=(1, 3), message=message)
+                    self.end = line
             elif spec.repeat == "one":
                 for row in rows[1:]:
                     message = f"a second {spec.mnemonic} card; the first is on line {rows[0] + 1}"

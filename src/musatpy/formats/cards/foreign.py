@@ -30,6 +30,8 @@ def foreign(data: bytes, family: Family) -> str:
             return name
     if start.count(b"\x00") > len(start) // 10:
         return "no text: many of its characters are zero"
+    if b"\r" in data and b"\n" not in data:
+        return "text whose lines end with CR alone: save it with line ends LF or CR LF"
     if start.startswith(b"{"):
         return "a record (JSON), not the deck of its run: musat report prints it" if b"musat" in start else "JSON"
     if start.removeprefix(b"1").startswith(b"MUSATPY "):

@@ -124,7 +124,7 @@ def card_of(spec: CardSpec, settings: Sequence[Setting], family: Family) -> tupl
     tables = {slot.path.partition(".")[0] for slot in mapping.slots(spec)}
     if compiled := bool(tables) and tables <= CARD_TABLES.keys():
         family = compilation_family()
-    deck = read_cards(f"{card}\n{END_MNEMONIC}\n".encode("ascii", "replace"), family, name=spec.mnemonic)
+    deck = read_cards(f"{card}\n{END_MNEMONIC}\n".encode(), family, name=spec.mnemonic)
     problems = [problem for problem in deck.problems if problem.line == 1]
     if compiled:
         problems += bounds(compilation_draft(deck))

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from musatpy.errors import MusatError, nearest, nearest_or_all
+from musatpy.formats.cards.letters import bytes_of, text_of
 from musatpy.formats.cards.spec import DATA_COLUMNS, END_MNEMONIC, CardSpec, Family, FieldSpec
 from musatpy.fortran import FieldError
 
@@ -146,7 +147,8 @@ def deck_with(data: bytes, settings: Iterable[Setting]) -> bytes:
     by_card: dict[str, list[Setting]] = {}
     for setting in settings:
         by_card.setdefault(setting.card, []).append(setting)
-    lines = re.findall(r"[^\n]*\n|[^\n]+", data.decode("latin-1"))
+    text, encoding = text_of(data)
+    lines = re.findall(r"[^\n]*\n|[^\n]+", text)
     for mnemonic, of_card in by_card.items():
         row, end = (
             next((row for row, line in enumerate(lines) if line.startswith(name)), None)
@@ -157,4 +159,4 @@ def deck_with(data: bytes, settings: Iterable[Setting]) -> bytes:
             lines[row] = card_with(card, of_card) + lines[row][len(card) :]
         elif end is not None:
             lines.insert(end, card_with(mnemonic, of_card) + "\n")
-    return "".join(lines).encode("latin-1")
+    return bytes_of("".join(lines), encoding)

@@ -77,6 +77,7 @@ class FieldSpec:
     blank: Blank = key("error", "a blank field is an `error` (so without the key), `missing` (no value) or `zero`")
     asterisks: bool = key(False, "whether asterisks, a FORTRAN overflow, read as no value; numbers only")
     allowed: tuple[str, ...] = key((), "the values that a text may have")
+    letters: bool = key(False, "whether a text may have letters beyond ASCII, as titles have")
     bound: tuple[str, float, str] | None = key(
         None, '`[">" or ">=", number, message]`: what a number must be, in inside units'
     )
@@ -144,8 +145,10 @@ class FieldSpec:
             width = self.edit.width
             if not value and self.blank == "error":
                 raise FieldError(value, self.expected)
-            if len(value) > width or value != value.strip(" ") or not (value.isascii() and value.isprintable()):
-                raise FieldError(value, f"{self.edit} (up to {width} ASCII characters, no outer blanks)")
+            known = (self.letters or value.isascii()) and value.isprintable()
+            if len(value) > width or value != value.strip(" ") or not known:
+                characters = "characters" if self.letters else "ASCII characters"
+                raise FieldError(value, f"{self.edit} (up to {width} {characters}, no outer blanks)")
             if value and self.allowed and value not in self.allowed:
                 raise FieldError(value, self.expected)
             return value.ljust(width)

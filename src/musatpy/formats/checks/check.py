@@ -20,17 +20,26 @@ class DeckCheck:
     of_job: bool  # it looks at coordinates and attitudes in the words of the adjustment
     of_run: bool  # it misses what a deck may lack that is to be merged with others, or edited, before it is run
     needs: str  # a role without whose cards there is nothing to look at; empty: none
+    follows: tuple[str, ...]  # roles of which a card that cannot be read would have it say what follows from that
     raw: bool | None  # it looks at raw plates alone, or at refined ones alone; None: at both
 
     def __call__(self, draft: Draft) -> Iterator[Problem]:
         """Return the problems of a draft."""
         if (self.needs and not len(draft.rows[self.needs])) or self.raw not in (None, draft.raw):
             return iter(())
-        return self.find(draft)
+        return iter(()) if draft.is_spoilt(*self.follows) else self.find(draft)
 
 
 def check(
-    *, of_card: bool = False, of_job: bool = False, of_run: bool = False, needs: str = "", raw: bool | None = None
+    *,
+    of_card: bool = False,
+    of_job: bool = False,
+    of_run: bool = False,
+    needs: str = "",
+    follows: tuple[str, ...] = (),
+    raw: bool | None = None,
 ) -> Callable[[Find], DeckCheck]:
     """Return what makes a check of a function of the draft."""
-    return lambda find: DeckCheck(find=find, of_card=of_card, of_job=of_job, of_run=of_run, needs=needs, raw=raw)
+    return lambda find: DeckCheck(
+        find=find, of_card=of_card, of_job=of_job, of_run=of_run, needs=needs, follows=follows, raw=raw
+    )

@@ -22,6 +22,7 @@ from musatpy.formats.job_tables import ROLES
 from musatpy.geometry.similarity import by_change
 from musatpy.model import CoordinateSystem, Datum, Program
 
+_OF_RAYS = ("stations", "attitudes", "plates", "control", "equal_elevations")
 _UNKNOWNS = 6  # of a photo
 _HORIZONTAL, _VERTICAL = 2, 3  # known points that fix them
 _MOTIONS = 7
@@ -32,7 +33,7 @@ _OUTSIDE = 50.0  # extents: a card that is wrong says nothing of where its photo
 _SEED = 0  # the same deck must always get the same answer
 
 
-@check(of_run=True)
+@check(of_run=True, follows=_OF_RAYS)
 def single_rays(draft: Draft) -> Iterator[Problem]:
     """Yield the points with a single ray and nothing known of them: they have no position."""
     rays = rays_of(draft)
@@ -42,7 +43,7 @@ def single_rays(draft: Draft) -> Iterator[Problem]:
     yield from draft.problems("plates", rows, message, names, path="plates.point", severity="warning")
 
 
-@check(of_run=True)
+@check(of_run=True, follows=_OF_RAYS)
 def photo_rays(draft: Draft) -> Iterator[Problem]:
     """Yield the measured photos whose usable rays and observed station parameters are too few to hold them.
 
@@ -79,7 +80,7 @@ def _observed(draft: Draft) -> BoolArray:
     return observed
 
 
-@check(of_run=True)
+@check(of_run=True, follows=_OF_RAYS)
 def parts(draft: Draft) -> Iterator[Problem]:
     """Yield each part of the block (photos that hang together by usable rays) whose datum is not fixed.
 

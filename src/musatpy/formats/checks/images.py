@@ -10,6 +10,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from musatpy.errors import Problem
 from musatpy.formats.checks.check import check
+from musatpy.formats.checks.places import far_places
 from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
 from musatpy.model import ControlKind, CoordinateSystem
@@ -20,6 +21,7 @@ HORIZONTAL = (ControlKind.FULL, ControlKind.HORIZONTAL)
 VERTICAL = (ControlKind.FULL, ControlKind.VERTICAL)
 _SPREAD = 5.0  # mm: points in common must spread this far (RMS) to turn one photo on to another
 _EARTH = 6.371e6  # m, of the sphere on which directions are good enough
+FOCAL_LENGTHS = (10.0, 3000.0)  # mm: from small formats to reconnaissance cameras
 _LIMIT = 45 * DEGREE
 _STEEPEST = 20 * DEGREE  # tilts up to which a photo is taken as vertical
 _BASE = 5.0  # mm: the neighbour's nadir must lie this far from the photo's own
@@ -27,6 +29,7 @@ _AGREEMENT = 0.8  # length of the mean of unit vectors that point the same way
 _FEWEST = 3  # control points of a photo that tell a scale
 _SAME = 0.1  # relative difference of scales that are the same
 _WIDE = 20.0  # mm: the control must spread this far (RMS) on the plate
+_EXPLAINED, _UNEXPLAINED = 0.95, 0.8  # shares of the squares of control by its images, as they are and mirrored
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,6 +65,11 @@ def rays_of(draft: Draft) -> PlateRays:
         horizontal=horizontal,
         vertical=vertical,
     )
+
+
+def odd_focal_lengths(focal: FloatArray) -> BoolArray:
+    """Return (c,) the focal lengths (mm) that no aerial camera has."""
+    return (focal > 0.0) & ((focal < FOCAL_LENGTHS[0]) | (focal > FOCAL_LENGTHS[1]))
 
 
 def by_camera(draft: Draft, path: str, change: Callable[[FloatArray], FloatArray] = np.asarray) -> FloatArray:
@@ -138,7 +146,7 @@ def plan(draft: Draft, position: FloatArray) -> ComplexArray:
     return _EARTH * (east * np.cos(latitude) + 1j * position[:, 0])
 
 
-@check(of_job=True, of_run=True, raw=False)
+@check(of_job=True, of_run=True, follows=("stations", "attitudes", "plates", "control"), raw=False)
 def headings(draft: Draft) -> Iterator[Problem]:
     """Yield the photos whose heading differs by more than 45 degrees from what the images say (readings say none).
 
@@ -159,6 +167,8 @@ def headings(draft: Draft) -> Iterator[Problem]:
     known = off[off != 0]
     if known.size > 1 and wrong[off != 0].all() and abs(known.sum()) > _AGREEMENT * np.abs(known).sum():
         contradicted = wrong
+    if contradicted.any() and (mirror_images(draft) or any(far_places(draft))):
+        return  # which turns them too
     for row, link in enumerate(draft.photo["attitudes"].tolist()):
         if link >= 0 and contradicted[link]:
             given, image = attitude[link, 2] / DEGREE, np.angle(seen[link]) / DEGREE
@@ -191,7 +201,7 @@ def _mean_directions(photo: IntArray, vectors: ComplexArray, weight: IntArray, p
     return np.where(agree, total / np.where(agree, np.abs(total), 1), 0)
 
 
-@check(of_job=True, of_run=True, raw=False)
+@check(of_job=True, of_run=True, follows=("stations", "attitudes", "plates", "control"), raw=False)
 def scales(draft: Draft) -> Iterator[Problem]:
     """Yield a unit, or another camera, that most photos with control agree on (not in geocentric jobs).
 
@@ -203,11 +213,11 @@ def scales(draft: Draft) -> Iterator[Problem]:
     if not all(fits_system(draft, role).all() for role in ("stations", "control")):
         return
     ratios = _ratios(draft)
-    if not len(ratios):
+    ratio = float(np.median(ratios)) if len(ratios) else 1.0
+    if abs(ratio - 1.0) < _SAME or not np.all(np.abs(ratios / ratio - 1.0) < _SAME):
         return
-    ratio = float(np.median(ratios))
-    if not np.all(np.abs(ratios / ratio - 1.0) < _SAME):
-        return
+    if mirror_images(draft) or any(far_places(draft)):
+        return  # which widen it too
     for factor, text in (
         (ratio, "control were in feet and stations in metres"),
         (1.0 / ratio, "stations were in feet and control in metres"),
@@ -217,6 +227,8 @@ def scales(draft: Draft) -> Iterator[Problem]:
             yield draft.problem("control", 0, message, path="control.position", severity="warning")
             return
     focal = draft.rows["cameras"]["cameras.focal_length"]
+    if odd_focal_lengths(focal).any():
+        return  # as its card is told
     other = other_focal_length(float(np.median(focal)), ratio, _SAME)
     if other:
         wide = f"the control is {ratio:.2f} times as wide as on the photos"
@@ -224,10 +236,11 @@ def scales(draft: Draft) -> Iterator[Problem]:
         yield draft.problem("cameras", 0, message, path="cameras.focal_length", severity="warning")
 
 
-def _ratios(draft: Draft) -> FloatArray:
-    """Return, of each photo with enough control, the width of the control over that on the photo by its station.
+def _control_images(draft: Draft) -> tuple[FloatArray, ComplexArray, ComplexArray, FloatArray]:
+    """Return what the n photos with control enough show of it, on land: through the water they show it nearer.
 
-    Of control on land: through the water photos show it nearer, and another camera would explain that as well.
+    About the means of each photo, with image x (mm) and ground g (m): sums (n,) of |g|^2, of conj(x) g and of
+    x g, each over that of |x|^2, NaN of other photos; and (n,) m, the mean height of the control.
     """
     rows, links = draft.rows["control"], draft.point["control"]
     full = (rows["control.kind"] == ControlKind.FULL) & (links >= 0) & np.append(~draft.bathymetric, False)[links]
@@ -243,11 +256,34 @@ def _ratios(draft: Draft) -> FloatArray:
 
     count = np.maximum(total(np.ones(len(photo))).real, 1.0)
     x = image - (total(image) / count)[photo]
+    g = ground[point] - (total(ground[point]) / count)[photo]
     squares = total(np.abs(x) ** 2).real
     good = (count >= _FEWEST) & (squares > count * _WIDE**2)
-    scale = np.abs(total(np.conj(x) * ground[point])) / np.where(good, squares, np.nan)  # m a mm
-    above = draft.by_photo("stations", "photos.position")[:, 2] - total(position[point, 2]).real / count
+    squares = np.where(good, squares, np.nan)
+    height = total(position[point, 2]).real / count
+    with np.errstate(invalid="ignore"):
+        return total(np.abs(g) ** 2).real / squares, total(np.conj(x) * g) / squares, total(x * g) / squares, height
+
+
+def mirror_images(draft: Draft) -> bool:
+    """Return whether all photos with control enough show it as a mirror does (not in geocentric jobs)."""
+    if draft.system is CoordinateSystem.GEOCENTRIC or not fits_system(draft, "control").all():
+        return False
+    ground, turned, mirrored, _ = _control_images(draft)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        as_it_is, as_mirrored = np.abs(turned) ** 2 / ground, np.abs(mirrored) ** 2 / ground
+    known = np.isfinite(as_mirrored)
+    return bool(known.any() and ((as_mirrored > _EXPLAINED) & (as_it_is < _UNEXPLAINED))[known].all())
+
+
+def _ratios(draft: Draft) -> FloatArray:
+    """Return, of each photo with enough control, the width of the control over that on the photo by its station.
+
+    Of control on land: another camera would explain what the water does as well.
+    """
+    _, scale, _, height = _control_images(draft)
+    above = draft.by_photo("stations", "photos.position")[:, 2] - height
     focal = by_camera(draft, "cameras.focal_length")
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = scale * focal[draft.camera_of_photo] / above
+        ratios = np.abs(scale) * focal[draft.camera_of_photo] / above
     return ratios[np.isfinite(ratios) & (ratios > 0.0)]

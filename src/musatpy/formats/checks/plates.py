@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem
 from musatpy.formats.checks.check import check
-from musatpy.formats.checks.images import by_camera, common_rays, photo_pairs, rays_of
+from musatpy.formats.checks.images import by_camera, common_rays, mirror_images, photo_pairs, rays_of
 from musatpy.formats.checks.references import repeats
 from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import ROLES
@@ -51,9 +51,11 @@ def plate_coordinates(draft: Draft) -> Iterator[Problem]:
         out = np.flatnonzero(of_camera & far.any(axis=1))
         if of_camera.sum() >= _SOME and 2 * len(out) > of_camera.sum():
             in_um = (np.abs(xy[of_camera]) <= _MICROMETRES * np.maximum(size[of_camera], 1.0)).all()
+            of_corner = (xy[of_camera] >= 0.0).all()
+            unit = ", these look like pixels" if of_corner else ", these look like micrometres" if in_um else ""
             message = (
                 f"{len(out)} of the {of_camera.sum()} images of camera {draft.camera_ids[link]} lie far outside "
-                f"its format: millimetres are needed{', these look like micrometres' if in_um else ''}"
+                f"its format: millimetres are needed{unit}"
             )
             yield draft.problem("plates", int(out[0]), message, path="plates.xy")
             outside[of_camera] = False
@@ -66,6 +68,17 @@ def plate_coordinates(draft: Draft) -> Iterator[Problem]:
                 message = f"{what} {_FOCAL_LENGTHS_OFF:g} focal lengths off the axis {owner}, which has no format"
             severity: Literal["error", "warning"] = "error" if far[row, component] else "warning"
             yield draft.problem("plates", row, message, path="plates.xy", component=component, severity=severity)
+
+
+@check(of_job=True, raw=False, follows=("control", "plates"))
+def mirrored(draft: Draft) -> Iterator[Problem]:
+    """Yield once that the images are mirror images of the control: no camera makes them."""
+    if mirror_images(draft) and not any(plate_coordinates(draft)):
+        message = (
+            "the images are mirror images of the control: x and y, or two coordinates of the control, are "
+            "exchanged, or one has the wrong sign on all cards"
+        )
+        yield draft.problem("plates", 0, message, path="plates.xy", severity="warning")
 
 
 @check(raw=False)

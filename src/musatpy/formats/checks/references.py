@@ -88,17 +88,21 @@ def repeated_members(draft: Draft) -> Iterator[Problem]:
 
 @check()
 def undefined(draft: Draft) -> Iterator[Problem]:
-    """Yield each camera, photo and point that is named but not defined or measured, where a role first names it."""
+    """Yield each camera, photo and point that is named but not defined or measured, where a card first names it."""
     for table, roles, defining, message, severity in _needed(draft):
+        if draft.is_spoilt(*defining):
+            continue  # cards that could not be read may say it
         known = np.concatenate([draft.links(table)[role] for role in defining])
+        places: dict[int, list[tuple[str, int]]] = {}  # of each that is lost, wherever it is named
         for role in roles:
-            links, names = draft.links(table)[role], draft.names(table, role).ravel()
-            named, *first = np.unique(links, return_index=True, return_counts=True)
-            lost = (named >= 0) & ~np.isin(named, known)
-            for place, times in zip(*(column[lost].tolist() for column in first), strict=True):
-                row, component = divmod(place, math.prod(links.shape[1:]))
-                text, path = message.format(names[place], _others(times - 1)), naming(table)[role]
-                yield draft.problem(role, row, text, path=path, component=component, severity=severity)
+            links = draft.links(table)[role].ravel()
+            for place in np.flatnonzero((links >= 0) & ~np.isin(links, known)).tolist():
+                places.setdefault(int(links[place]), []).append((role, place))
+        for (role, place), *others in places.values():
+            row, component = divmod(place, math.prod(draft.links(table)[role].shape[1:]))
+            name, path = draft.names(table, role).ravel()[place], naming(table)[role]
+            text = message.format(name, _others(len(others)))
+            yield draft.problem(role, row, text, path=path, component=component, severity=severity)
 
 
 def _others(more: int) -> str:

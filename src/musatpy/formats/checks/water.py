@@ -146,7 +146,7 @@ def _submerged(draft: Draft) -> IntArray:
     return np.flatnonzero((point >= 0) & np.append(draft.bathymetric, False)[point])
 
 
-@check(of_run=True, needs="tides")
+@check(of_run=True, needs="tides", follows=("plates", "control"))
 def tides_without_flags(draft: Draft) -> Iterator[Problem]:
     """Yield the first tide of a deck in which no point is flagged as submerged, unless refraction is NONE."""
     number = len(draft.rows["tides"])
