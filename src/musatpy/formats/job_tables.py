@@ -49,11 +49,6 @@ def _roles() -> Iterator[tuple[str, str]]:
 
 ROLES = dict(_roles())
 
-# Where a conversion takes from what files of other agencies do not say.
-OPTION_OF_SYSTEM = "--set OPT.system=GEOG, GEOC or LOCL, or a --deck with its options"
-OPTION_OF_ELLIPSOID = "--set ELL.name=WGS84 or another one, or a --deck with its ELL card"
-OPTION_OF_CAMERAS = "--camera NAME=FOCAL_LENGTH (mm) or a table, or a --deck with the camera cards"
-
 # What a family need not have cards for.
 OPTIONAL = (
     *system_rows.TABLES,

@@ -20,8 +20,6 @@ from musatpy.formats.checks.systems import statements
 from musatpy.formats.draft import draft_of, draft_of_rows
 from musatpy.formats.job_tables import (
     KEYS,
-    OPTION_OF_CAMERAS,
-    OPTION_OF_SYSTEM,
     ROLES,
     RoleRows,
     Table,
@@ -35,6 +33,7 @@ from musatpy.formats.job_tables import (
     size,
     with_flags,
 )
+from musatpy.formats.records.layout import OPTION_OF_CAMERAS, OPTION_OF_SYSTEM
 from musatpy.formats.statements import entered_draft
 
 if TYPE_CHECKING:

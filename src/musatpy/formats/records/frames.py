@@ -9,8 +9,7 @@ import pyproj
 from numpy.typing import NDArray
 
 from musatpy.errors import DeckError, Problem
-from musatpy.formats.job_tables import OPTION_OF_ELLIPSOID
-from musatpy.formats.records.layout import FileSpec
+from musatpy.formats.records.layout import OPTION_OF_ELLIPSOID, FileSpec
 from musatpy.geometry import collinearity
 from musatpy.geometry.collinearity import AngleForm, attitude_from_matrix, attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid

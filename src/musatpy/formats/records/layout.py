@@ -21,6 +21,11 @@ from musatpy.formats.records.fields import RecordField, pairs_of
 from musatpy.fortran import FieldError
 from musatpy.specs import key, read_toml, require
 
+# Where a conversion takes from what files of other agencies do not say.
+OPTION_OF_SYSTEM = "--set OPT.system=GEOG, GEOC or LOCL, or a --deck with its options"
+OPTION_OF_ELLIPSOID = "--set ELL.name=WGS84 or another one, or a --deck with its ELL card"
+OPTION_OF_CAMERAS = "--camera NAME=FOCAL_LENGTH (mm) or a table, or a --deck with the camera cards"
+
 START = "start"  # what the first record of a file follows
 ATTITUDES = ("omega-phi-kappa", "phi-omega-kappa", "matrix ground to photo", "matrix photo to ground")
 _CONSTANT = re.compile(r"\w+\.\w+", re.ASCII)

@@ -11,22 +11,11 @@ from numpy.typing import NDArray
 
 from musatpy.errors import CardFormatError, DeckError, Problem
 from musatpy.formats import mapping, parts
-from musatpy.formats.job_tables import (
-    KEYS,
-    OPTION_OF_CAMERAS,
-    OPTION_OF_SYSTEM,
-    Table,
-    Tables,
-    blank,
-    repeated,
-    role_of,
-    size,
-    words_of,
-)
+from musatpy.formats.job_tables import KEYS, Table, Tables, blank, repeated, role_of, size, words_of
 from musatpy.formats.records.fields import JOB_UNIT, PACKED, RecordField
 from musatpy.formats.records.files import Columns, RecordFile
 from musatpy.formats.records.frames import JobFrame
-from musatpy.formats.records.layout import FileSpec, RecordSpec
+from musatpy.formats.records.layout import OPTION_OF_CAMERAS, OPTION_OF_SYSTEM, FileSpec, RecordSpec
 
 Array = NDArray[Any]
 _KIND = "control.kind"
