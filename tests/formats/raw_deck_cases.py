@@ -83,8 +83,7 @@ RAW_CASES: list[Case] = [
                 "DST RC6  RADL  0.125000000E-07",
             )
         ),
-        "137 LNS.camera [RC9] camera RC9 has no CAM card",
-        "138 FDS.camera [RC9] camera RC9 has no CAM card",
+        "137 LNS.camera [RC9] camera RC9 has no CAM card (1 more card names it)",
         "139 RSC.camera [RC7] camera RC7 has no CAM card",
         "140 DST.camera [RC6] camera RC6 has no CAM card",
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shlex
 from collections.abc import Mapping, Sequence
@@ -148,10 +149,12 @@ def _three_sigmas(ctx: click.Context, param: click.Parameter, text: str | None) 
         return ()
     words = text.split(",")
     try:
-        east, north, up = (POSITIVE.convert(words[n], param, ctx) for n in _OF_COUNT[len(words)])
-    except (KeyError, click.BadParameter) as error:
-        raise click.BadParameter(f"'{text}' is not one, two or three numbers above zero", ctx, param) from error
-    return east, north, up
+        sigmas = tuple(float(words[n]) for n in _OF_COUNT[len(words)])
+    except (KeyError, ValueError):
+        sigmas = ()
+    if not sigmas or not all(0.0 < sigma < math.inf for sigma in sigmas):
+        raise click.BadParameter(f"'{text}' is not one, two or three numbers above zero", ctx, param)
+    return sigmas
 
 
 @click.command(name="convert", short_help="Convert a job between decks and other agencies' files.")
@@ -219,8 +222,8 @@ def convert_command(
     from_family = _family(known, source, source_name, "--from", is_target=False)
     to_family = _family(known, target, target_name, "--to", is_target=True)
     if isinstance(from_family, DeckFamily):
-        more = {"--deck": deck, "--camera": cameras, "--plate-sigma": plate_sigma, "--set": settings}
-        for option in (option for option, value in more.items() if value):
+        of_files = {"--deck": deck, "--camera": cameras, "--plate-sigma": plate_sigma, "--set": settings}
+        for option in (option for option, value in of_files.items() if value):
             raise click.UsageError(f"{option} is for files that do not hold everything; FROM is a deck itself")
     texts = [*settings, *([] if plate_sigma is None else [f"OPT.plate_sigma={plate_sigma:g}"])]
     cards, given_settings = _camera_cards(cameras), settings_for(texts, card_family())
