@@ -366,6 +366,16 @@ CASES: list[Case] = [
         "49 ORI.method [SINGLE-RAY] takes 1 different photos, not 2 (841, NOWHERE), named here",
         "49 ORI.second [NOWHERE] photo NOWHERE has no images",
     ),
+    # --- places ---
+    case(
+        deck(replace(44, "-81", " 81")),
+        "~44 CTG [19 20 59.99956  81 18 12.01638   14.0384] point 1105 lies 11,884 km from the stations, but 0 km "
+        "with the other sign of the longitude",
+    ),
+    case(
+        (FOLDER.parent / "verdict/images_y_down.crd").read_bytes(),
+        "~17 PLT [-2.7979800 -79.4101070] the images are mirror images of the control",
+    ),
     # --- scales ---
     case(
         (FOLDER.parent / "verdict/control_in_feet.crd").read_bytes(),
