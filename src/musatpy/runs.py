@@ -127,9 +127,7 @@ def run_deck(
     if solution is None:
         return RunResult(deck=deck, status=ExitStatus.UNUSABLE, problems=problems)
     listing, place = output_paths(deck, out_dir)
-    edited, notes = dict[Path, bytes](), tuple[str, ...]()
-    if punch_edits:
-        edited, notes = _edited_deck(deck, settings, solution, listing.with_suffix(".edited.crd"), family)
+    edited, notes = _edited_deck(deck, settings, solution, listing, family) if punch_edits else ({}, ())
     punched, more = _punched(solution, punch, listing.with_suffix(".pun"), family, punch_family)
     try:
         with numerics("the statistics of the solution"):
@@ -203,13 +201,14 @@ def _adjusted(
 
 
 def _edited_deck(
-    deck: Path, settings: Sequence[Setting], solution: Solution, place: Path, family: Family | None
+    deck: Path, settings: Sequence[Setting], solution: Solution, listing: Path, family: Family | None
 ) -> tuple[dict[Path, bytes], tuple[str, ...]]:
     """Return the deck without the blunders that were found, and why there is none, or it is another one."""
     if solution.edited is None:
         return {}, ("no edited deck: the options do not ask for a search for blunders (OP2 editing)",)
     from musatpy.formats.edited_deck import edited_deck
 
+    place = listing.with_suffix(".edited.crd")
     data = edited_deck(deck_with(deck.read_bytes(), settings), solution.edited, family or card_family())
     if data is None:
         note = "the edited deck has all its cards anew: not all of the edits are changes of single cards"

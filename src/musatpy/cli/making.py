@@ -25,13 +25,14 @@ from musatpy.cli.options import (
     submerged_option,
     usage_errors,
 )
-from musatpy.errors import Problem, printable
+from musatpy.errors import DeckError, Problem, printable
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
     from musatpy.figures import ImageForm
     from musatpy.formats.families import FormatFamily
+    from musatpy.formats.job_tables import Tables
 
 _CAMERA = ("camera", "focal_length", "xp", "yp")  # fields of its card, in the order of an option
 _OF_COUNT = {1: (0, 0, 0), 2: (0, 0, 1), 3: (0, 1, 2)}  # which of so many numbers are those of east, north, up
@@ -212,11 +213,10 @@ def convert_command(
     Exit status: 0 written, 1 FROM cannot be used or TO cannot hold it at all (nothing is written), 3 the deck that
     is written will not run as it stands: what it lacks is listed, with the option that gives it.
     """
-    from musatpy.errors import DeckError
     from musatpy.files import write_files
     from musatpy.formats.families import DeckFamily, families
     from musatpy.formats.job_tables import card_family
-    from musatpy.formats.parts import given_parts, missing_parts, with_control_sigmas
+    from musatpy.formats.parts import given_parts, with_control_sigmas
 
     known = families(formats)
     from_family = _family(known, source, source_name, "--from", is_target=False)
@@ -231,13 +231,7 @@ def convert_command(
     written = [path for path in to_family.targets(target, stem).values() if path.exists()]
     refuse_overwriting(written, [*from_family.targets(source, stem).values(), source])
     given = given_parts(deck, given_settings, cards)
-    try:
-        parts, warnings = from_family.read(source, given)
-    except DeckError as error:
-        told = " ".join(problem.message for problem in error.problems)
-        lacks = missing_parts(given) if isinstance(to_family, DeckFamily) and "--" in told else []
-        more_lacks = [one for one in lacks if one.message.partition(": ")[2] not in told]
-        raise DeckError([*error.problems, *more_lacks]) from error
+    parts, warnings = _read(from_family, source, given, to_deck=isinstance(to_family, DeckFamily))
     complain_of(warnings)
     if control_sigma:
         parts, count = with_control_sigmas(parts, control_sigma)
@@ -262,6 +256,21 @@ def convert_command(
         for line in rendered.lacks:
             complain(f"- {line}")
         ctx.exit(_WILL_NOT_RUN)
+
+
+def _read(
+    family: FormatFamily, source: Path, given: Tables, *, to_deck: bool
+) -> tuple[Tables, tuple[Problem, ...]]:
+    """Return the parts of files and warnings. Raises `DeckError`, for a deck with all that `given` lacks too."""
+    from musatpy.formats.parts import missing_parts
+
+    try:
+        return family.read(source, given)
+    except DeckError as error:
+        told = " ".join(problem.message for problem in error.problems)
+        lacks = missing_parts(given) if to_deck and "--" in told else []
+        more = [one for one in lacks if one.message.partition(": ")[2] not in told]
+        raise DeckError([*error.problems, *more]) from error
 
 
 def _camera_cards(texts: Sequence[str]) -> list[str]:
