@@ -108,7 +108,7 @@ MISTAKES = {  # what was done: the deck, how many problems, what is said of it
     "heights of stations in feet": (
         changed("STA", lambda s: f"{s[:47]}{float(s[47:57]) / 0.3048:10.3f}{s[57:]}"),
         1,
-        "as with stations in feet, and control in metres",
+        "as if stations were in feet and control in metres",
     ),
     "images in micrometres": (changed("PLT", lambda s: scaled(s, 1000.0)), 1, "these look like micrometres"),
     "images in pixels": (changed("PLT", lambda s: scaled(s, 40.0, 5000.0, -1.0)), 1, "these look like pixels"),
