@@ -55,7 +55,7 @@ def test_a_folder_of_decks_and_its_summary(tmp_path):
 
 @pytest.mark.slow
 def test_a_batch_leaves_what_runs_with_the_same_options_leave_and_keeps_it(tmp_path):
-    options = ("--csv", "--plots", "--html", "--gis", "--crs", "EPSG:26720")
+    options = ("--csv", "--plots", "--gis", "--crs", "EPSG:26720")
     (deck,) = decks_in(tmp_path / "decks", small=1)
     ran = musat("batch", deck, "-o", "batch", *options, cwd=tmp_path)
     assert ran.returncode == 0 and musat("run", deck, "-o", "run", *options, cwd=tmp_path).returncode == 0
@@ -65,10 +65,10 @@ def test_a_batch_leaves_what_runs_with_the_same_options_leave_and_keeps_it(tmp_p
         return sorted(str(path) for path in paths if not re.search("musat-batch", str(path)))
 
     files = left("run")
-    assert left("batch") == files and {"small0.plan.svg", "small0.gpkg", "small0.html"} <= {*files}
+    assert left("batch") == files and {"small0.plan.svg", "small0.gpkg"} <= {*files}
     assert any(name.startswith("small0_tables/") for name in files)
     for name in files:
-        if not name.endswith((".gpkg", ".html")):  # a database has a time; a page names its deck
+        if not name.endswith(".gpkg"):  # a database has a time
             assert (tmp_path / "batch" / name).read_bytes() == (tmp_path / "run" / name).read_bytes(), name
     assert "(1 kept" in musat("batch", deck, "-o", "batch", *options, cwd=tmp_path).stdout
     (tmp_path / "batch/small0_tables" / Path(files[-1]).name).unlink()
