@@ -192,7 +192,7 @@ def test_with_a_folder_it_has_files_named_stdin_and_quietly_its_listing_alone(tm
 def test_problems_of_a_deck_from_stdin_name_it_so():
     ran = musat("run", "-", input=DATA.replace(b"-45.1870000", b"-45.l870000"))
     assert ran.exit_code == 1 and ran.stdout == ""
-    assert "\n-:41 cols 22-33 PLT.x: '-45.l870000' is not F12.7\n" in ran.stderr
+    assert "-:41 cols 22-33 PLT.x: '-45.l870000': the card reads with the digits 0 and 1 in place of" in ran.stderr
     assert ran.stderr.endswith("musat: -: not run, 1 error\n")
     assert musat("run", "-", input=b"").exit_code == 1
 

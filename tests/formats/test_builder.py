@@ -135,7 +135,10 @@ SLIPS = [
         "not as many rows of each: photo 1, point 2, xy 2, triangulated 1, bathymetric 3",
     ),
     (lambda b: b.water(1.34, tilt=(0.0, 0.0, 1.0)), "water: tilt: has the shape (3,); expected (2,)"),
-    (lambda b: b.add_control("D", (1.0, 2.0, 3.0)), "add_control('D').sigma_up: the up component is known and not"),
+    (
+        lambda b: b.add_control("D", (1.0, 2.0, 3.0)),
+        "add_control('D'): the east, north, up components are known and not",
+    ),
     (lambda b: b.add_control("D", (1.0, 2.0, 3.0), "Q"), "add_control: kind: 'Q' is not one of F, H, V, C"),
     (lambda b: b.add_control("D", (1.0, 2.0, 3e9), "C"), "add_control('D').z: 3e+09 is beyond 1e+08 m"),
     (lambda b: b.add_equal_elevations("E", ["A", "B"], 1e-12), "('E').sigma: 1e-12 is next to nothing: 1e-09 m at"),

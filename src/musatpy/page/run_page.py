@@ -44,6 +44,7 @@ from musatpy.reports import (
     echo,
     iterations,
     job_record,
+    lenses,
     positions,
     reduction,
     statistical_tests,
@@ -100,7 +101,11 @@ _ACCURACY = (
         note="The factor of a group is v'Pv over its redundancy, 1 where its sigmas are right; limits of 95 %.",
     ),
 )
-_CAMERA = (_open(echo.card("CAM")), *(PageReport(echo.card(card)) for card in ("DST", "LNS", "FID", "FDS")))
+_CAMERA = (
+    _open(echo.card("CAM")),
+    _open(lenses.REPORT),
+    *(PageReport(echo.card(card)) for card in ("DST", "LNS", "FID", "FDS")),
+)
 _WATER = (
     _open(bathymetric.FLAG_TABLE),
     _of_photos(adjusted_water.CORRECTIONS),

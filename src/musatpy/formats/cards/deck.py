@@ -238,6 +238,8 @@ class _DeckReader:
         used = {problem.line for problem in of_card if problem.field in fields} | self.images.letters.keys()
         wrong = {problem.line for problem in of_card if problem.line is not None} - used
         at = np.flatnonzero(np.isin(self.rows[spec.mnemonic] + 1, list(wrong)))
+        if not len(at):
+            return
         lines = self.rows[spec.mnemonic][at] + 1
         left = np.ones(len(at), dtype=bool)
         for message, mended, possible in readings(spec, self.images.cards[lines - 1]):
@@ -251,7 +253,14 @@ class _DeckReader:
             for line, row in known.items():
                 changed = np.flatnonzero(mended[row] != self.images.cards[line - 1]) + 1
                 place = None if message.endswith(("left", "right")) else (int(changed[0]), int(changed[-1]))
-                self._add(line, message=message, card=spec.mnemonic, columns=place)
+                field = place and next(
+                    (one for one in spec.fields if one.first <= place[0] <= place[1] <= one.last), None
+                )
+                details: dict[str, Any] = {"message": message, "columns": place}
+                if field:
+                    found = self.images.text(line)[field.first - 1 : field.last].strip()
+                    details = {"message": f"'{found}': {message}", "columns": field.columns, "field": field.name}
+                self._add(line, card=spec.mnemonic, **details)
             for name, values in read.items():
                 columns[name][at[good]] = values[np.isin(tried, good)]
             left[good] = False

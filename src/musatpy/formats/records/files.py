@@ -144,8 +144,10 @@ class _RecordReader:
         plain = [record for record in allowed if not record.mark and not is_mark]
         if not marked and self._is_heading(line):
             for record in (record for record in allowed if record.may_be_missing):
-                plain = [one for one in self._allowed(record.name) if not one.mark] or plain
-                self.missing.append((number, record.mark))
+                after = [one for one in self._allowed(record.name) if not one.mark]
+                if after and len(after[0].fields) == len(line.split()):
+                    plain = after
+                    self.missing.append((number, record.mark))
         if marked or plain:
             record = (marked or plain)[0]
             if record.name in self.waiting:  # others should have joined it before one like it comes
