@@ -89,8 +89,8 @@ def test_decks_that_showed_a_defect_have_their_cause_named(deck: str, expected: 
 @pytest.mark.parametrize(
     ("deck", "first"),
     [
-        ("images_y_down", ["axes y of the plates"]),
-        ("control_x_y_exchanged", ["axes plan of the control"]),
+        ("images_y_down", ["axes (y of the plates)"]),
+        ("control_x_y_exchanged", ["axes (plan of the control)"]),
         ("control_in_km", ["unit of length: control in kilometres, stations and tides in metres"]),
     ],
 )

@@ -237,7 +237,7 @@ def completed(*words):
         (["run", "--set", "op"], ["OPT.", "OP2."]),
         (["run", "--set", "OP2.water_"], ["OP2.water_level=", "OP2.water_tilt=", "OP2.water_index="]),
         (["run", "--set", "OP2.water_tilt="], ["OP2.water_tilt=KNOWN", "OP2.water_tilt=ADJUST"]),
-        (["plot", "--only", "co"], ["corrections", "compiled", "contours"]),
+        (["plot", "--only", "co"], ["corrections", "correlations"]),
         (["card", "o"], ["OPT", "OP2", "ORI"]),
         (["card", "OP2", "water_"], ["water_level=", "water_tilt=", "water_index="]),
         (["card", "OP2", "water_tilt="], ["water_tilt=KNOWN", "water_tilt=ADJUST"]),

@@ -279,6 +279,7 @@ def test_a_block_of_320_photos_is_brief_on_forty_pages():
     made = simulation(
         1,
         flight={"strips": 8, "photos": 40, "attitude_scatter": 1.0},
+        water={},
         shoal=[{"share": 0.3, "depth": [0.5, 10.0]}],
         points={"extra": [{"number": 4000}]},
         control=[{"kind": "full", "number": 100, "sigma": 0.1, "error": 0.1}],

@@ -117,6 +117,8 @@ def _without_headers(pages: Sequence[Sequence[PrintedLine]], layout: ListingLayo
         number += 1
         for line in page:
             text = line[0]
+            if text.endswith(")") and not _REFERENCE.sub("", text).strip():
+                continue  # a reference that is alone on its line
             if (patterns or "age" in text or "AGE" in text) and _is_header(
                 text, layout, at_top=not any(line.text for line in kept[-1])
             ):
