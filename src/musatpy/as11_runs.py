@@ -337,8 +337,8 @@ def _pictures(done: CompilationReport, record: dict[str, Any], form: ImageForm) 
     from musatpy.plots.gallery import COMPILED, rendered
 
     for picture in COMPILED:
-        if found := rendered(picture, record, form=form):
-            yield f"{picture.name}.{found[0]}", found[1]
+        if image := rendered(picture, record, form=form):
+            yield f"{picture.name}.{image[0]}", image[1]
     for bottom in done.bottoms:
         for kind, data in contour_pictures(done.compiled, bottom, form).items():
             yield f"{bottom.of.layer}.{kind}", data

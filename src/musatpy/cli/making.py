@@ -267,10 +267,10 @@ def _read(
     try:
         return family.read(source, given)
     except DeckError as error:
-        told = " ".join(problem.message for problem in error.problems)
-        lacks = missing_parts(given) if to_deck and "--" in told else []
-        more = [one for one in lacks if one.message.partition(": ")[2] not in told]
-        raise DeckError([*error.problems, *more]) from error
+        texts = " ".join(problem.message for problem in error.problems)
+        lacks = missing_parts(given) if to_deck and "--" in texts else []
+        further = [lack for lack in lacks if lack.message.partition(": ")[2] not in texts]
+        raise DeckError([*error.problems, *further]) from error
 
 
 def _camera_cards(texts: Sequence[str]) -> list[str]:

@@ -206,8 +206,8 @@ class Cause:
     def of_row(cls, row: Mapping[str, Any]) -> Cause:
         """Return the cause in a row of the table of a record."""
         size = tuple(math.nan if value is None else value for value in row["size"])
-        said = {name: row[name] for name in ("cards", "photos", "points", "component", "unit", "advice")}
-        return cls(kind=CauseKind(row["cause"]), size=size, **said)
+        values = {name: row[name] for name in ("cards", "photos", "points", "component", "unit", "advice")}
+        return cls(kind=CauseKind(row["cause"]), size=size, **values)
 
     @property
     def name(self) -> str:

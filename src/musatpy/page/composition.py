@@ -101,8 +101,8 @@ def _provenance(tables: Tables, files: Mapping[str, str]) -> Chapter:
 def pictures(gallery: Iterable[Picture[Any]], tables: Tables, job: str) -> Iterator[PagePicture]:
     """Yield the pictures that a record has something for, the map first; `job` names one without a title."""
     for picture in gallery:
-        if found := rendered(picture, tables, job):
-            suffix, data, sentence = found
+        if image := rendered(picture, tables, job):
+            suffix, data, sentence = image
             yield PagePicture(
                 title=picture.title,
                 name=picture.name,

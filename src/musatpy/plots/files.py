@@ -84,11 +84,11 @@ def draw(tables: Tables, pictures: Sequence[Picture[Any]], stem: Path, form: Ima
     """
     files, sentences, reasons = {}, [], {}
     for picture in pictures:
-        found = rendered(picture, tables, stem.name, form)
-        if found is None:
+        image = rendered(picture, tables, stem.name, form)
+        if image is None:
             reasons[picture.name] = picture.sentence(tables)
             continue
-        suffix, data, sentence = found
+        suffix, data, sentence = image
         files[stem.with_name(f"{stem.name}.{picture.name}.{suffix}")] = data
         sentences.append(sentence)
     if files:

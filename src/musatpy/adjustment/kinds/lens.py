@@ -81,8 +81,8 @@ class LensParameter(OfImages):
             return index, np.zeros((k, m, 2, index.shape[1]))
         camera, parameter = np.nonzero(network.lenses.unknown)
         seen_by = network.lenses.camera[network.photo[group.rays]]
-        own = seen_by[..., None, None] == camera
-        return index, np.where(own, images.by_lens[..., parameter], 0.0)
+        of_photo = seen_by[..., None, None] == camera
+        return index, np.where(of_photo, images.by_lens[..., parameter], 0.0)
 
     def movement(self, network: Network, step: FloatArray) -> tuple[float, str]:
         """Return the largest change in mm, of the image farthest from the principal point."""
