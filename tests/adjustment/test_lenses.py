@@ -39,6 +39,7 @@ TRUE = {
     "B1": 2e-5,
     "B2": -3e-5,
 }
+LENS = ObservationKind.LENS
 SIDES = tuple(DistortionSide)
 
 
@@ -110,21 +111,21 @@ def test_partials_are_those_of_differences(side: DistortionSide, polynomials: Po
     network = job.network
     wet = np.asarray(job.bathymetric[network.point])
     network = network.with_plates(network.xy, wet)
-    lenses = state.lenses + np.array([[TRUE.get(name, 1e-17) for name in LENS_PARAMETERS]])
-    state = replace(state, lenses=lenses)
+    lenses = state.parameters[LENS] + np.array([TRUE.get(name, 1e-17) for name in LENS_PARAMETERS])
+    state = replace(state, parameters={LENS: lenses})
     rays = np.arange(len(network.photo))[:: len(network.photo) // 60]
     assert wet[rays].any() and not wet[rays].all()
     ground = state.ground[network.point[rays]]
     images = sightings.images(network, state, rays, ground)
     assert network.lenses is not None and images.by_lens is not None
-    for column, effect in enumerate(network.lenses.effect[0]):
+    for column, effect in enumerate(network.lenses.effect):
         size = np.zeros_like(lenses)
-        size[0, column] = 1e-3 / effect
+        size[column] = 1e-3 / effect
         ends = [
-            sightings.image_coordinates(network, replace(state, lenses=lenses + s * size), rays, ground)
+            sightings.image_coordinates(network, replace(state, parameters={LENS: lenses + s * size}), rays, ground)
             for s in (1, -1)
         ]
-        expected = (ends[0] - ends[1]) / (2.0 * size[0, column])
+        expected = (ends[0] - ends[1]) / (2.0 * size[column])
         np.testing.assert_allclose(images.by_lens[..., column], expected, atol=1e-6 * np.abs(expected).max())
     for axis in range(3):  # what follows the lens: the ground point
         step = np.zeros(3)
@@ -138,10 +139,10 @@ def test_partials_are_those_of_differences(side: DistortionSide, polynomials: Po
 def test_a_lens_is_found_from_images_without_error(side: DistortionSide) -> None:
     """Coordinates that are rounded to 1 nm say each parameter to a hundredth of its sigma."""
     solution = converged(unknowns(through_lens(drone(2, noise=0.0), side, TRUE), *TRUE))
-    assert solution.lenses is not None
-    change = solution.lenses.value - solution.lenses.given
-    true = np.array([TRUE[name] for name in solution.lenses.parameter.tolist()])
-    np.testing.assert_array_less(np.abs(change - true), 0.01 * solution.lenses.spread / solution.sigma0)
+    assert solution.parameters is not None
+    change = solution.parameters.value - solution.parameters.given
+    true = np.array([TRUE[name] for name in solution.parameters.parameter.tolist()])
+    np.testing.assert_array_less(np.abs(change - true), 0.01 * solution.parameters.spread / solution.sigma0)
 
 
 def test_the_published_calibration_of_21_photographs() -> None:
@@ -170,20 +171,20 @@ def test_the_published_calibration_of_21_photographs() -> None:
         unknowns(builder.build(), *names.values()), reduction=ReductionOptions(polynomials=Polynomials.CORRECTION)
     )
     solution = musatpy.adjust(block, causes=CauseSearch.NONE)
-    assert solution.converged and solution.lenses is not None
+    assert solution.converged and solution.parameters is not None
     assert sum(solution.unknowns.values()) == printed["unknowns"]
     assert solution.degrees_of_freedom == printed["redundancy"]
     assert solution.sigma0 == pytest.approx(printed["sigma0"], abs=0.5e-4)
     assert np.sqrt(solution.sum_of_squares) == pytest.approx(printed["sqrt_vtpv"], abs=0.5e-3)
-    lenses = {name: row for row, name in enumerate(solution.lenses.parameter.tolist())}
+    lenses = {name: row for row, name in enumerate(solution.parameters.parameter.tolist())}
     for printed_name, name in names.items():
         value, sigma = printed["camera"][printed_name]
         sign = -1.0 if name == "YP" else 1.0  # the plate has its y upwards
         unit = 10.0 ** (
             np.floor(np.log10(abs(value))) - 5
         )  # of the last of six printed digits: P1 lies between two
-        assert sign * solution.lenses.value[lenses[name]] == pytest.approx(value, abs=0.61 * unit), name
-        assert solution.lenses.sigma[lenses[name]] == pytest.approx(sigma, rel=0.01), name
+        assert sign * solution.parameters.value[lenses[name]] == pytest.approx(value, abs=0.61 * unit), name
+        assert solution.parameters.sigma[lenses[name]] == pytest.approx(sigma, rel=0.01), name
     ids = solution.block.photos.ids.tolist()
     for photo, station in printed["stations"].items():
         row = ids.index(photo)
@@ -198,7 +199,7 @@ def test_a_narrow_prior_holds_a_parameter() -> None:
     sigma = np.sqrt(np.einsum("nii->ni", held.stations.covariance))[:, :3]
     axes = np.abs(narrow.stations.position[:, 2] - held.stations.position[:, 2]) / sigma[:, 2]
     assert axes.max() < 1e-4
-    assert narrow.lenses is not None and narrow.lenses.verdicts.tolist() == ["only by its prior"] * 3
+    assert narrow.parameters is not None and narrow.parameters.verdicts.tolist() == ["only by its prior"] * 3
     assert narrow.degrees_of_freedom == held.degrees_of_freedom
 
 
@@ -254,7 +255,7 @@ def test_what_nothing_determines_is_named() -> None:
 def test_unknown_lenses_are_printed_and_recorded() -> None:
     solution = converged(unknowns(first(1), "F", "K1", sigma=0.1))
     text = musatpy.listing(solution)
-    assert "Lenses: Adjusted Parameters" in text and "only by its prior" in text
+    assert "Adjusted Parameters" in text and "only by its prior" in text
     assert solution.observed is not None and (solution.observed.kind == ObservationKind.LENS).sum() == 2
 
 
@@ -265,7 +266,7 @@ def test_a_wrong_focal_length_is_the_cause_and_freed_is_found() -> None:
     wrong = altered(true, cameras={"focal_length": true.cameras.focal_length + 0.5})
     cause = musatpy.adjust(wrong).causes[0]
     assert cause.kind is CauseKind.FOCAL_LENGTH and cause.size[0] == pytest.approx(0.5, abs=0.05)
-    lenses = converged(unknowns(wrong, "F")).lenses
+    lenses = converged(unknowns(wrong, "F")).parameters
     assert lenses is not None and lenses.verdicts.tolist() == ["determined"]
     assert abs(lenses.value[0] - true.cameras.focal_length[0]) < 3.0 * lenses.sigma[0]
 
@@ -277,11 +278,10 @@ def test_errors_are_as_large_as_their_sigmas(side: DistortionSide) -> None:
     ratios = []
     for seed in range(40):
         solution = converged(unknowns(through_lens(drone(1000 + seed), side, TRUE), *TRUE))
-        assert solution.lenses is not None
-        true = np.array([TRUE[name] for name in solution.lenses.parameter.tolist()])
-        ratios.append(
-            (solution.lenses.value - solution.lenses.given - true) / solution.lenses.spread * solution.sigma0
-        )
+        table = solution.parameters
+        assert table is not None
+        true = np.array([TRUE[name] for name in table.parameter.tolist()])
+        ratios.append((table.value - table.given - true) / table.spread * solution.sigma0)
     rms = np.sqrt(np.mean(np.square(ratios), axis=0))
     assert abs(np.sqrt(np.mean(np.square(ratios))) - 1.0) < 0.18
     np.testing.assert_array_less(np.abs(rms - 1.0), 0.33)

@@ -72,8 +72,8 @@ def test_minimum_and_lens_are_those_of_ceres() -> None:
     pycolmap = pytest.importorskip("pycolmap")
     block = flown(10, 20)
     solution = converged(block)
-    assert solution.lenses is not None
+    assert solution.parameters is not None
     squares, lens = by_pycolmap(pycolmap, block, solution)
     assert solution.sum_of_squares == pytest.approx(squares, rel=1e-9)
-    expected = [lens[name] for name in solution.lenses.parameter.tolist()]
-    np.testing.assert_array_less(np.abs(solution.lenses.value - expected), 1e-6 * solution.lenses.spread)
+    expected = [lens[name] for name in solution.parameters.parameter.tolist()]
+    np.testing.assert_array_less(np.abs(solution.parameters.value - expected), 1e-6 * solution.parameters.spread)

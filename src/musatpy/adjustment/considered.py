@@ -23,7 +23,7 @@ from musatpy.adjustment.kinds.lens import LensParameter
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.model import Block, ConsideredWater, ObservationKind
+from musatpy.model import Block, ConsideredWater, ObservationKind, Program
 
 if TYPE_CHECKING:
     from musatpy.adjustment.datum import InnerConstraints
@@ -133,16 +133,12 @@ def extended(block: Block, network: Network, state: State) -> Extended:
         sea = sea.unknown
         state = replace(state, waves=sea.waves)
         waves = np.asarray(sea.sea.sigma)[sea.sea.unknown]
-    columns = global_unknowns(block, knowledge, sea.sea if sea else None)
-    lenses, cameras = network.lenses, np.zeros(0)
-    if lenses is None and block.lens_unknowns.count:  # MUSAT-IIA holds its cameras
-        from musatpy.adjustment.lenses import CameraLenses  # most jobs know them without error
-
-        lenses = CameraLenses.of(block)
-        cameras = 1.0 / np.sqrt(lenses.weight[lenses.unknown])
-        lenses = replace(lenses, weight=np.zeros_like(lenses.weight))
-        state = replace(state, lenses=lenses.given)
-        columns = columns | {ObservationKind.LENS: LensParameter().names_of(block)}
+    parameters, cameras = dict(network.parameters), np.zeros(0)
+    if block.options.program is not Program.IIIA and (lenses := LensParameter().parameters(block)):
+        cameras = 1.0 / np.sqrt(lenses.weight)
+        parameters[ObservationKind.LENS] = lenses.weighted(0.0)
+        state = replace(state, parameters={ObservationKind.LENS: lenses.given})
+    columns = global_unknowns(block, knowledge, sea.sea if sea else None, parameters)
     wide = replace(border, columns=columns if len(waves) else columns | {_WAVE: border.columns[_WAVE]})
     names: list[str] = []
     units: list[str] = []
@@ -153,7 +149,7 @@ def extended(block: Block, network: Network, state: State) -> Extended:
         names += now[before:]
         units += ["deg" if name.endswith("azimuth") else _UNITS.get(kind, "m") for name in now[before:]]
     return Extended(
-        network=replace(network, water=knowledge, sea=sea, lenses=lenses, border=wide),
+        network=replace(network, water=knowledge, sea=sea, parameters=parameters, border=wide),
         state=state,
         known=np.array(known + [False] * 3 * len(wide.kept), dtype=bool),
         names=names,

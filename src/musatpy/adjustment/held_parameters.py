@@ -129,7 +129,7 @@ class _AtRest:
         wide = self.known.wide
         if wide is None:
             return np.zeros(0)
-        network, state = wide.network, replace(moved, waves=wide.state.waves, lenses=wide.state.lenses)
+        network, state = wide.network, replace(moved, waves=wide.state.waves, parameters=wide.state.parameters)
         if parameter is not None:
             network, _ = parameter.altered(network, state, parameter.size)
         rhs = Simultaneous(network=network, options=self.block.options).linearise(state).rhs

@@ -9,7 +9,7 @@ kappa, as that of all others. And the water as an adjustment sees it: what is kn
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -198,7 +198,7 @@ class State:
     tilt: FloatArray  # (2,) rad, slopes of the water surface towards east and north
     index: float  # refractive index of water
     waves: FloatArray  # (k, 4) height, length, azimuth, crest of unknown waves; (0, 4) where they are known
-    lenses: FloatArray  # (c, 10) parameters of cameras; (0, 10) where these are held
+    parameters: Mapping[ObservationKind, FloatArray]  # (x,) of each kind of further unknowns: of lenses, ...
     squares: FloatArray  # (p,) weighted squares of each point at its optimum, 0 for points that took no part
 
     @cached_property
@@ -224,7 +224,7 @@ def initial_state(network: Network) -> State:
         tilt=network.water.tilt,
         index=network.water.index,
         waves=np.zeros((0, 4)) if network.sea is None else network.sea.waves,
-        lenses=np.zeros((0, 10)) if network.lenses is None else network.lenses.given,
+        parameters={kind: known.given for kind, known in network.parameters.items()},
         squares=np.zeros(network.points),
     )
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,7 +27,14 @@ from musatpy.adjustment.iteration import (
     with_turned_axes,
 )
 from musatpy.adjustment.kernels import loops_of
-from musatpy.adjustment.kinds import UNKNOWNS, global_unknowns, kept_movement, largest_movements, measured_in
+from musatpy.adjustment.kinds import (
+    UNKNOWNS,
+    further_parameters,
+    global_unknowns,
+    kept_movement,
+    largest_movements,
+    measured_in,
+)
 from musatpy.adjustment.kinds.kind import in_digits
 from musatpy.adjustment.misfits import most_at_odds, unrest_of_water
 from musatpy.adjustment.network import (
@@ -64,9 +70,6 @@ from musatpy.model import (
 from musatpy.model.progress import Progress, begin
 from musatpy.model.tables import finite_rows
 from musatpy.units import ARC_SECOND
-
-if TYPE_CHECKING:
-    from musatpy.adjustment.lenses import CameraLenses
 
 _ADJUSTMENTS = 20  # at most: plates that check themselves take three to five
 _COMPONENT_AT_REST = 1e-4  # of the plate sigma: a hundredth of what a million images tell of it
@@ -379,11 +382,10 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         plates.photo, plates.point, np.ones_like(part.used), part.status == PointStatus.INTERSECTED
     )
     together = [plates.photo[group.rays] for group in (*pass_groups, *control_groups, *left_out)]
-    water, lenses, cameras = water_knowledge(block), _lenses(block), block.cameras
+    water, cameras = water_knowledge(block), block.cameras
+    parameters = further_parameters(block) if block.options.program is Program.IIIA else {}
     focal_length, principal_point = cameras.focal_length[photos.camera], cameras.principal_point[photos.camera]
-    if lenses is not None:
-        focal_length, principal_point = lenses.cameras()
-    return Network(
+    network = Network(
         frame=frame,
         position=position,
         attitude=photos.attitude,
@@ -394,7 +396,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         principal_point=principal_point,
         water=water,
         sea=None if sea is None else WorkingSea.of(sea, frame),
-        lenses=lenses,
+        parameters=parameters,
         tilt_axes=np.asarray(frame.axes(np.zeros(3)))[:2],
         photo=plates.photo,
         point=plates.point,
@@ -402,7 +404,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         weight=inverse_squares(block.plate_sigmas),
         refracted=np.zeros(len(plates.photo), dtype=bool),
         priors=priors,
-        border=Border(columns=global_unknowns(block, water, sea), kept=kept),
+        border=Border(columns=global_unknowns(block, water, sea, parameters), kept=kept),
         pass_groups=pass_groups,
         control_groups=control_groups,
         kept_groups=tuple(replace(group, kept=True, known=True) for group in kept_groups),
@@ -415,15 +417,10 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
             position if np.isfinite(position).all() else None,
         ),
     )
-
-
-def _lenses(block: Block) -> CameraLenses | None:
-    """Return the lenses of a block with unknowns of cameras, None of one without; IIA holds cameras."""
-    if block.options.program is not Program.IIIA or not block.lens_unknowns.count:
-        return None
-    from musatpy.adjustment.lenses import CameraLenses  # most jobs hold their cameras
-
-    return CameraLenses.of(block)
+    if network.lenses is None:
+        return network
+    focal_length, principal_point = network.lenses.cameras()
+    return replace(network, focal_length=focal_length, principal_point=principal_point)
 
 
 def _ground_priors(block: Block, frame: Frame, enters: BoolArray) -> GroundPriors:

@@ -17,28 +17,29 @@ from typing import Self
 
 import numpy as np
 
+from musatpy.adjustment.network import inverse_squares
+from musatpy.adjustment.parameters import Parameters
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.model import LENS_PARAMETERS, Block, ReductionOptions
+from musatpy.model import LENS_PARAMETERS, LENS_UNITS, Block, ReductionOptions
 from musatpy.model.tables import taken
 from musatpy.reduction.distortion import Lens, Side
 from musatpy.reduction.refined_block import lens_of
 
 _F, _XP, _YP, _B1, _B2 = (LENS_PARAMETERS.index(name) for name in ("F", "XP", "YP", "B1", "B2"))
 _COEFFICIENTS = slice(3, 8)  # k1, k2, k3, p1, p2
+_REST = 1e-5  # mm of an image in the corner of the plate
+_MOST = 0.02  # of the distance of an image from the principal point: beyond such a sigma, nothing is determined
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CameraLenses:
+class CameraLenses(Parameters):
     """What is known of the lenses of c cameras, parameters in the order of `LENS_PARAMETERS`; millimetres."""
 
-    ids: tuple[str, ...]
     camera: IntArray  # (n,) of each photo
     lenses: tuple[Lens, ...]  # (c,) about the principal point, with what is no parameter
     sign: float  # of polynomials: -1 where they are corrections
-    given: FloatArray  # (c, 10)
+    held: FloatArray  # (c, 10) values as given, of the unknown ones too
     unknown: BoolArray  # (c, 10)
-    weight: FloatArray  # (c, 10) of what is given, 0 of what is free or held
-    reach: FloatArray  # (c,) mm, of the image farthest from the principal point
 
     @classmethod
     def of(cls, block: Block) -> Self:
@@ -54,29 +55,36 @@ class CameraLenses:
             lens = lens or Lens(centre=np.zeros(2), side=Side(options.side.value))
             given[camera, _COEFFICIENTS] = sign * np.concatenate([lens.k[1:], lens.p[:2]])
             lenses.append(replace(lens, centre=np.zeros(2)))
-        table, unknown, weight = block.lens_unknowns, np.zeros(given.shape, dtype=bool), np.zeros(given.shape)
+        table, unknown, sigma = block.lens_unknowns, np.zeros(given.shape, dtype=bool), np.full(given.shape, np.nan)
         column = np.array([LENS_PARAMETERS.index(name) for name in table.parameter.tolist()], dtype=int)
         at = table.camera, column
         given[at] = np.where(np.isnan(table.value), given[at], table.value)
         unknown[at] = True
-        weight[at] = np.nan_to_num(1.0 / np.square(table.sigma))
+        sigma[at] = table.sigma
+        reach, (owner, parameter) = _reach(block, given), np.nonzero(unknown)
         return cls(
-            ids=tuple(cameras.ids.tolist()),
+            noun="camera",
+            owner=tuple(cameras.ids[owner].tolist()),
+            parameter=tuple(LENS_PARAMETERS[row] for row in parameter.tolist()),
+            unit=tuple(LENS_UNITS[row] for row in parameter.tolist()),
+            given=given[unknown],
+            weight=inverse_squares(sigma[unknown]),
+            effect=_effect(reach, given[:, _F])[unknown],
+            rest=_REST,
+            most=_MOST * reach[owner],
+            in_images=True,
             camera=block.photos.camera,
             lenses=tuple(lenses),
             sign=sign,
-            given=given,
+            held=given,
             unknown=unknown,
-            weight=weight,
-            reach=_reach(block, given),
         )
 
-    @property
-    def effect(self) -> FloatArray:
-        """(c, 10) mm, what one unit of a parameter does to the image farthest from the principal point."""
-        r, one = self.reach, np.ones_like(self.reach)
-        columns = [r / self.given[:, _F], one, one, r**3, r**5, r**7, 3.0 * r**2, 3.0 * r**2, r, r]
-        return np.stack(columns, axis=1)
+    def table(self, values: FloatArray) -> FloatArray:
+        """Return all parameters (c, 10) at `values` (x,) of the unknown ones."""
+        table = self.held.copy()
+        table[self.unknown] = values
+        return table
 
     def predicted(
         self,
@@ -89,13 +97,14 @@ class CameraLenses:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the predicted places (..., 2) of images with ideal places (..., 2), and the partials of these.
 
-        By the ideal places (..., 2, 2), and by the parameters (..., 2, 10), which are `values` (c, 10); f (...) and
-        p (..., 2) are focal lengths and principal points. Ideal places are about these.
+        By the ideal places (..., 2, 2), and by all parameters (..., 2, 10), at `values` (x,) of the unknown ones;
+        f (...) and p (..., 2) are focal lengths and principal points. Ideal places are about these.
         """
         xy, by_ideal = np.empty_like(ideal), np.empty((*ideal.shape, 2))
         by_lens = np.zeros((*ideal.shape, len(LENS_PARAMETERS)))
+        table = self.table(values)
         for camera, rays in self._by_camera(photo):
-            lens, A = self._lens(values[camera], camera)
+            lens, A = self._lens(table[camera], camera)
             u = ideal[rays]
             by_f = u / f[rays][..., None]
             if lens.side is Side.MEASURED:
@@ -121,20 +130,20 @@ class CameraLenses:
         return xy, by_ideal, by_lens
 
     def changes(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what `values` (c, 10) add to focal lengths (n,) and principal points (n, 2) of the photos."""
-        change = (values - self.given)[self.camera]
+        """Return what `values` (x,) add to focal lengths (n,) and principal points (n, 2) of the photos."""
+        change = (self.table(values) - self.held)[self.camera]
         return change[:, _F], change[:, _XP : _YP + 1]
 
     def cameras(self) -> tuple[FloatArray, FloatArray]:
         """Return the given focal lengths (n,) and principal points (n, 2) of the photos."""
-        given = self.given[self.camera]
-        return given[:, _F], given[:, _XP : _YP + 1]
+        held = self.held[self.camera]
+        return held[:, _F], held[:, _XP : _YP + 1]
 
     def ideal(self, values: FloatArray, photo: IntArray, measured: FloatArray, p: FloatArray) -> FloatArray:
         """Return the ideal places (..., 2) of measured ones, both with the principal points p (..., 2)."""
-        out = np.empty_like(measured)
+        out, table = np.empty_like(measured), self.table(values)
         for camera, rays in self._by_camera(photo):
-            lens, A = self._lens(values[camera], camera)
+            lens, A = self._lens(table[camera], camera)
             across = A if lens.side is Side.MEASURED else np.linalg.inv(A)
             out[rays] = p[rays] + lens.apply((measured[rays] - p[rays]) @ across.T)
         return out
@@ -164,7 +173,7 @@ def ideal_plates(block: Block) -> Block:
         return block
     lenses, plates, cameras = CameraLenses.of(block), block.plates, block.cameras
     xy = lenses.ideal(lenses.given, plates.photo, plates.xy, lenses.cameras()[1][plates.photo])
-    focal, principal = lenses.given[:, _F], lenses.given[:, _XP : _YP + 1]
+    focal, principal = lenses.held[:, _F], lenses.held[:, _XP : _YP + 1]
     known, table = np.isfinite(block.lens_unknowns.sigma), block.lens_unknowns
     return replace(
         block,
@@ -173,6 +182,12 @@ def ideal_plates(block: Block) -> Block:
         distortion=taken(block.distortion, ~np.isin(block.distortion.camera, table.camera)),
         lens_unknowns=replace(taken(table, known), value=np.full(np.count_nonzero(known), np.nan)),
     )
+
+
+def _effect(r: FloatArray, f: FloatArray) -> FloatArray:
+    """Return what (c, 10) mm one unit of a parameter does to an image r (c,) mm from the principal point."""
+    unit = np.ones_like(r)
+    return np.stack([r / f, unit, unit, r**3, r**5, r**7, 3.0 * r**2, 3.0 * r**2, r, r], axis=1)
 
 
 def _reach(block: Block, given: FloatArray) -> FloatArray:

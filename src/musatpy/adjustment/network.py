@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from musatpy.model.tables import order_of
 if TYPE_CHECKING:
     from musatpy.adjustment.iteration import WaterKnowledge
     from musatpy.adjustment.lenses import CameraLenses
+    from musatpy.adjustment.parameters import Parameters
 
 ORDER, BACK = [1, 2, 0], [2, 0, 1]  # of turned axes: north, up, east; where east, north, up are among them
 _FEW = 2**12  # rays
@@ -145,7 +146,7 @@ class Network:
     principal_point: FloatArray  # (n, 2) mm
     water: WaterKnowledge
     sea: WorkingSea | None  # waves on it
-    lenses: CameraLenses | None  # None: cameras are held
+    parameters: Mapping[ObservationKind, Parameters]  # further unknowns: of lenses, and the like
     tilt_axes: (
         FloatArray  # (2, 3) east and north in the middle of the block: the tilts of the water are slopes there
     )
@@ -182,6 +183,15 @@ class Network:
     def groups(self) -> tuple[PointGroup, ...]:
         """All points of the solution."""
         return (*self.pass_groups, *self.control_groups, *self.kept_groups)
+
+    @property
+    def lenses(self) -> CameraLenses | None:
+        """The lenses that have unknown parameters, None where cameras are held."""
+        return cast("CameraLenses | None", self.parameters.get(ObservationKind.LENS))
+
+    def with_parameters(self, known: Mapping[ObservationKind, Parameters]) -> Self:
+        """Return the network with others of its further unknowns."""
+        return replace(self, parameters={**self.parameters, **known})
 
     def unknown(self, kind: ObservationKind) -> bool:
         """Return whether there are unknowns of a kind, in the border or with those of photos."""

@@ -204,7 +204,7 @@ def _water_precision(
 
 def _has_considered(block: Block, network: Network) -> bool:
     """Return whether anything that is held has a sigma: cameras in IIA; water and waves, with submerged points."""
-    if network.lenses is None and block.lens_unknowns.count:
+    if not network.parameters and block.lens_unknowns.count:
         return True
     waves = network.sea is not None and network.sea.sea.considered
     return bool(block.points.bathymetric.any()) and (is_considered(block, network.water) or waves)

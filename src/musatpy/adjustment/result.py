@@ -25,6 +25,7 @@ from musatpy.adjustment.job import Job
 from musatpy.adjustment.kinds import count, measured_values
 from musatpy.adjustment.network import Network, Participation, PointGroup, unknown_name
 from musatpy.adjustment.normals import ILL_DETERMINED
+from musatpy.adjustment.parameters import adjusted_parameters
 from musatpy.adjustment.precision import (
     Covariances,
     RayReach,
@@ -42,7 +43,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.collinearity import nearest_point, widest_angle
 from musatpy.geometry.geodesy import surface, water_heights
 from musatpy.model import (
-    AdjustedLenses,
+    AdjustedParameters,
     AdjustedStations,
     AdjustedWater,
     AdjustedWaves,
@@ -127,7 +128,7 @@ def solution(
         considered=known.considered,
         kernels=kernels.name_of(network.photos),
         dependence=dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name),
-        lenses=_lenses(refracted, state, known, name),
+        parameters=_parameters(refracted, state, known, name),
         held=None if reason else held_parameters(block, refracted, state, part, known, free),
     )
     return found if refracted is network else with_departure(found, refracted, line, factor, state)
@@ -175,16 +176,14 @@ def _group_sigmas(network: Network, state: State, known: Covariances) -> FloatAr
     return np.where(np.isnan(state.levels), np.nan, sigmas)
 
 
-def _lenses(
+def _parameters(
     network: Network, state: State, known: Covariances, name: Callable[[int], str]
-) -> AdjustedLenses | None:
-    """Return the unknown lenses, None without any."""
-    if network.lenses is None:
+) -> AdjustedParameters | None:
+    """Return the further parameters that were unknown, None without any."""
+    if not network.parameters:
         return None
-    from musatpy.adjustment.adjusted_lenses import adjusted_lenses  # most jobs hold their cameras
-
     depends = dependence(network, known.diagonal, known.cofactors, known.unknowns, name)
-    return adjusted_lenses(network, state, known.cofactors, known.unknowns, depends)
+    return adjusted_parameters(network, state, known.cofactors, known.unknowns, depends)
 
 
 def _water(

@@ -112,14 +112,16 @@ def _through_lenses(
 
     And their partials by the ideal places (..., 2, 2) and by the parameters of the lenses (..., 2, 10).
     """
-    return lenses.predicted(state.lenses, network.photo[rays], network.xy.take(rays, axis=0), ideal, f, pp)
+    return lenses.predicted(
+        state.parameters[ObservationKind.LENS], network.photo[rays], network.xy.take(rays, axis=0), ideal, f, pp
+    )
 
 
 def _of_photos(network: Network, state: State, photo: IntArray) -> tuple[FloatArray, ...]:
     """Return stations, rotations, focal lengths and principal points of photos (...)."""
     cameras = (network.focal_length, network.principal_point)
     if network.lenses is not None:
-        changes = network.lenses.changes(state.lenses)
+        changes = network.lenses.changes(state.parameters[ObservationKind.LENS])
         cameras = (cameras[0] + changes[0], cameras[1] + changes[1])
     tables = (state.position, state.M, *cameras)
     return tuple(table.take(photo, axis=0) for table in tables)  # several times as fast as by index
@@ -200,7 +202,7 @@ def straight_rays(network: Network, state: State, rays: IntArray) -> tuple[Float
     camera, M, f, pp = _of_photos(network, state, network.photo[rays])
     xy = network.xy.take(rays, axis=0)
     if network.lenses is not None:
-        xy = network.lenses.ideal(state.lenses, network.photo[rays], xy, pp)
+        xy = network.lenses.ideal(state.parameters[ObservationKind.LENS], network.photo[rays], xy, pp)
     return camera, collinearity.ray(xy, M, f, pp)
 
 

@@ -18,7 +18,7 @@ from musatpy.model.block import (
 )
 from musatpy.model.findings import Action, Cause, CauseKind, Concern, Finding, Grade, Reason, Verdict
 from musatpy.model.kinds import ObservationKind
-from musatpy.model.lenses import LENS_PARAMETERS, LENS_UNITS, AdjustedLenses, LensUnknowns
+from musatpy.model.lenses import LENS_PARAMETERS, LENS_UNITS, LensUnknowns
 from musatpy.model.options import (
     CauseSearch,
     CoordinateSystem,
@@ -40,6 +40,7 @@ from musatpy.model.options import (
     WaterLevel,
     Weights,
 )
+from musatpy.model.parameters import AdjustedParameters
 from musatpy.model.reduction import (
     Atmosphere,
     ComparatorSpec,

@@ -41,7 +41,7 @@ class ObservationKind(IntEnum):
     DISTANCE = 9, "distances", "distance", "distances", ("length",), "m"
     HEIGHT_DIFFERENCE = 10, "height differences", "height", "height_differences", ("diff.",), "m"
     WAVE = 11, "waves", "wave", "", ("height", "length", "azim.", "crest"), "m,rd"  # AdjustedWaves
-    LENS = 12, "lens parameters", "lens", "", ("value",), ""  # AdjustedLenses
+    LENS = 12, "lens parameters", "lens", "", ("value",), ""  # AdjustedParameters
     for number, (name, statement) in enumerate(extensions.stated("OBSERVATIONS").items(), 13):
         locals()[name] = number, *statement
 
@@ -62,6 +62,11 @@ class ObservationKind(IntEnum):
         member.components, member.unit, member.factor = components, unit, factor
         return member
 
+    @property
+    def is_parameter(self) -> bool:
+        """Whether it is a further parameter, observed by its own prior: see `AdjustedParameters`."""
+        return self.components == ("value",)
+
     def links(self, block: Block, row: int) -> tuple[list[str], list[str]]:
         """Return the ids of the photos and of the points that a row of the table names."""
         table, photos, points = getattr(block, self.attribute), block.photos, block.points
@@ -73,8 +78,9 @@ class ObservationKind(IntEnum):
     def owners(self, solution: Solution, rows: IntArray) -> list[list[str]]:
         """Return the ids of the photos, then of the points, of observations (r,), or their tide or wave."""
         block, water, ids = solution.block, solution.water, None
-        if self is ObservationKind.LENS and solution.lenses:
-            return [[solution.lenses.camera[row], solution.lenses.parameter[row]] for row in rows.tolist()]
+        if self.is_parameter and solution.parameters:
+            owners = solution.parameters.owners(self)
+            return [owners[row] for row in rows.tolist()]
         if not self.attribute:
             if water and self is ObservationKind.WATER_LEVEL:
                 ids = water.correction_ids

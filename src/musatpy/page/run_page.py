@@ -44,7 +44,7 @@ from musatpy.reports import (
     echo,
     iterations,
     job_record,
-    lenses,
+    parameters,
     positions,
     reduction,
     statistical_tests,
@@ -103,7 +103,7 @@ _ACCURACY = (
 )
 _CAMERA = (
     _open(echo.card("CAM")),
-    _open(lenses.REPORT),
+    _open(parameters.REPORT),
     *(PageReport(echo.card(card)) for card in ("DST", "LNS", "FID", "FDS")),
 )
 _WATER = (

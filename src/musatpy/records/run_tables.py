@@ -21,6 +21,7 @@ from musatpy.model import (
     CoordinateSystem,
     EllipsoidSpec,
     LevelPairs,
+    ObservationKind,
     Options,
     Photos,
     PlateMeasurements,
@@ -45,7 +46,16 @@ from musatpy.systems.statement import ellipsoid_by
 from musatpy.units import AngleUnit
 
 SYSTEM = ("options", "ellipsoid", "stated")  # tables that tell the system of a job
-STATIONS = (*SYSTEM, "water", "adjusted_water", "waves", "wave_origin", "cameras", "adjusted_lenses", "stations")
+STATIONS = (
+    *SYSTEM,
+    "water",
+    "adjusted_water",
+    "waves",
+    "wave_origin",
+    "cameras",
+    "adjusted_parameters",
+    "stations",
+)
 BLOCK = (*STATIONS, "points", "plates")
 _INTERIOR = ("F", "XP", "YP")
 COVARIANCES = ("station_pairs", "level_pairs", "water_precision")
@@ -100,10 +110,11 @@ def water_fault(tables: Tables) -> str:
 
 def cameras_of(tables: Tables) -> Cameras:
     """Return the cameras of a record, as adjusted. Raises `RecordError` where a distortion was: images need it."""
-    cameras, adjusted = tables["cameras"], tables["adjusted_lenses"]
-    ids, parameter = texts(cameras, "camera"), texts(adjusted, "parameter")
+    cameras, adjusted = tables["cameras"], tables["adjusted_parameters"]
+    lens = texts(adjusted, "kind") == ObservationKind.LENS.label
+    ids, parameter = texts(cameras, "camera"), texts(adjusted, "parameter")[lens]
     focal_length, principal_point = numbers(cameras, "focal_length"), numbers(cameras, "principal_point", 2)
-    row, value = rows_of(ids, texts(adjusted, "camera")), numbers(adjusted, "adjusted")
+    row, value = rows_of(ids, texts(adjusted, "of")[lens]), numbers(adjusted, "adjusted")[lens]
     if distorted := sorted({str(ids[camera]) for camera in row[~np.isin(parameter, _INTERIOR)].tolist()}):
         what = f"the distortion of camera {', '.join(distorted)} was adjusted"
         raise RecordError([Problem(message=f"{what}: this command does not correct images for it")])

@@ -288,9 +288,9 @@ def undetermined(statistics: Quality) -> Iterator[Reason]:
         text = "the images that depend on it do not determine it: hold it (OP2), or give a sigma"
         text = f"{a_few(names[:_LISTED], len(names))}: {text}"
         yield Reason(Grade.DOUBTFUL, Concern.UNDETERMINED, text, "Water")
-    if solution.lenses is not None and (names := list(solution.lenses.undetermined)):
-        text = f"{a_few(names[:_LISTED], len(names))}: not determined; hold it, or give a sigma (CAL)"
-        yield Reason(Grade.DOUBTFUL, Concern.UNDETERMINED, text, "Lenses")
+    if solution.parameters is not None and (names := list(solution.parameters.undetermined)):
+        text = f"{a_few(names[:_LISTED], len(names))}: not determined; hold it, or give a sigma"
+        yield Reason(Grade.DOUBTFUL, Concern.UNDETERMINED, text, "Adjusted Parameters")
     if solution.points.lost:
         points = named("point", statistics.block.points.ids[list(solution.points.lost)])
         text = (

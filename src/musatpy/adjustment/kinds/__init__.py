@@ -5,7 +5,7 @@ They are counted, too. Every file of this folder with `KINDS` counts, in the ord
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -15,8 +15,10 @@ import numpy as np
 from musatpy.adjustment.iteration import State, WaterKnowledge
 from musatpy.adjustment.kinds.kind import Kind, OfImages, OfWater, Prior, Rows, StationKind, Unknown
 from musatpy.adjustment.kinds.measured import MeasuredKind
+from musatpy.adjustment.kinds.parameter import ParameterUnknown
 from musatpy.adjustment.network import NOTHING, MeasuredTies, Network
 from musatpy.adjustment.normals import NormalEquations
+from musatpy.adjustment.parameters import Parameters
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.model import Block, ObservationKind, extensions
@@ -101,10 +103,19 @@ def measured_values(block: Block, network: Network, state: State) -> dict[Observ
     return {kind.observed: kind.values(block, network, state) if some[kind] else np.zeros(0) for kind in MEASURED}
 
 
-def global_unknowns(block: Block, water: WaterKnowledge, sea: Sea | None) -> dict[ObservationKind, tuple[str, ...]]:
+def global_unknowns(
+    block: Block, water: WaterKnowledge, sea: Sea | None, parameters: Mapping[ObservationKind, Parameters]
+) -> dict[ObservationKind, tuple[str, ...]]:
     """Return the names of the global unknowns of each kind; most jobs have none."""
-    some = water.unknown or sea is not None or block.equal_elevations.count + block.lens_unknowns.count > 0
-    return {kind.observed: tuple(kind.names(block, water, sea)) if some else () for kind in UNKNOWNS}
+    some = water.unknown or sea is not None or block.equal_elevations.count > 0
+    names = {kind.observed: tuple(kind.names(block, water, sea)) if some else () for kind in UNKNOWNS}
+    return names | {kind: known.names for kind, known in parameters.items()}
+
+
+def further_parameters(block: Block) -> dict[ObservationKind, Parameters]:
+    """Return what is known beforehand of the further parameters of a block, of those kinds of which it has any."""
+    every = {kind.observed: kind.parameters(block) for kind in UNKNOWNS if isinstance(kind, ParameterUnknown)}
+    return {kind: known for kind, known in every.items() if known is not None}
 
 
 def station_rows(network: Network, state: State) -> tuple[FloatArray, FloatArray]:
@@ -177,12 +188,12 @@ def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts
         "ground coordinates": 3 * points - int(np.count_nonzero(priors.held[known])),
         "levels": len(np.unique(priors.group[grouped])),
     }
-    further = {kind.noun: len(measured.row) for kind, measured in network.measured.items()}
+    further = {kind.noun: measured.value.size for kind, measured in network.measured.items()}
     further["water"] = sum(int(np.count_nonzero(kind.weight(network))) for kind in unknown_water)
     further["inner constraints"] = free_motions
-    if network.lenses is not None:
-        further["lens parameters"] = int(np.count_nonzero(network.lenses.weight))
-        unknowns["lens parameters"] = int(np.count_nonzero(network.lenses.unknown))
+    for observed, parameters in network.parameters.items():
+        further[observed.noun] = int(np.count_nonzero(parameters.weight))
+        unknowns[observed.noun] = len(parameters.weight)
     observations |= {kind: number for kind, number in further.items() if number}
     if levels + of_water:
         unknowns["water"] = levels + of_water
