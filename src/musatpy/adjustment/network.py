@@ -75,8 +75,8 @@ class MeasuredTies:
     row: IntArray  # (d,) of the table of the block
     photo: IntArray  # (d, a)
     point: IntArray  # (d, b)
-    value: FloatArray  # (d,)
-    weight: FloatArray  # (d,)
+    value: FloatArray  # (d,), or (d, 3) of vectors
+    weight: FloatArray  # likewise
 
 
 _NONE, _NO_ENDS = np.zeros(0, dtype=np.int64), np.zeros((0, 0), dtype=np.int64)

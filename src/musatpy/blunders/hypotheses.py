@@ -192,7 +192,7 @@ def _direct(model: LinearModel) -> Iterator[Hypothesis]:
             v, weight, Q = part.residual[:, None], part.weight[:, None], part.cofactor[:, None, None]
             drop = dropped(v, weight, Q, _COMMON_CHECKED)
             for k in _most(drop):
-                given_up = GivenUp.of_row(part.kind, int(part.row[k]), np.array([0]))
+                given_up = GivenUp.of_row(part.kind, int(part.row[k]), part.component[k : k + 1])
                 yield giving_up(model.scene.block, kinds[part.kind].cause, given_up, **_explained(drop, k))
 
 
