@@ -94,8 +94,10 @@ class Elimination:
     normals: PointNormals
     extras: Extras
     A: FloatArray  # (k, m, 2, q) images by stations, times the roots of the weights
+    G: FloatArray  # (k, m, 2, X) by the globals, likewise
     residual: FloatArray  # (k, m, 2) likewise
     cross: FloatArray  # (k, m q, 3) N_sp
+    of_extras: FloatArray  # (k, 3, X) N_pe
     inverse: FloatArray  # (k, 3, 3) N_pp^-1
     by_station: FloatArray  # (k, 3, m, q) F = N_pp^-1 N_ps
     by_extra: FloatArray  # (k, 3, X) F_e = N_pp^-1 N_pe
@@ -143,27 +145,24 @@ def eliminate(network: Network, state: State, group: PointGroup, ground: FloatAr
     cross = np.swapaxes(A, 2, 3) @ B  # (k, m, q, 3) N_sp
     inverse = np.zeros_like(normals.matrix) if group.kept else np.linalg.inv(normals.matrix)
     by_station = inverse @ np.swapaxes(cross.reshape(k, -1, 3), 1, 2)
-    by_extra = inverse @ _point_extra(normals, extras, group.weights(network.weight))
+    by_global = extras.images * root[..., None]
+    of_extras = np.swapaxes(B.reshape(k, 2 * m, 3), 1, 2) @ by_global.reshape(k, 2 * m, by_global.shape[-1])
+    if normals.priors is not None:
+        pull = normals.priors.weight[:, 3] * normals.priors.free[:, 2]
+        of_extras[:, 2] += pull[:, None] * extras.priors[:, 3]
     return Elimination(
         normals=normals,
         extras=extras,
+        G=by_global,
         A=A,
         residual=normals.residual * root,
         cross=cross.reshape(k, -1, 3),
+        of_extras=of_extras,
         inverse=np.asarray(inverse, dtype=float),
         by_station=by_station.reshape(k, 3, m, -1),
-        by_extra=by_extra,
+        by_extra=inverse @ of_extras,
         shift=np.einsum("kij,kj->ki", inverse, normals.rhs),
     )
-
-
-def _point_extra(N: PointNormals, extras: Extras, W: FloatArray) -> FloatArray:
-    """Return N_pe (k, 3, X)."""
-    out = np.asarray(np.einsum("kmai,kma,kmae->kie", N.B, W, extras.images))
-    if N.priors is not None:
-        pull = N.priors.weight[:, 3] * N.priors.free[:, 2]
-        out[:, 2] += pull[:, None] * extras.priors[:, 3]
-    return out
 
 
 def _extras(network: Network, group: PointGroup, N: PointNormals) -> Extras:
@@ -210,14 +209,14 @@ class ReducedNormals:
 
 def reduced(network: Network, group: PointGroup, E: Elimination) -> ReducedNormals:
     """Return the reduced normal equations of the points of a group."""
-    pattern, photo, weight = network.pattern, network.photo[group.rays], group.weights(network.weight)
+    pattern, photo = network.pattern, network.photo[group.rays]
     k, m, _, q = E.A.shape
     At = np.swapaxes(E.A, 2, 3)
     rhs = -(At @ E.residual[..., None])[..., 0] - (E.cross @ E.shift[..., None]).reshape(k, m, q)
     i, j = upper_triangle(m)
     blocks = -E.cross.reshape(k, m, q, 3)[:, i] @ np.swapaxes(E.by_station, 1, 2)[:, j]
     blocks[:, i == j] += At @ E.A
-    return ReducedNormals(sums=summed(pattern, photo, blocks, rhs), **_of_extras(E, weight))
+    return ReducedNormals(sums=summed(pattern, photo, blocks, rhs), **_of_extras(E))
 
 
 def add_collinear(
@@ -242,24 +241,22 @@ def local_normals(network: Network, group: PointGroup, E: Elimination) -> tuple[
     ray = np.arange(m)
     stations.reshape(k, m, q, m, q)[:, ray, :, ray, :] += np.moveaxis(At @ E.A, 1, 0)
     rhs = -(At @ E.residual[..., None]).reshape(k, m * q) - (E.cross @ E.shift[..., None])[..., 0]
-    extras = _of_extras(E, group.weights(network.weight))
+    extras = _of_extras(E)
     border = extras["border"].reshape(k, m * q, -1)
     matrix = np.block([[stations, border], [np.swapaxes(border, 1, 2), extras["corner"]]])
     return matrix, np.concatenate([rhs, extras["corner_rhs"]], axis=1)
 
 
-def _of_extras(E: Elimination, W: FloatArray) -> dict[str, FloatArray]:
-    N, X = E.normals, E.extras
-    of_point = _point_extra(N, X, W)
-    corner = np.einsum("kmae,kma,kmaf->kef", X.images, W, X.images) - np.einsum(
-        "kie,kif->kef", of_point, E.by_extra
-    )
-    rhs = -np.einsum("kmae,kma,kma->ke", X.images, W, N.residual) - np.einsum("kie,ki->ke", of_point, E.shift)
-    if N.priors is not None:
-        weight = N.priors.weight
-        corner += np.einsum("kae,ka,kaf->kef", X.priors, weight, X.priors)
-        rhs += np.einsum("kae,ka,ka->ke", X.priors, weight, N.priors.deviation)
-    border = np.einsum("kmai,kma,kmae->kmie", N.images.by_station, W, X.images)
+def _of_extras(E: Elimination) -> dict[str, FloatArray]:
+    X, priors, (k, m, _, count) = E.extras.priors, E.normals.priors, E.G.shape
+    G, residual = E.G.reshape(k, 2 * m, count), E.residual.reshape(k, 2 * m, 1)
+    Gt = np.swapaxes(G, 1, 2)
+    corner = Gt @ G - np.swapaxes(E.of_extras, 1, 2) @ E.by_extra
+    rhs = -(Gt @ residual)[..., 0] - np.einsum("kie,ki->ke", E.of_extras, E.shift)
+    if priors is not None:
+        corner += np.einsum("kae,ka,kaf->kef", X, priors.weight, X)
+        rhs += np.einsum("kae,ka,ka->ke", X, priors.weight, priors.deviation)
+    border = np.swapaxes(E.A, 2, 3) @ E.G
     border -= (E.cross @ E.by_extra).reshape(border.shape)
     return {"border": border, "corner": corner, "corner_rhs": rhs}
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -86,7 +86,25 @@ class CameraLenses(Parameters):
         table[self.unknown] = values
         return table
 
-    def predicted(
+    def places(
+        self, values: FloatArray, photo: IntArray, measured: FloatArray, ideal: FloatArray, p: FloatArray
+    ) -> FloatArray:
+        """Return the predicted places (..., 2) of images with ideal places (..., 2) about p (..., 2).
+
+        At `values` (x,) of the unknown parameters.
+        """
+        xy, table = np.empty_like(ideal), self.table(values)
+        for camera, rays in self._by_camera(photo):
+            lens, A = self._lens(table[camera], camera)
+            u = ideal[rays]
+            if lens.side is Side.MEASURED:
+                z = (measured[rays] - p[rays]) @ A.T
+                xy[rays] = measured[rays] + u + lens.distortion(z) - z
+            else:
+                xy[rays] = p[rays] + (u + lens.distortion(u)) @ A.T
+        return xy
+
+    def partials(
         self,
         values: FloatArray,
         photo: IntArray,
@@ -94,40 +112,35 @@ class CameraLenses(Parameters):
         ideal: FloatArray,
         f: FloatArray,
         p: FloatArray,
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the predicted places (..., 2) of images with ideal places (..., 2), and the partials of these.
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the partials of `places` by the ideal places (..., 2, 2), and by all parameters (..., 2, 10).
 
-        By the ideal places (..., 2, 2), and by all parameters (..., 2, 10), at `values` (x,) of the unknown ones;
-        f (...) and p (..., 2) are focal lengths and principal points. Ideal places are about these.
+        Of images with ideal places (..., 2) about p (..., 2), of focal length f (...).
         """
-        xy, by_ideal = np.empty_like(ideal), np.empty((*ideal.shape, 2))
+        by_ideal, table = np.empty((*ideal.shape, 2)), self.table(values)
         by_lens = np.zeros((*ideal.shape, len(LENS_PARAMETERS)))
-        table = self.table(values)
         for camera, rays in self._by_camera(photo):
             lens, A = self._lens(table[camera], camera)
-            u = ideal[rays]
+            u, of = ideal[rays], by_lens[rays]
             by_f = u / f[rays][..., None]
             if lens.side is Side.MEASURED:
                 off = measured[rays] - p[rays]
                 z = off @ A.T
-                xy[rays] = measured[rays] + u + lens.distortion(z) - z
-                by_ideal[rays] = np.eye(2)
                 by_z = lens.distortion_partials(z) - np.eye(2)
-                partials = by_lens[rays]
-                partials[..., _F] = by_f
-                partials[..., _XP : _YP + 1] = -by_z @ A
-                partials[..., _COEFFICIENTS] = self.sign * lens.coefficient_partials(z)
-                partials[..., [_B1, _B2]] = by_z[..., :, :1] * off[..., None, :]
+                by_ideal[rays] = np.eye(2)
+                of[..., _F] = by_f
+                of[..., _XP : _YP + 1] = -by_z @ A
+                of[..., _COEFFICIENTS] = self.sign * lens.coefficient_partials(z)
+                of[..., [_B1, _B2]] = by_z[..., :, :1] * off[..., None, :]
             else:
-                w, by_u = u + lens.distortion(u), A @ (np.eye(2) + lens.distortion_partials(u))
-                xy[rays], by_ideal[rays] = p[rays] + w @ A.T, by_u
-                partials = by_lens[rays]
-                partials[..., _F] = (by_u @ by_f[..., None])[..., 0]
-                partials[..., _XP : _YP + 1] = np.eye(2)
-                partials[..., _COEFFICIENTS] = self.sign * (A @ lens.coefficient_partials(u))
-                partials[..., 0, [_B1, _B2]] = w
-            by_lens[rays] = partials
-        return xy, by_ideal, by_lens
+                by_u = A @ (np.eye(2) + lens.distortion_partials(u))
+                by_ideal[rays] = by_u
+                of[..., _F] = (by_u @ by_f[..., None])[..., 0]
+                of[..., _XP : _YP + 1] = np.eye(2)
+                of[..., _COEFFICIENTS] = self.sign * (A @ lens.coefficient_partials(u))
+                of[..., 0, [_B1, _B2]] = u + lens.distortion(u)
+            by_lens[rays] = of
+        return by_ideal, by_lens
 
     def changes(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what `values` (x,) add to focal lengths (n,) and principal points (n, 2) of the photos."""
@@ -148,10 +161,12 @@ class CameraLenses(Parameters):
             out[rays] = p[rays] + lens.apply((measured[rays] - p[rays]) @ across.T)
         return out
 
-    def _by_camera(self, photo: IntArray) -> Iterator[tuple[int, BoolArray]]:
+    def _by_camera(self, photo: IntArray) -> Iterator[tuple[int, Any]]:
+        """Yield each camera and its rays: all at once of one camera, which makes no copies."""
         camera = self.camera[photo]
-        for number in np.unique(camera).tolist():
-            yield number, camera == number
+        numbers = np.unique(camera).tolist()
+        for number in numbers:
+            yield number, ... if len(numbers) == 1 else camera == number
 
     def _lens(self, values: FloatArray, camera: int) -> tuple[Lens, FloatArray]:
         """Return the distortion and the affinity of a camera with `values` (10,)."""

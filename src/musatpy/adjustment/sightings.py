@@ -63,13 +63,13 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
     if not stations:
         xy, by_v = collinearity.image_by_vector(v, M, f, pp)
         if network.lenses is not None:
-            xy, by_ideal, _ = _through_lenses(network.lenses, network, state, rays, xy - pp, f, pp)
+            xy, by_ideal, _ = _lens_partials(network.lenses, network, state, rays, xy - pp, f, pp)
             by_v = by_ideal @ by_v
         by_station, by_water = np.zeros((*v.shape[:-1], 2, 0)), None
     else:
         xy, by_v, by_attitude = collinearity.image_partials(v, M, state.dM.take(photo, axis=0), f, pp)
         if network.lenses is not None:
-            xy, by_ideal, by_lens = _through_lenses(network.lenses, network, state, rays, xy - pp, f, pp)
+            xy, by_ideal, by_lens = _lens_partials(network.lenses, network, state, rays, xy - pp, f, pp)
             by_v, by_attitude = by_ideal @ by_v, by_ideal @ by_attitude
         waves = network.border.count(ObservationKind.WAVE)
         unknown = network.water.unknown or waves > 0
@@ -94,12 +94,18 @@ def image_coordinates(network: Network, state: State, rays: IntArray, ground: Fl
     if wet.any():
         v[wet] = _water_vectors(network, state, photo[wet], camera[wet], ground[wet])
     xy = collinearity.image(v, M, f, pp)
-    return (
-        xy if network.lenses is None else _through_lenses(network.lenses, network, state, rays, xy - pp, f, pp)[0]
-    )
+    return xy if network.lenses is None else _through_lenses(network.lenses, network, state, rays, xy - pp, pp)
 
 
 def _through_lenses(
+    lenses: CameraLenses, network: Network, state: State, rays: IntArray, ideal: FloatArray, pp: FloatArray
+) -> FloatArray:
+    """Return plate coordinates (..., 2) of images with ideal places (..., 2) about the principal point."""
+    values, measured = state.parameters[ObservationKind.LENS], network.xy.take(rays, axis=0)
+    return lenses.places(values, network.photo[rays], measured, ideal, pp)
+
+
+def _lens_partials(
     lenses: CameraLenses,
     network: Network,
     state: State,
@@ -108,13 +114,10 @@ def _through_lenses(
     f: FloatArray,
     pp: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return plate coordinates (..., 2) of images with ideal places (..., 2) about the principal point.
-
-    And their partials by the ideal places (..., 2, 2) and by the parameters of the lenses (..., 2, 10).
-    """
-    return lenses.predicted(
-        state.parameters[ObservationKind.LENS], network.photo[rays], network.xy.take(rays, axis=0), ideal, f, pp
-    )
+    """Return the same, and its partials by ideal places (..., 2, 2) and by parameters of lenses (..., 2, 10)."""
+    values, measured = state.parameters[ObservationKind.LENS], network.xy.take(rays, axis=0)
+    partials = lenses.partials(values, network.photo[rays], measured, ideal, f, pp)
+    return _through_lenses(lenses, network, state, rays, ideal, pp), *partials
 
 
 def _of_photos(network: Network, state: State, photo: IntArray) -> tuple[FloatArray, ...]:
