@@ -1,27 +1,30 @@
-"""Two solutions of one deck side by side: what differs, in metres and in sigmas of the second.
+"""Two solutions of one deck, or a truth and a solution, side by side: what differs, in sigmas of the second.
 
-Both come from the same observations, so the sigma of their difference is not the root of the sum of both variances:
-the second solution is the one to be held to, and its sigmas are the measure (docs/comparison.md).
+Both solutions come from the same observations, so the sigma of their difference is not the root of the sum of both
+variances: the second solution is the one to be held to, and its sigmas are the measure (docs/comparison.md).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.errors import MusatError
+from musatpy.errors import MusatError, Problem, RecordError
 from musatpy.geometry.collinearity import wrapped
 from musatpy.model.solution import WAVE_VALUES
 from musatpy.model.tables import falling
 from musatpy.records.tables import NamedRows, Tables, metric_differences, numbers, texts
+from musatpy.units import DEGREE
 
 _ROUNDING = 9  # decimals of differences, by which rounding errors do not order them
 TABLES = (  # of a record, that are compared
     "options", "ellipsoid", "solution", "iterations", "stations", "points", "bathymetric_points", "control",
-    "plate_statistics", "waves", "wave_origin", "adjusted_water",
+    "plate_statistics", "waves", "wave_origin", "adjusted_water", "adjusted_parameters",
 )  # fmt: skip
 OPTIONAL = ("plates",)  # which records without tables of images have not
 
@@ -59,8 +62,25 @@ class ComparedDepths:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ComparedParameters:
+    """Further parameters (x,) that both have, by falling difference in sigmas."""
+
+    kind: TextArray
+    owner: TextArray
+    parameter: TextArray
+    unit: TextArray
+    value: FloatArray  # (x, 2) in both
+    sigma: FloatArray  # (x,) of the second, NaN where it does not determine a parameter
+
+    @property
+    def ratio(self) -> FloatArray:
+        """(x,) second minus first in sigmas of the second; NaN where it has none."""
+        return (self.value[:, 1] - self.value[:, 0]) / self.sigma
+
+
+@dataclass(frozen=True, kw_only=True)
 class ComparedRuns:
-    """Two solutions of one deck."""
+    """Two solutions of one deck, or the truth of a simulation and a solution."""
 
     labels: tuple[str, str]
     facts: tuple[tuple[str, str, str], ...]  # what, in the first, in the second
@@ -68,19 +88,24 @@ class ComparedRuns:
     points: ComparedRows  # east, north, up
     waves: ComparedRows  # height, length, azimuth, crest
     depths: ComparedDepths
+    parameters: ComparedParameters
     only_one: tuple[str, ...]  # what one of them has, or determined, and the other not
 
     @property
     def largest(self) -> float:
         """Largest difference in sigmas of the second."""
-        return float(max(part.largest.max(initial=0.0) for part in (self.stations, self.points, self.waves)))
+        parts = [part.largest for part in (self.stations, self.points, self.waves)]
+        return float(max(part.max(initial=0.0) for part in (*parts, _sizes(self.parameters.ratio))))
 
 
 def compare(first: Tables, second: Tables, labels: tuple[str, str] = ("A", "B")) -> ComparedRuns:
     """Return the comparison of the JSON records of two solutions (`musatpy.reports.record`).
 
-    Raises `MusatError` where they are not of one block: other coordinate systems, or no photo in common.
+    The first may be the truth of a simulation (`tables_of_truth`). Raises `MusatError` where they are not of one
+    block: other coordinate systems, or no photo in common.
     """
+    if "solution" not in second:
+        raise MusatError(f"nothing to compare: {labels[0]} and {labels[1]} are truths, and no solution")
     systems = [record["options"]["system"] for record in (first, second)]
     if systems[0] != systems[1]:
         raise MusatError(f"nothing to compare: {labels[0]} is a {systems[0]} job, {labels[1]} a {systems[1]} job")
@@ -89,6 +114,9 @@ def compare(first: Tables, second: Tables, labels: tuple[str, str] = ("A", "B"))
     if not photos[0].rows.keys() & photos[1].rows.keys():
         raise MusatError(f"nothing to compare: {labels[0]} and {labels[1]} have no photo in common")
     waves = [NamedRows("wave", _waves_of(record)) for record in (first, second)]
+    parameters = [NamedRows("name", _parameters_of(record)) for record in (first, second)]
+    if is_truth := "solution" not in first:  # of all parameters, also of those that are held
+        parameters[0].rows = {name: parameters[0].rows[name] for name in parameters[1].common(parameters[0])}
     one_origin = first["wave_origin"] == second["wave_origin"]
     return ComparedRuns(
         labels=labels,
@@ -97,10 +125,12 @@ def compare(first: Tables, second: Tables, labels: tuple[str, str] = ("A", "B"))
         points=_placed(first, points[0], points[1], "sigma", attitude=False),
         waves=_waves(waves[0], waves[1], one_origin),
         depths=_depths(first, second),
+        parameters=_parameters(*parameters),
         only_one=(
             *_only_one("photo", photos, labels),
             *_only_one("point", points, labels),
-            *_only_one("wave", waves, labels),
+            *(() if is_truth else _only_one("wave", waves, labels)),
+            *_only_one("parameter", parameters, labels),
         ),
     )
 
@@ -166,6 +196,31 @@ def _depths(first: Tables, second: Tables) -> ComparedDepths:
     )
 
 
+def _parameters_of(record: Tables) -> Tables:
+    """Return the further parameters of a record, named by what they are and whose."""
+    table = record["adjusted_parameters"]
+    rows = zip(table["parameter"], table["kind"], table["of"], strict=True)
+    return {**table, "name": [f"{parameter} of {kind} {owner}" for parameter, kind, owner in rows]}
+
+
+def _parameters(first: NamedRows, second: NamedRows) -> ComparedParameters:
+    ids = second.common(first)
+    value = np.stack([table.array(ids, "adjusted") for table in (first, second)], axis=1)
+    sigma = second.array(ids, "sigma")
+    order = falling(_sizes((value[:, 1] - value[:, 0]) / sigma), _ROUNDING)
+    kind, owner, parameter, unit = (
+        np.array([second.table[field][second.rows[name]] for name in ids], dtype=np.str_)[order]
+        for field in ("kind", "of", "parameter", "unit")
+    )
+    return ComparedParameters(
+        kind=kind, owner=owner, parameter=parameter, unit=unit, value=value[order], sigma=sigma[order]
+    )
+
+
+def _sizes(ratio: FloatArray) -> FloatArray:
+    return np.nan_to_num(np.abs(ratio), nan=-1.0)
+
+
 def _only_one(what: str, tables: Sequence[NamedRows], labels: tuple[str, str]) -> list[str]:
     """Return the rows that one of the solutions lacks, or could not determine, with the reason where it has one."""
     lacking = []
@@ -195,6 +250,8 @@ def _printed(value: float | None, form: str) -> str:
 
 
 def _facts_of(record: Tables) -> dict[str, str]:
+    if "solution" not in record:
+        return {}
     solution, plates = record["solution"], record["plate_statistics"]
     facts = {
         "converged": "yes" if solution["converged"] else "no",
@@ -218,3 +275,37 @@ def _facts_of(record: Tables) -> dict[str, str]:
         if len(given):
             facts[f"RMS of {len(given)} check points, {name}, m"] = f"{np.sqrt(np.mean(given**2)):.3f}"
     return facts
+
+
+def is_truth_record(record: Any) -> bool:
+    """Return whether a JSON object is the truth that `musat simulate` writes."""
+    return isinstance(record, dict) and {"seed", "spec", "stations"} <= record.keys()
+
+
+def tables_of_truth(truth: dict[str, Any], path: Path) -> Tables:
+    """Return what `compare` needs of the truth of a simulation. Raises `RecordError` where it is none."""
+    try:
+        job = truth["spec"]["job"]
+        unit = np.array([DEGREE, DEGREE, 1.0] if job["system"] == "GEOG" else [1.0, 1.0, 1.0])
+        stations, points = (
+            {"position": [(np.array(row["position"]) * unit).tolist() for row in truth[name].values()]}
+            for name in ("stations", "points")
+        )
+        stations["attitude"] = [(np.array(row["attitude"]) * DEGREE).tolist() for row in truth["stations"].values()]
+        rows = truth.get("parameters", [])
+        return {
+            "options": {"system": job["system"]},
+            "ellipsoid": {"name": job["ellipsoid"], "semi_major_axis": None, "inverse_flattening": None},
+            "stations": {"photo": list(truth["stations"]), **stations},
+            "points": {"point": list(truth["points"]), **points},
+            "bathymetric_points": {"point": [], "depth": [], "depth_sigma": []},
+            "waves": {"wave": []},
+            "wave_origin": None,
+            "adjusted_water": None,
+            "adjusted_parameters": {
+                "adjusted": [float(row["value"]) for row in rows],
+                **{name: [str(row[name]) for row in rows] for name in ("kind", "of", "parameter")},
+            },
+        }
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise RecordError([Problem(file=str(path), message=f"is no truth of a simulation: {error}")]) from error

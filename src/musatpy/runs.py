@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import partial
@@ -240,12 +240,28 @@ def _punched(
 def compared(first: Path, second: Path, labels: tuple[str, str]) -> ComparedRuns:
     """Return the comparison of two solutions, each a record that a run left (`.json`), or a deck that is adjusted.
 
-    Raises `MusatError` where a file is neither, or they are not of one block, and `OSError`.
+    One of them may be the truth of a simulation: it is then the first. Raises `MusatError` where a file is none of
+    these, or they are not of one block, and `OSError`.
     """
-    from musatpy.comparison import OPTIONAL, TABLES, compare
+    from musatpy.comparison import compare
 
-    one, other = (_record_at(path, TABLES, OPTIONAL) for path in (first, second))
+    records = [_solution_or_truth(path) for path in (first, second)]
+    if "solution" not in records[1]:
+        records, labels = records[::-1], labels[::-1]
+    one, other = records
     return compare(one, other, labels)
+
+
+def _solution_or_truth(path: Path) -> Mapping[str, Any]:
+    from musatpy.comparison import OPTIONAL, TABLES, is_truth_record, tables_of_truth
+    from musatpy.records.json_files import read_json_file, tables_of
+
+    if path.suffix != ".json":
+        return _record_at(path, TABLES, OPTIONAL)
+    content = read_json_file(path)
+    return (
+        tables_of_truth(content, path) if is_truth_record(content) else tables_of(content, path, TABLES, OPTIONAL)
+    )
 
 
 def _record_at(path: Path, tables: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Any]:

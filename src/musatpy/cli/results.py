@@ -243,7 +243,8 @@ def compare_command(
     """Compare solution B with solution A of the same deck.
 
     Each is the record NAME.json of a run, or a deck, which is then adjusted. Differences are B minus A, in metres
-    and in sigmas of B, the largest first. Exit status: 0, or 1 if a difference is beyond the limit, or a file
+    and in sigmas of B, the largest first. One may be the truth NAME.truth.json of `musat simulate`: the differences
+    are then errors, in sigmas of the solution. Exit status: 0, or 1 if a difference is beyond the limit, or a file
     cannot be used.
     """
     from musatpy.reports.comparison import comparison_record, comparison_text

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from musatpy.comparison import ComparedRows, ComparedRuns
+from musatpy.comparison import ComparedParameters, ComparedRows, ComparedRuns
 from musatpy.reports.table import sheet
 from musatpy.reports.values import Json, plain, rows
 
@@ -31,6 +31,8 @@ def comparison_text(comparison: ComparedRuns, listed: int = _LISTED) -> str:
     for section, name, part, headings in parts:
         if name != "Wave" or len(part.ids):
             lines += ["", "", f"{section}: {title}", "", *_table(name, part, headings, listed)]
+    if len(comparison.parameters.owner):
+        lines += ["", "", f"Adjusted Parameters: {title}", "", *_parameters(comparison, listed)]
     if len(comparison.depths.ids):
         lines += ["", "", "Depths Of Submerged Points", "", *_depths(comparison)]
     if comparison.only_one:
@@ -48,6 +50,7 @@ def comparison_record(comparison: ComparedRuns) -> dict[str, Json]:
         "points": _rows("point", comparison.points),
         "waves": _rows("wave", comparison.waves),
         "depths": rows(point=comparison.depths.ids, depth=comparison.depths.depth, sigma=comparison.depths.sigma),
+        "parameters": _parameter_rows(comparison.parameters),
         "only_one": list(comparison.only_one),
         "largest": plain(np.array([comparison.largest]))[0],
     }
@@ -77,3 +80,25 @@ def _depths(comparison: ComparedRuns) -> list[str]:
         ("Difference\nm", "F11.3", depths.depth[:, 1] - depths.depth[:, 0]),
         ("Sigma\nm", "F9.3", depths.sigma),
     ).text()
+
+
+def _parameter_rows(part: ComparedParameters) -> list[dict[str, Json]]:
+    names = {"kind": part.kind, "of": part.owner, "parameter": part.parameter, "unit": part.unit}
+    return rows(**names, value=part.value, sigma=part.sigma, ratio=part.ratio)
+
+
+def _parameters(comparison: ComparedRuns, listed: int) -> list[str]:
+    part = comparison.parameters
+    first, second = comparison.labels
+    table = sheet(
+        ("Kind", "A10", part.kind[:listed]),
+        ("Of", "A8", part.owner[:listed]),
+        ("Param.", "A6", part.parameter[:listed]),
+        ("Unit", "A5", part.unit[:listed]),
+        (first[-14:], "E16.8", part.value[:listed, 0]),
+        (second[-14:], "E16.8", part.value[:listed, 1]),
+        ("Difference", "E10.2", part.value[:listed, 1] - part.value[:listed, 0]),
+        ("Sigma", "E10.2", part.sigma[:listed]),
+        ("Difference\nsigma", "F10.2", part.ratio[:listed]),
+    )
+    return table.text()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from musatpy.model import CoordinateSystem, WaterConditions
+from musatpy.model import LENS_PARAMETERS, CoordinateSystem, DistortionSide, Polynomials, WaterConditions
 from musatpy.model.water import index_fault
 from musatpy.specs import Area, Pair, Triple, key
 
@@ -34,6 +34,38 @@ class CameraKeys:
     principal_point: Pair = key((0.0, 0.0), "principal point xp, yp", unit="mm")
     format: Pair = key((228.6, 228.6), "size of the plate, x and y", unit="mm", low=1.0)
     margin: float = key(5.0, "images closer to the edge of the plate are not measured", unit="mm", low=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LensParameterKeys:
+    """[[lens.parameter]]: a parameter of the true lens, and its CAL card; mm and powers of them."""
+
+    name: str = key(doc="as on the card", choices=LENS_PARAMETERS)
+    change: float = key(0.0, "true value minus that of [camera], minus zero where that has none")
+    unknown: bool = key(True, "it has a CAL card; else the deck does not know of the change")
+    sigma: float | None = key(
+        None, "on the card, with a value; absent: free, starting from that of [camera]", low=0.0
+    )
+    error: float | None = key(None, "actual error of the value on the card, 1 sigma; absent: as sigma", low=0.0)
+
+    def __post_init__(self) -> None:
+        if self.sigma == 0.0:
+            raise ValueError("sigma must be greater than zero")
+        if self.sigma is None and self.error is not None:
+            raise ValueError("error is that of a value with a sigma")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LensKeys:
+    """[lens]: the true lens, where it is not that of [camera] without distortion."""
+
+    side: str = key("MEASURED", "of whose place the polynomials are, as on RED", choices=tuple(DistortionSide))
+    polynomials: str = key("DIST", "what they give, as on RED", choices=tuple(Polynomials))
+    parameter: tuple[LensParameterKeys, ...] = key(())
+
+    def __post_init__(self) -> None:
+        if len({given.name for given in self.parameter}) < len(self.parameter):
+            raise ValueError("a parameter is given twice")
 
 
 @dataclass(frozen=True, kw_only=True)

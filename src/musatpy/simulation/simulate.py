@@ -32,6 +32,7 @@ from musatpy.simulation.mistakes import Names, mixed_names
 from musatpy.simulation.simulation_spec import OptionKeys, SimulationSpec, load_spec
 from musatpy.simulation.terrain import Scene, lay_ground
 from musatpy.simulation.true_images import TrueImages, take_images
+from musatpy.simulation.true_lens import TrueParameter, state_lens, true_parameters
 from musatpy.simulation.true_water import GivenWater, state_water
 from musatpy.simulation.world import TruePlaces, World
 from musatpy.specs import echoed, keys
@@ -64,6 +65,7 @@ class Truth:
     base_lengths: FloatArray  # (b,) m
     distances: FloatArray  # (d,) m
     height_differences: FloatArray  # (h,) m
+    parameters: tuple[TrueParameter, ...]  # of what runs may adjust besides
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,6 +176,7 @@ def _truth(scene: Scene, images: TrueImages, given: Given) -> Truth:
         base_lengths=given.bases.true,
         distances=given.distances.true,
         height_differences=given.height_differences.true,
+        parameters=true_parameters(scene.spec),
     )
 
 
@@ -181,6 +184,7 @@ def _block(scene: Scene, given: Given) -> model.Block:
     """Return the block. Raises `SpecError` where a shore point is not measured twice."""
     camera, flight, rows, links = scene.spec.camera, scene.flight, given.rows, given.links
     bases, distances, heights = given.bases, given.distances, given.height_differences
+    lens_unknowns, reduction = state_lens(scene.spec, scene.draws)
     return model.Block(
         titles=scene.spec.title,
         options=_options(scene.spec),
@@ -193,6 +197,8 @@ def _block(scene: Scene, given: Given) -> model.Block:
             format_size=np.array([camera.format]),
         ),
         distortion=empty(model.Distortion),
+        lens_unknowns=lens_unknowns,
+        reduction=reduction,
         fiducials=empty(model.Fiducials),
         photos=model.Photos(
             ids=np.array(flight.ids),

@@ -29,6 +29,7 @@ from musatpy.simulation.scene_keys import (
     FlightKeys,
     GivenPoint,
     JobKeys,
+    LensKeys,
     PointKeys,
     ShoalKeys,
     SurfaceKeys,
@@ -215,6 +216,7 @@ class SimulationSpec:
     seed: int = key(1, "of every random number", low=0)
     job: JobKeys = key(JobKeys)
     camera: CameraKeys = key(CameraKeys)
+    lens: LensKeys | None = key(None)
     flight: FlightKeys = key(FlightKeys)
     terrain: TerrainKeys = key(TerrainKeys)
     water: SurfaceKeys | None = key(None)

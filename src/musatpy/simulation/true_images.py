@@ -13,6 +13,7 @@ from musatpy.errors import Problem, SpecError
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.simulation.raytrace import trace
 from musatpy.simulation.terrain import Scene
+from musatpy.simulation.true_lens import through_lens, true_lens
 
 REACH = 1.3  # times the plan's reach: room for tilts and relief in the search for candidates
 
@@ -73,8 +74,9 @@ def project(scene: Scene, photo: IntArray, point: IntArray) -> TrueImages:
     local = np.einsum("kij,kj->ki", stations.vertical, direction)
     U, V, S = np.einsum("kij,kj->ki", attitude_matrix(flight.attitude)[photo], local).T
     S = np.where(S < 0.0, S, np.nan)
-    f = camera.focal_length
-    xy = np.column_stack([-f * U / S, -f * V / S]) + camera.principal_point
+    f = true_lens(scene.spec)["F"]
+    xy = np.column_stack([-f * U / S, -f * V / S])
+    xy = xy + camera.principal_point if scene.spec.lens is None else through_lens(scene.spec, xy)
     return TrueImages(photo=photo, point=point, xy=xy, refracted=refracted)
 
 

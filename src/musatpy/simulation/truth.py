@@ -127,6 +127,10 @@ def _wrong(simulation: Simulation, seen: list[list[str]], named: list[list[str]]
             for row in np.flatnonzero(truth.gross_control.any(axis=1))
         },
     }
+    wrong["parameters"] = [
+        {"kind": true.kind.label, "of": true.owner, "parameter": true.name, "value": float(f"{true.value:.12g}")}
+        for true in truth.parameters
+    ]
     for name in ("distances", "height_differences"):
         ends, true = getattr(block, name).point, _rounded(getattr(truth, name), 4)
         wrong[name] = [
