@@ -1,0 +1,147 @@
+"""The lenses of computer vision, both ways: from the direction of a ray to its pixel, and back.
+
+With (x, y) = (X/Z, Y/Z) of a ray, x right, y down, Z forward, and r^2 = x^2 + y^2:
+
+    usual      x' = x g + 2 p1 x y + p2 (r^2 + 2 x^2),  g = (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8)
+               y' = y g + p1 (r^2 + 2 y^2) + 2 p2 x y       / (1 + d1 r^2 + d2 r^4 + d3 r^6)
+    fisheye    (x', y') = (x, y) t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) / r,  t = atan r
+    pixel      (cx + fx x' + s y', cy + fy y')
+
+That is the model of OpenCV, with its order of p1 and p2, with k4 and the shear s of Metashape (its B2; its B1 is fx -
+fy), and the denominator of OpenCV's rational model. Pixels count from the corner of the image, so that the middle of
+the first one is (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial import polynomial
+
+from musatpy.arrays import FloatArray
+
+_STEPS, _AT_REST = 30, 1e-13  # of the inverse, in units of the focal length
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PixelLens:
+    """The interior orientation of a digital camera, in pixels."""
+
+    width: int
+    height: int
+    focal: tuple[float, float]  # fx, fy
+    centre: tuple[float, float]  # cx, cy from the corner
+    shear: float = 0.0
+    k: tuple[float, ...] = ()  # up to four
+    d: tuple[float, ...] = ()  # up to three, of the denominator
+    p: tuple[float, float] = (0.0, 0.0)
+    fisheye: bool = False
+
+    def pixels(self, xy: FloatArray) -> FloatArray:
+        """Return the pixels (..., 2) of rays (..., 2), as x = X/Z, y = Y/Z."""
+        return self._centre + self.distorted(xy) @ self._A.T
+
+    def rays(self, pixels: FloatArray) -> FloatArray:
+        """Return the rays (..., 2) of pixels (..., 2); NaN where the lens, within its `reach`, has none.
+
+        By Newton's method from the ray that has no distortion, to 1e-13 focal lengths.
+        """
+        image = (pixels - self._centre) @ np.linalg.inv(self._A).T
+        xy = self._first(image)
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            for _ in range(_STEPS):
+                at, slope = self.distorted(xy), self.partials(xy)
+                (a, b), (c, d) = np.moveaxis(slope, (-2, -1), (0, 1))
+                u, v = np.moveaxis(image - at, -1, 0)
+                step = np.stack([d * u - b * v, a * v - c * u], axis=-1) / (a * d - b * c)[..., None]
+                xy = xy + step
+                if not np.nanmax(np.abs(step), initial=0.0) > _AT_REST:
+                    break
+            off = np.abs(self.distorted(xy) - image).max(axis=-1)
+            lost = ~(off < 1e3 * _AT_REST) | (np.linalg.norm(xy, axis=-1) > self.reach)
+        return np.where(lost[..., None], np.nan, xy)
+
+    def distorted(self, xy: FloatArray) -> FloatArray:
+        """Return the images (..., 2) of rays (..., 2) on a plane one focal length off."""
+        g, _ = self._radial(xy)
+        if self.fisheye:
+            return xy * g[..., None]
+        (x, y), (p1, p2) = np.moveaxis(xy, -1, 0), self.p
+        q = x * x + y * y
+        across = [2.0 * p1 * x * y + p2 * (q + 2.0 * x * x), p1 * (q + 2.0 * y * y) + 2.0 * p2 * x * y]
+        return xy * g[..., None] + np.stack(across, axis=-1)
+
+    def partials(self, xy: FloatArray) -> FloatArray:
+        """Return the partials (..., 2, 2) of `distorted`."""
+        g, slope = self._radial(xy)
+        x, y = np.moveaxis(xy, -1, 0)
+        p1, p2 = (0.0, 0.0) if self.fisheye else self.p
+        mixed = 2.0 * slope * x * y + 2.0 * (p1 * x + p2 * y)
+        rows = [
+            [g + 2.0 * slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x, mixed],
+            [mixed, g + 2.0 * slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x],
+        ]
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+    @cached_property
+    def reach(self) -> float:
+        """The largest tangent r to which images move outward as rays do; infinite where they always do."""
+        if self.fisheye:
+            turns = polynomial.polyder(self._of_angle)
+            real = _positive(turns)
+            return float(np.tan(min(real, default=np.pi / 2))) if min(real, default=np.pi) < np.pi / 2 else np.inf
+        up, down = np.array([1.0, *self.k]), np.array([1.0, *self.d])
+        # of r U(q)/D(q): U D + 2 q (U' D - U D') = 0
+        slope = polynomial.polysub(
+            polynomial.polymul(polynomial.polyder(up), down), polynomial.polymul(up, polynomial.polyder(down))
+        )
+        turn = polynomial.polyadd(polynomial.polymul(up, down), polynomial.polymulx(2.0 * slope))
+        return float(np.sqrt(min([*_positive(turn), *_positive(down)], default=np.inf)))
+
+    @cached_property
+    def _A(self) -> FloatArray:
+        return np.array([[self.focal[0], self.shear], [0.0, self.focal[1]]])
+
+    @cached_property
+    def _centre(self) -> FloatArray:
+        return np.array(self.centre)
+
+    @cached_property
+    def _of_angle(self) -> FloatArray:
+        """The polynomial of the angle: t + k1 t^3 + ..."""
+        out = np.zeros(2 * len(self.k) + 2)
+        out[1], out[3::2] = 1.0, self.k
+        return out
+
+    def _radial(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the factor g (...) of rays (..., 2), and its derivative by r^2."""
+        q = np.sum(xy * xy, axis=-1)
+        if not self.fisheye:
+            up, down = np.array([1.0, *self.k]), np.array([1.0, *self.d])
+            U, D = polynomial.polyval(q, up), polynomial.polyval(q, down)
+            dU, dD = polynomial.polyval(q, polynomial.polyder(up)), polynomial.polyval(q, polynomial.polyder(down))
+            return U / D, (dU * D - U * dD) / (D * D)
+        r = np.sqrt(q)
+        t = np.arctan(r)
+        at, slope = polynomial.polyval(t, self._of_angle), polynomial.polyval(t, polynomial.polyder(self._of_angle))
+        small = r < 1e-4  # g = 1 + (k1 - 1/3) q there, to rounding
+        safe = np.where(small, 1.0, r)
+        k1 = self.k[0] if self.k else 0.0
+        g = np.where(small, 1.0 + (k1 - 1.0 / 3.0) * q, at / safe)
+        return g, np.where(small, k1 - 1.0 / 3.0, (slope / (1.0 + q) - at / safe) / (2.0 * safe * safe))
+
+    def _first(self, image: FloatArray) -> FloatArray:
+        """Return first rays (..., 2) of images (..., 2) one focal length off."""
+        if not self.fisheye:
+            return image
+        r = np.linalg.norm(image, axis=-1, keepdims=True)
+        return image * np.where(r > 0.0, np.tan(np.minimum(r, 1.5)) / np.where(r > 0.0, r, 1.0), 1.0)
+
+
+def _positive(coefficients: FloatArray) -> list[float]:
+    """Return the positive real roots of a polynomial, its lowest power first."""
+    roots = polynomial.polyroots(np.trim_zeros(coefficients, "b")) if np.any(coefficients[1:]) else np.zeros(0)
+    real = np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))
+    return sorted(root for root in roots.real[real].tolist() if root > 0.0)

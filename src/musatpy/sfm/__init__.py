@@ -1,0 +1,1 @@
+"""Models of other programs (structure from motion): how they are read, proven and written."""

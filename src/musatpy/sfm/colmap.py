@@ -1,0 +1,351 @@
+"""Models of COLMAP, as text or binary: cameras, images, points3D. Rigs and frames beside them say nothing more.
+
+An image is q, t from the world to its camera, in pixels from the corner (colmap.github.io/format.html).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from musatpy.arrays import FloatArray, IntArray
+from musatpy.errors import Problem
+from musatpy.reduction.pixel_lens import PixelLens
+from musatpy.sfm.model import Model, ModelError, refused
+
+_PLACED = ("f", "cx", "cy"), ("fx", "fy", "cx", "cy")
+# By their numbers in binary files; None: not read.
+LENSES: tuple[tuple[str, tuple[str, ...] | None], ...] = (
+    ("SIMPLE_PINHOLE", _PLACED[0]),
+    ("PINHOLE", _PLACED[1]),
+    ("SIMPLE_RADIAL", (*_PLACED[0], "k1")),
+    ("RADIAL", (*_PLACED[0], "k1", "k2")),
+    ("OPENCV", (*_PLACED[1], "k1", "k2", "p1", "p2")),
+    ("OPENCV_FISHEYE", (*_PLACED[1], "k1", "k2", "k3", "k4")),
+    ("FULL_OPENCV", (*_PLACED[1], "k1", "k2", "p1", "p2", "k3", "d1", "d2", "d3")),
+    ("FOV", None),
+    ("SIMPLE_RADIAL_FISHEYE", (*_PLACED[0], "k1")),
+    ("RADIAL_FISHEYE", (*_PLACED[0], "k1", "k2")),
+    ("THIN_PRISM_FISHEYE", None),
+)
+_NAMES = [name for name, _ in LENSES]
+_POINT = struct.Struct("<Q3d3BdQ")
+_IMAGE = struct.Struct("<I7dI")
+_FEATURE = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Image:
+    """One image of a file."""
+
+    name: str
+    camera: int
+    pose: Sequence[float]  # qw qx qy qz tx ty tz
+    pixel: FloatArray  # (f, 2)
+    point: IntArray  # (f,) -1: none
+
+
+def is_colmap(folder: Path) -> bool:
+    """Return whether a folder has a model of COLMAP."""
+    return any((folder / f"images{suffix}").is_file() for suffix in (".bin", ".txt"))
+
+
+def read_model(folder: Path) -> Model:
+    """Return the model of a folder, of its binary files where it has both.
+
+    Features that belong to no point are left out. Raises `ModelError` with file and line, or byte.
+    """
+    binary = (folder / "images.bin").is_file()
+    suffix = ".bin" if binary else ".txt"
+    paths = [folder / f"{name}{suffix}" for name in ("cameras", "images", "points3D")]
+    refused([Problem(message="there is no such file", file=str(path)) for path in paths if not path.is_file()])
+    cameras, images, points = (
+        (_binary_cameras, _binary_images, _binary_points) if binary else (_text_cameras, _text_images, _text_points)
+    )
+    lenses, every = dict(cameras(paths[0])), list(images(paths[1]))
+    return _assembled(paths, lenses, every, points(paths[2]))
+
+
+def write_model(model: Model, folder: Path) -> None:
+    """Write a model into a folder as text, lenses as FULL_OPENCV or OPENCV_FISHEYE. Raises `ModelError`."""
+    refused(
+        [
+            Problem(message=f"camera {name}: COLMAP has no shear and no fourth radial coefficient of usual lenses")
+            for name, lens in zip(model.cameras, model.lenses, strict=True)
+            if lens.shear or (not lens.fisheye and len(lens.k) > 3 and lens.k[3])
+        ]
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = [
+        f"{number} {name} {lens.width} {lens.height} {' '.join(repr(float(value)) for value in values)}"
+        for number, lens in enumerate(model.lenses, 1)
+        for name, values in (_written(lens),)
+    ]
+    (folder / "cameras.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    turned = Rotation.from_matrix(model.rotation).as_quat()[:, [3, 0, 1, 2]]
+    shift = -np.einsum("nij,nj->ni", model.rotation, model.centre)
+    order = np.argsort(model.photo, kind="stable")
+    start = np.searchsorted(model.photo[order], np.arange(len(model.photos) + 1))
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order)) - start[model.photo[order]]
+    with (folder / "images.txt").open("w", encoding="utf-8") as file:
+        for number, name in enumerate(model.photos.tolist()):
+            pose = " ".join(repr(value) for value in (*turned[number].tolist(), *shift[number].tolist()))
+            file.write(f"{number + 1} {pose} {model.camera[number] + 1} {name}\n")
+            rows = order[start[number] : start[number + 1]]
+            features = zip(model.pixel[rows].tolist(), (model.point[rows] + 1).tolist(), strict=True)
+            file.write(" ".join(f"{x!r} {y!r} {point}" for (x, y), point in features) + "\n")
+    _write_points(model, folder / "points3D.txt", place)
+
+
+def _write_points(model: Model, path: Path, place: IntArray) -> None:
+    """Write the points; `place` (m,) is that of an image among the features of its photo."""
+    size = np.linalg.norm(model.residuals(), axis=1)
+    counts = np.maximum(model.counts, 1)
+    error = np.bincount(model.point, np.nan_to_num(size), len(model.points)) / counts
+    order = np.argsort(model.point, kind="stable")
+    start = np.searchsorted(model.point[order], np.arange(len(model.points) + 1))
+    colour = np.full((len(model.points), 3), 128) if model.colour is None else model.colour
+    tracks = np.stack([model.photo + 1, place], axis=1)[order]
+    with path.open("w", encoding="utf-8") as file:
+        for number, (xyz, rgb) in enumerate(zip(model.position.tolist(), colour.tolist(), strict=True)):
+            track = tracks[start[number] : start[number + 1]].reshape(-1)
+            values = (*(repr(value) for value in xyz), *map(str, rgb), repr(float(error[number])))
+            file.write(f"{number + 1} {' '.join(values)} {' '.join(map(str, track.tolist()))}\n")
+
+
+def _written(lens: PixelLens) -> tuple[str, tuple[float, ...]]:
+    """Return the name and the parameters of a lens as it is written."""
+    place = (*lens.focal, *lens.centre)
+    k = (*lens.k, 0.0, 0.0, 0.0, 0.0)
+    if lens.fisheye:
+        return "OPENCV_FISHEYE", (*place, *k[:4])
+    d = (*lens.d, 0.0, 0.0, 0.0)
+    return "FULL_OPENCV", (*place, *k[:2], *lens.p, k[2], *d[:3])
+
+
+def _lens(path: Path, line: int | None, name: str, size: tuple[int, int], values: Sequence[float]) -> PixelLens:
+    """Return the lens of a camera. Raises `ModelError`."""
+    parameters = dict(LENSES).get(name)
+    if parameters is None:
+        known = ", ".join(name for name, has in LENSES if has)
+        message = f"lenses of the model {name} are not read; those that are: {known}"
+        raise ModelError([Problem(message=message, file=str(path), line=line)])
+    if len(values) != len(parameters) or not np.isfinite(values).all() or min(size) <= 0:
+        message = f"a camera {name} has width, height and {' '.join(parameters)}, all numbers"
+        raise ModelError([Problem(message=message, file=str(path), line=line)])
+    of = dict(zip(parameters, values, strict=True))
+    return PixelLens(
+        width=size[0],
+        height=size[1],
+        focal=(of.get("fx", of.get("f", 0.0)), of.get("fy", of.get("f", 0.0))),
+        centre=(of["cx"], of["cy"]),
+        k=tuple(of[key] for key in ("k1", "k2", "k3", "k4") if key in of),
+        d=tuple(of[key] for key in ("d1", "d2", "d3") if key in of),
+        p=(of.get("p1", 0.0), of.get("p2", 0.0)),
+        fisheye=name.endswith("FISHEYE"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Points:
+    ids: IntArray  # (p,)
+    position: FloatArray  # (p, 3)
+    colour: IntArray  # (p, 3)
+    error: FloatArray  # (p,) px
+
+
+def _assembled(paths: list[Path], lenses: dict[int, PixelLens], every: list[_Image], points: _Points) -> Model:
+    """Return the model of what files say. Raises `ModelError` where they contradict each other."""
+    problems = [
+        Problem(message=f"image {image.name}: there is no camera {image.camera}", file=str(paths[1]))
+        for image in every
+        if image.camera not in lenses
+    ]
+    names = [image.name for image in every]
+    twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+    problems += [Problem(message=f"two images are called {name}", file=str(paths[1])) for name in twice]
+    counts = [len(image.point) for image in every]
+    point = np.concatenate([np.zeros(0, dtype=np.int64), *(image.point for image in every)])
+    pixel = np.concatenate([np.zeros((0, 2)), *(image.pixel for image in every)])
+    photo = np.repeat(np.arange(len(every)), counts)
+    of_point = point >= 0
+    order = np.argsort(points.ids)
+    row = np.searchsorted(points.ids[order], point[of_point])
+    known = row < len(order)
+    known[known] = points.ids[order][row[known]] == point[of_point][known]
+    if not known.all():
+        name, missing = names[photo[of_point][~known][0]], point[of_point][~known][0]
+        message = f"image {name} names point {missing}, which is not in {paths[2].name}"
+        problems.append(Problem(message=message, file=str(paths[1])))
+    numbers = np.array([image.pose for image in every]).reshape(-1, 7)
+    for what, path, values in (("an image", paths[1], pixel), ("a point", paths[2], points.position)):
+        if not np.isfinite(values).all():
+            problems.append(Problem(message=f"the coordinates of {what} are no numbers", file=str(path)))
+    problems += [
+        Problem(message=f"image {name}: its rotation or place is no number", file=str(paths[1]))
+        for name, pose in zip(names, numbers, strict=True)
+        if not np.isfinite(pose).all() or not np.linalg.norm(pose[:4])
+    ]
+    refused(problems)
+    R = Rotation.from_quat(numbers[:, [1, 2, 3, 0]]).as_matrix() if len(numbers) else np.zeros((0, 3, 3))
+    cameras = {camera: row for row, camera in enumerate(lenses)}
+    return Model(
+        program="colmap",
+        cameras=tuple(map(str, lenses)),
+        lenses=tuple(lenses.values()),
+        photos=np.array(names, dtype=np.str_),
+        camera=np.array([cameras[image.camera] for image in every], dtype=np.int64),
+        rotation=R,
+        centre=-np.einsum("nji,nj->ni", R, numbers[:, 4:]),
+        points=points.ids.astype(np.str_),
+        position=points.position,
+        photo=photo[of_point],
+        point=order[row],
+        pixel=pixel[of_point],
+        colour=points.colour,
+        stored=points.error,
+    )
+
+
+def _rows(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield the lines of a text file that are no comment, with their numbers; blank ones too."""
+    with path.open(encoding="utf-8", errors="surrogateescape") as file:
+        for number, line in enumerate(file, 1):
+            if not line.startswith("#"):
+                yield number, line
+
+
+def _wrong(path: Path, line: int, text: str, expected: str) -> ModelError:
+    return ModelError([Problem(file=str(path), line=line, found=text[:60].rstrip(), expected=expected)])
+
+
+def _text_cameras(path: Path) -> Iterator[tuple[int, PixelLens]]:
+    """Yield the cameras of cameras.txt by their ids."""
+    seen: set[int] = set()
+    for number, line in _rows(path):
+        words = line.split()
+        if not words:
+            continue
+        try:
+            camera, width, height, *values = map(float, (words[0], *words[2:]))
+        except (ValueError, IndexError):
+            raise _wrong(path, number, line, "CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]") from None
+        if camera in seen:
+            raise ModelError([Problem(message=f"camera {camera:.0f} stands twice", file=str(path), line=number)])
+        seen.add(int(camera))
+        yield int(camera), _lens(path, number, words[1], (int(width), int(height)), values)
+
+
+def _text_images(path: Path) -> Iterator[_Image]:
+    """Yield the images of images.txt: two lines each, the second of which may be empty."""
+    rows = _rows(path)
+    for number, line in rows:
+        if not line.strip():
+            continue
+        words = line.split(maxsplit=9)
+        try:
+            pose, camera, name = [float(word) for word in words[1:8]], int(words[8]), words[9].strip()
+        except (ValueError, IndexError):
+            raise _wrong(path, number, line, "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME") from None
+        number, line = next(rows, (number, ""))
+        try:
+            features = np.array(line.split(), dtype=float).reshape(-1, 3)
+        except ValueError:
+            raise _wrong(path, number, line, "POINTS2D[] as X Y POINT3D_ID") from None
+        point = features[:, 2].astype(np.int64)
+        yield _Image(name=name, camera=camera, pose=pose, pixel=features[:, :2], point=point)
+
+
+def _text_points(path: Path) -> _Points:
+    """Return the points of points3D.txt."""
+    values: list[list[str]] = []
+    for number, line in _rows(path):
+        words = line.split(maxsplit=8)[:8]
+        if len(words) == 8:
+            values.append(words)
+        elif words:
+            raise _wrong(path, number, line, "POINT3D_ID X Y Z R G B ERROR TRACK[]")
+    try:
+        table = np.array(values, dtype=float).reshape(-1, 8)
+    except ValueError:
+        raise ModelError([Problem(message="a point is no number", file=str(path))]) from None
+    ids, colour = table[:, 0].astype(np.int64), table[:, 4:7].astype(np.int64)
+    return _Points(ids=ids, position=table[:, 1:4], colour=colour, error=table[:, 7])
+
+
+@dataclass
+class _Bytes:
+    """A binary file that is read from its beginning."""
+
+    path: Path
+    data: bytes
+    at: int = 0
+
+    @classmethod
+    def of(cls, path: Path, smallest: int) -> tuple[_Bytes, int]:
+        """Return a file behind its count, and that count of things of `smallest` bytes at least."""
+        file = cls(path=path, data=path.read_bytes())
+        (count,) = file.take(struct.Struct("<Q"))
+        if count * smallest > len(file.data):
+            message = f"it says that it has {count} entries, which do not go into {len(file.data)} bytes"
+            raise ModelError([Problem(message=message, file=str(path))])
+        return file, count
+
+    def take(self, form: struct.Struct) -> tuple[float, ...]:
+        """Return the next values. Raises `ModelError` at the end of the file."""
+        self.need(form.size)
+        values = form.unpack_from(self.data, self.at)
+        self.at += form.size
+        return values
+
+    def need(self, size: int) -> None:
+        """Raise `ModelError` where the file has less than `size` bytes left."""
+        if self.at + size > len(self.data):
+            message = f"the file ends at byte {len(self.data)}, in the middle of an entry"
+            raise ModelError([Problem(message=message, file=str(self.path))])
+
+
+def _binary_cameras(path: Path) -> Iterator[tuple[int, PixelLens]]:
+    """Yield the cameras of cameras.bin by their ids."""
+    file, count = _Bytes.of(path, 24)
+    for _ in range(count):
+        camera, model, width, height = map(int, file.take(struct.Struct("<iiQQ")))
+        name, parameters = LENSES[model] if 0 <= model < len(LENSES) else (f"number {model}", None)
+        values = file.take(struct.Struct(f"<{len(parameters or ())}d"))
+        yield camera, _lens(path, None, name, (width, height), values)
+
+
+def _binary_images(path: Path) -> Iterator[_Image]:
+    """Yield the images of images.bin."""
+    file, count = _Bytes.of(path, _IMAGE.size + 9)
+    for _ in range(count):
+        _, *pose, camera = file.take(_IMAGE)
+        end = file.data.find(b"\0", file.at)
+        file.need(end + 1 - file.at if end >= 0 else len(file.data))
+        name = file.data[file.at : end].decode("utf-8", "surrogateescape")
+        file.at = end + 1
+        features = int(file.take(struct.Struct("<Q"))[0])
+        file.need(features * _FEATURE.itemsize)
+        rows = np.frombuffer(file.data, _FEATURE, features, file.at)
+        file.at += features * _FEATURE.itemsize
+        yield _Image(name=name, camera=int(camera), pose=pose, pixel=rows["xy"], point=rows["point"])
+
+
+def _binary_points(path: Path) -> _Points:
+    """Return the points of points3D.bin."""
+    file, count = _Bytes.of(path, _POINT.size)
+    values = []
+    for _ in range(count):
+        point, *of, track = file.take(_POINT)
+        values.append((point, *of))
+        file.need(8 * int(track))
+        file.at += 8 * int(track)
+    table = np.array(values, dtype=float).reshape(-1, 8)
+    ids, colour = np.array([of[0] for of in values], dtype=np.int64), table[:, 4:7].astype(np.int64)
+    return _Points(ids=ids, position=table[:, 1:4], colour=colour, error=table[:, 7])

@@ -1,0 +1,175 @@
+"""Cameras of Agisoft Metashape, cameras.xml: stations and lenses. Images come from a BINGO export beside it.
+
+A camera is a matrix from its axes to the chunk; the component's (versions 2) or the chunk's rotation, translation and
+scale lead on to geocentric metres. Pixels count from the corner, cx and cy from the middle; p1 and p2 stand the
+other way round than in OpenCV; B1 adds to the focal length along x, B2 is the shear.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from musatpy.arrays import FloatArray
+from musatpy.errors import Problem
+from musatpy.reduction.pixel_lens import PixelLens
+from musatpy.sfm.model import Model, ModelError, refused
+
+_K = ("k1", "k2", "k3", "k4")
+_DECLARED = re.compile(rb"<!(DOCTYPE|ENTITY)")
+
+
+def read_model(path: Path, component: int = 0) -> Model:
+    """Return the stations and lenses of a file, without points and images.
+
+    `component` counts from 1; 0: the only one. Photos that are not aligned are left out, and said. Raises
+    `ModelError` with file and item.
+    """
+    chunk = _chunk(path)
+    lenses = dict(_lenses(path, chunk))
+    aligned = [camera for camera in chunk.iterfind("./cameras//camera") if camera.find("transform") is not None]
+    every = chunk.findall("./cameras//camera")
+    chosen, transform = _component(path, chunk, aligned, component)
+    problems, placed = [], []
+    for camera in chosen:
+        name, matrix = camera.get("label", ""), _matrix(camera.findtext("transform"), 4)
+        if matrix is None or not np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-6):
+            problems.append(Problem(message=f"camera {name}: its transform is no rotation and place", file=str(path)))
+        elif camera.get("sensor_id") not in lenses:
+            message = f"camera {name}: its sensor {camera.get('sensor_id')} has no calibration of the type frame"
+            problems.append(Problem(message=message, file=str(path)))
+        else:
+            placed.append((name, list(lenses).index(str(camera.get("sensor_id"))), matrix, _reference(camera)))
+    names = [name for name, *_ in placed]
+    problems += [
+        Problem(message=f"two cameras are called {name}", file=str(path))
+        for name in sorted({name for name in names if names.count(name) > 1} if len(set(names)) < len(names) else ())
+    ]
+    refused(problems)
+    matrices = np.array([matrix for _, _, matrix, _ in placed]).reshape(-1, 4, 4)
+    left = len(every) - len(aligned)
+    return Model(
+        program="metashape",
+        cameras=tuple(lenses),
+        lenses=tuple(lenses.values()),
+        photos=np.array(names, dtype=np.str_),
+        camera=np.array([number for _, number, _, _ in placed], dtype=np.int64),
+        rotation=np.swapaxes(matrices[:, :3, :3], 1, 2),
+        centre=matrices[:, :3, 3],
+        points=np.zeros(0, dtype=np.str_),
+        position=np.zeros((0, 3)),
+        photo=np.zeros(0, dtype=np.int64),
+        point=np.zeros(0, dtype=np.int64),
+        pixel=np.zeros((0, 2)),
+        to_geocentric=transform,
+        reference=np.array([reference for *_, reference in placed]).reshape(-1, 3),
+        notes=(f"{left} of {len(every)} photos are not aligned: they are left out",) if left else (),
+    )
+
+
+def _chunk(path: Path) -> Element:
+    """Return the chunk of a file. Raises `ModelError`."""
+    try:
+        data = path.read_bytes()
+        if _DECLARED.search(data):
+            message = "it declares a document type or entities, which no file of Metashape does"
+            raise ModelError([Problem(message=message, file=str(path))])
+        chunk = ElementTree.fromstring(data).find("chunk")
+    except (OSError, ElementTree.ParseError) as error:
+        raise ModelError([Problem(message=f"it cannot be read: {error}", file=str(path))]) from None
+    if chunk is None:
+        raise ModelError([Problem(message="it has no chunk: it is no export of cameras", file=str(path))])
+    return chunk
+
+
+def _lenses(path: Path, chunk: Element) -> Iterator[tuple[str, PixelLens]]:
+    """Yield the adjusted, else the initial calibration of each sensor that is a frame camera."""
+    for sensor in chunk.iterfind("./sensors/sensor"):
+        every = [part for part in sensor.iterfind("calibration") if part.get("type") in ("frame", "fisheye")]
+        size = sensor.find("resolution")
+        if not every or size is None:
+            continue
+        of = min(every, key=lambda part: part.get("class") != "adjusted")
+        name = sensor.get("label", sensor.get("id", ""))
+        try:
+            width, height = int(size.get("width", "")), int(size.get("height", ""))
+            f, cx, cy, p1, p2, b1, b2, *k = (
+                float(of.findtext(key) or 0.0) for key in ("f", "cx", "cy", "p1", "p2", "b1", "b2", *_K)
+            )
+        except ValueError as error:
+            raise ModelError([Problem(message=f"sensor {name}: {error}", file=str(path))]) from None
+        if not (f > 0.0 and np.isfinite([f, cx, cy, p1, p2, b1, b2, *k]).all()):
+            raise ModelError([Problem(message=f"sensor {name} has no focal length above zero", file=str(path))])
+        yield str(sensor.get("id")), PixelLens(
+            width=width,
+            height=height,
+            focal=(f + b1, f),
+            centre=(0.5 * width + cx, 0.5 * height + cy),
+            shear=b2,
+            k=tuple(k),
+            p=(p2, p1),
+            fisheye=of.get("type") == "fisheye",
+        )
+
+
+def _component(
+    path: Path, chunk: Element, aligned: list[Element], component: int
+) -> tuple[list[Element], FloatArray | None]:
+    """Return the cameras of one component, and its matrix (4, 4) to geocentric metres, None without one."""
+    components = chunk.findall("./components/component")
+    if len(components) > 1 and not component:
+        sizes = [sum(camera.get("component_id") == part.get("id") for camera in aligned) for part in components]
+        message = f"it has {len(components)} components, of {', '.join(map(str, sizes))} photos"
+        raise ModelError([Problem(message=f"{message}: choose one by --component", file=str(path))])
+    if component > max(len(components), 1):
+        message = f"it has {max(len(components), 1)} components, and no number {component}"
+        raise ModelError([Problem(message=message, file=str(path))])
+    if not components:
+        return aligned, _to_geocentric(chunk.find("transform"))
+    part = components[max(component, 1) - 1]
+    chosen = [camera for camera in aligned if camera.get("component_id", part.get("id")) == part.get("id")]
+    own = part.find("transform")
+    return chosen, _to_geocentric(chunk.find("transform") if own is None else own)
+
+
+def _to_geocentric(transform: Element | None) -> FloatArray | None:
+    """Return the matrix (4, 4) of a rotation, translation and scale, None where one is missing."""
+    if transform is None:
+        return None
+    rotation, translation = _matrix(transform.findtext("rotation"), 3), transform.findtext("translation")
+    try:
+        scale = float(transform.findtext("scale") or "nan")
+        shift = [float(word) for word in (translation or "").split()]
+    except ValueError:
+        return None
+    if rotation is None or len(shift) != 3 or not scale > 0.0:
+        return None
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = scale * rotation, shift
+    return out
+
+
+def _matrix(text: str | None, size: int) -> FloatArray | None:
+    """Return a square matrix, None where the text is none."""
+    try:
+        values = np.array((text or "").split(), dtype=float)
+    except ValueError:
+        return None
+    good = values.size == size * size and np.isfinite(values).all()
+    return values.reshape(size, size) if good else None
+
+
+def _reference(camera: Element) -> list[float]:
+    """Return the reference position of a camera, as stated; NaN where it has none."""
+    reference = camera.find("reference")
+    if reference is None or reference.get("enabled") == "false":
+        return [np.nan] * 3
+    try:
+        return [float(reference.get(axis, "nan")) for axis in "xyz"]
+    except ValueError:
+        return [np.nan] * 3

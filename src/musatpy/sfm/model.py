@@ -1,0 +1,82 @@
+"""A model of structure from motion, as its file has it: lenses, photos, points, and where these were seen.
+
+One convention for all formats: a ray in the axes of a camera is R (X - C), x right, y down, z forward; pixels count
+from the corner of the image. Coordinates are those of the file, of any scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.errors import Problem, ProblemsError
+from musatpy.reduction.pixel_lens import PixelLens
+
+
+class ModelError(ProblemsError):
+    """A model that cannot be read: `problems` says why, with file and place."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Model:
+    """c cameras, n photos, p points, m images of these."""
+
+    program: str  # that has written it: `colmap`
+    cameras: tuple[str, ...]  # (c,) ids
+    lenses: tuple[PixelLens, ...]  # (c,)
+    photos: TextArray  # (n,) ids, as in the file
+    camera: IntArray  # (n,)
+    rotation: FloatArray  # (n, 3, 3) R
+    centre: FloatArray  # (n, 3) C
+    points: TextArray  # (p,) ids
+    position: FloatArray  # (p, 3)
+    photo: IntArray  # (m,) of the images
+    point: IntArray  # (m,)
+    pixel: FloatArray  # (m, 2)
+    to_geocentric: FloatArray | None = None  # (4, 4) from the coordinates to geocentric metres; None: no scale
+    reference: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) given positions, NaN; as stated
+    colour: IntArray | None = None  # (p, 3)
+    notes: tuple[str, ...] = ()  # what was left out: photos that are not placed, ...
+    stored: FloatArray = field(default_factory=lambda: np.zeros(0))  # (p,) px, mean residual as the file has it
+
+    def rays(self, rows: IntArray | slice = slice(None)) -> FloatArray:
+        """Return the rays (r, 3) of images to their points, in the axes of their cameras."""
+        photo, point = self.photo[rows], self.point[rows]
+        return np.einsum("rij,rj->ri", self.rotation[photo], self.position[point] - self.centre[photo])
+
+    def residuals(self, rows: IntArray | slice = slice(None)) -> FloatArray:
+        """Return computed minus measured pixels (r, 2) of straight rays; NaN of points behind their cameras."""
+        rays, measured = self.rays(rows), self.pixel[rows]
+        computed, camera = np.full(measured.shape, np.nan), self.camera[self.photo[rows]]
+        ahead = rays[:, 2] > 0.0
+        for number, lens in enumerate(self.lenses):
+            of = np.flatnonzero(ahead & (camera == number))
+            computed[of] = lens.pixels(rays[of, :2] / rays[of, 2:])
+        return computed - measured
+
+    @cached_property
+    def counts(self) -> IntArray:
+        """(p,) images of each point."""
+        return np.bincount(self.point, minlength=len(self.points))
+
+
+def spread(count: int, most: int) -> IntArray:
+    """Return at most so many of `count` rows, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64)) if count else np.zeros(0, int)
+
+
+def links(names: Sequence[str], of: Sequence[str]) -> tuple[IntArray, BoolArray]:
+    """Return the rows of names (n,) in `of`, -1 for none, and which have one."""
+    row = {name: number for number, name in enumerate(of)}
+    number = np.array([row.get(name, -1) for name in names], dtype=np.int64)
+    return number, number >= 0
+
+
+def refused(problems: Sequence[Problem]) -> None:
+    """Raise `ModelError` where there are problems."""
+    if problems:
+        raise ModelError(list(problems))
