@@ -25,6 +25,7 @@ from musatpy.formats.job_tables import (
     card_family,
     flags_of,
     nothing,
+    plain_card,
     roles_of,
     with_flags,
 )
@@ -297,10 +298,8 @@ class BlockBuilder:
 
     def _spec(self, role: str) -> CardSpec:
         """Return the card of a role that has its units, by the name of the call in place of its own."""
-        geographic = self._options.system is CoordinateSystem.GEOGRAPHIC
-        specs = [spec for spec in roles_of(card_family())[role] if not mapping.has_stated_unit(spec)]
-        of_system = [spec for spec in specs if mapping.is_angular(spec, ROLES[role]) == geographic]
-        return replace((of_system or specs)[0], mnemonic=_CALLS.get(role, f"add({role!r})"))
+        card = plain_card(role, self._options.system is CoordinateSystem.GEOGRAPHIC)
+        return replace(card, mnemonic=_CALLS.get(role, f"add({role!r})"))
 
     def _placed(self, problem: Problem) -> Problem:
         """Return a problem of a card as one of the call that has added it."""

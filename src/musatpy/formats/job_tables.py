@@ -194,6 +194,12 @@ def nothing(role: str) -> Table:
     return mapping.gather(spec, {field.name: empty_column(field, 0) for field in spec.fields})
 
 
+def plain_card(role: str, geographic: bool) -> CardSpec:
+    """Return the card of a role in the units of a job that states none, geographic or not."""
+    specs = [spec for spec in roles_of(card_family())[role] if not mapping.has_stated_unit(spec)]
+    return next((spec for spec in specs if mapping.is_angular(spec, ROLES[role]) == geographic), specs[0])
+
+
 def size(table: Table) -> int:
     """Return the number of rows of a table."""
     return len(next(iter(table.values()))) if table else 0

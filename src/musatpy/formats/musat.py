@@ -18,6 +18,7 @@ from musatpy.formats.cards.settings import Setting, deck_with
 from musatpy.formats.cards.spec import Family
 from musatpy.formats.checks import check_entered, cross_check
 from musatpy.formats.draft import Draft, draft_of
+from musatpy.formats.job_folder import is_job, job_draft, placed
 from musatpy.formats.job_tables import Flags, card_family
 from musatpy.formats.statements import answer_problems, entered_draft
 
@@ -106,10 +107,16 @@ def checked_deck(
     """
     family = family or card_family()
     try:
+        if isinstance(source, str | Path) and is_job(source):
+            draft = job_draft(Path(source), family, settings, flags)
+            checked = _between_cards(draft, [], settings, for_run)
+            return replace(checked, problems=tuple(placed(problem, draft) for problem in checked.problems))
         name = None if isinstance(source, bytes) else str(source)
         if settings:
             source = deck_with(source if isinstance(source, bytes) else Path(source).read_bytes(), settings)
         deck = read_cards(source, family, name)
+    except DeckError as error:
+        return CheckedDeck(block=None, problems=error.problems)
     except OSError as error:
         problem = Problem(file=str(source), message=error.strerror or str(error))
         return CheckedDeck(block=None, problems=(problem,))
@@ -118,8 +125,14 @@ def checked_deck(
     draft = draft_of(deck, family, flags)
     no_plates = [spec.mnemonic for spec in draft.rows["plates"].specs] if not for_run else []
     problems = [one for one in deck.problems if one.line is not None or one.card not in no_plates]
-    problems += cross_check(draft, for_run=for_run)
-    problems = list(until(deck.end, problems))
+    return _between_cards(draft, problems, settings, for_run)
+
+
+def _between_cards(
+    draft: Draft, problems: list[Problem], settings: Sequence[Setting], for_run: bool
+) -> CheckedDeck:
+    """Return a deck with the problems of its cards, and those between them."""
+    problems = list(until(draft.deck.end, [*problems, *cross_check(draft, for_run=for_run)]))
     block = None if has_errors(problems) else assembly.block_of(draft)
     entered = draft
     if block is not None and draft.given_in is not None:

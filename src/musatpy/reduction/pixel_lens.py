@@ -19,6 +19,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import polynomial
+from numpy.typing import NDArray
 
 from musatpy.arrays import FloatArray
 
@@ -140,7 +141,7 @@ class PixelLens:
         return image * np.where(r > 0.0, np.tan(np.minimum(r, 1.5)) / np.where(r > 0.0, r, 1.0), 1.0)
 
 
-def _positive(coefficients: FloatArray) -> list[float]:
+def _positive(coefficients: NDArray[np.floating]) -> list[float]:
     """Return the positive real roots of a polynomial, its lowest power first."""
     roots = polynomial.polyroots(np.trim_zeros(coefficients, "b")) if np.any(coefficients[1:]) else np.zeros(0)
     real = np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))

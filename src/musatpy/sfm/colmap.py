@@ -6,6 +6,7 @@ An image is q, t from the world to its camera, in pixels from the corner (colmap
 from __future__ import annotations
 
 import struct
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -168,7 +169,7 @@ def _assembled(paths: list[Path], lenses: dict[int, PixelLens], every: list[_Ima
         if image.camera not in lenses
     ]
     names = [image.name for image in every]
-    twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+    twice = sorted(name for name, number in Counter(names).items() if number > 1)
     problems += [Problem(message=f"two images are called {name}", file=str(paths[1])) for name in twice]
     counts = [len(image.point) for image in every]
     point = np.concatenate([np.zeros(0, dtype=np.int64), *(image.point for image in every)])
@@ -291,7 +292,7 @@ class _Bytes:
     def of(cls, path: Path, smallest: int) -> tuple[_Bytes, int]:
         """Return a file behind its count, and that count of things of `smallest` bytes at least."""
         file = cls(path=path, data=path.read_bytes())
-        (count,) = file.take(struct.Struct("<Q"))
+        count = int(file.take(struct.Struct("<Q"))[0])
         if count * smallest > len(file.data):
             message = f"it says that it has {count} entries, which do not go into {len(file.data)} bytes"
             raise ModelError([Problem(message=message, file=str(path))])

@@ -8,6 +8,7 @@ other way round than in OpenCV; B1 adds to the focal length along x, B2 is the s
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
@@ -39,7 +40,9 @@ def read_model(path: Path, component: int = 0) -> Model:
     for camera in chosen:
         name, matrix = camera.get("label", ""), _matrix(camera.findtext("transform"), 4)
         if matrix is None or not np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-6):
-            problems.append(Problem(message=f"camera {name}: its transform is no rotation and place", file=str(path)))
+            problems.append(
+                Problem(message=f"camera {name}: its transform is no rotation and place", file=str(path))
+            )
         elif camera.get("sensor_id") not in lenses:
             message = f"camera {name}: its sensor {camera.get('sensor_id')} has no calibration of the type frame"
             problems.append(Problem(message=message, file=str(path)))
@@ -48,7 +51,7 @@ def read_model(path: Path, component: int = 0) -> Model:
     names = [name for name, *_ in placed]
     problems += [
         Problem(message=f"two cameras are called {name}", file=str(path))
-        for name in sorted({name for name in names if names.count(name) > 1} if len(set(names)) < len(names) else ())
+        for name in sorted(name for name, number in Counter(names).items() if number > 1)
     ]
     refused(problems)
     matrices = np.array([matrix for _, _, matrix, _ in placed]).reshape(-1, 4, 4)
@@ -105,15 +108,18 @@ def _lenses(path: Path, chunk: Element) -> Iterator[tuple[str, PixelLens]]:
             raise ModelError([Problem(message=f"sensor {name}: {error}", file=str(path))]) from None
         if not (f > 0.0 and np.isfinite([f, cx, cy, p1, p2, b1, b2, *k]).all()):
             raise ModelError([Problem(message=f"sensor {name} has no focal length above zero", file=str(path))])
-        yield str(sensor.get("id")), PixelLens(
-            width=width,
-            height=height,
-            focal=(f + b1, f),
-            centre=(0.5 * width + cx, 0.5 * height + cy),
-            shear=b2,
-            k=tuple(k),
-            p=(p2, p1),
-            fisheye=of.get("type") == "fisheye",
+        yield (
+            str(sensor.get("id")),
+            PixelLens(
+                width=width,
+                height=height,
+                focal=(f + b1, f),
+                centre=(0.5 * width + cx, 0.5 * height + cy),
+                shear=b2,
+                k=tuple(k),
+                p=(p2, p1),
+                fisheye=of.get("type") == "fisheye",
+            ),
         )
 
 

@@ -38,7 +38,7 @@ class Model:
     point: IntArray  # (m,)
     pixel: FloatArray  # (m, 2)
     to_geocentric: FloatArray | None = None  # (4, 4) from the coordinates to geocentric metres; None: no scale
-    reference: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) given positions, NaN; as stated
+    reference: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) given, as stated
     colour: IntArray | None = None  # (p, 3)
     notes: tuple[str, ...] = ()  # what was left out: photos that are not placed, ...
     stored: FloatArray = field(default_factory=lambda: np.zeros(0))  # (p,) px, mean residual as the file has it
