@@ -7,9 +7,9 @@ With (x, y) = (X/Z, Y/Z) of a ray, x right, y down, Z forward, and r^2 = x^2 + y
     fisheye    (x', y') = (x, y) t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) / r,  t = atan r
     pixel      (cx + fx x' + s y', cy + fy y')
 
-That is the model of OpenCV, with its order of p1 and p2, with k4 and the shear s of Metashape (its B2; its B1 is fx -
-fy), and the denominator of OpenCV's rational model. Pixels count from the corner of the image, so that the middle of
-the first one is (0.5, 0.5).
+That is the model of OpenCV, with its order of p1 and p2, with k4 and the shear s of Metashape (its B2; its B1 is
+fx - fy), and the denominator of OpenCV's rational model. Pixels count from the corner of the image, so that the
+middle of the first one is (0.5, 0.5).
 """
 
 from __future__ import annotations

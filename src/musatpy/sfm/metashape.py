@@ -1,7 +1,7 @@
 """Cameras of Agisoft Metashape, cameras.xml: stations and lenses. Images come from a BINGO export beside it.
 
-A camera is a matrix from its axes to the chunk; the component's (versions 2) or the chunk's rotation, translation and
-scale lead on to geocentric metres. Pixels count from the corner, cx and cy from the middle; p1 and p2 stand the
+A camera is a matrix from its axes to the chunk; the component's (versions 2) or the chunk's rotation, translation
+and scale lead on to geocentric metres. Pixels count from the corner, cx and cy from the middle; p1 and p2 stand the
 other way round than in OpenCV; B1 adds to the focal length along x, B2 is the shear.
 """
 
