@@ -138,18 +138,20 @@ def waves_of_run(block: Block, adjusted: FloatArray | None, given: Sea | None = 
     return replace(sea, surface=sea.trains.with_values(adjusted).surface)
 
 
-def of_record(path: Path, anyway: bool = False) -> AdjustedRun:
+def of_record(path: Path, anyway: bool = False, ideal: bool = False) -> AdjustedRun:
     """Return the triangulation of the record of a run; `anyway` also of one that has not converged.
+
+    Images are `ideal`: the caller sees to a distortion that was adjusted.
 
     Raises `RecordError` where it is none, `CompilationError` where it cannot be compiled from, and `OSError`.
     """
     try:
-        return of_tables(read_record(path, TABLES), anyway)
+        return of_tables(read_record(path, TABLES), anyway, ideal=ideal)
     except CompilationError as error:
         raise CompilationError([replace(problem, file=str(path)) for problem in error.problems]) from error
 
 
-def of_tables(tables: Tables, anyway: bool = False, sea: Sea | None = None) -> AdjustedRun:
+def of_tables(tables: Tables, anyway: bool = False, sea: Sea | None = None, ideal: bool = False) -> AdjustedRun:
     """Return the triangulation of the `TABLES` of a record, with the waves that were given beside its deck, if any.
 
     Raises `CompilationError` where it cannot be compiled from; `anyway` also takes one that has not converged.
@@ -161,7 +163,7 @@ def of_tables(tables: Tables, anyway: bool = False, sea: Sea | None = None) -> A
         faults = [fault]
     if faults:
         raise CompilationError([Problem(message=fault) for fault in faults])
-    block = run_tables.block_of(tables)
+    block = run_tables.block_of(tables, ideal=ideal)
     given = replace(block, **run_tables.given_waves(tables))
     caution, because = (UNCONVERGED, unconverged) if unconverged else _doubts(tables)
     return AdjustedRun(

@@ -143,7 +143,7 @@ def _from_rays(run: AdjustedRun, photos: tuple[int, int], readings: Readings) ->
     count, submerged = len(readings.ids), readings.submerged
     every = np.ones(2 * count, dtype=bool)
     groups = group_points(measured.photo, measured.point, every, every[:count])
-    line, state = _at_rest(measured, state, groups, submerged)
+    line, state = at_rest(measured, state, groups, submerged)
     network = measured.with_plates(measured.xy, line.wet)
     out, ground, depth = CompiledPoints.nothing(count), state.ground.copy(), np.full(count, np.nan)
     out.reasons.update(_lost(network, state, groups))
@@ -218,7 +218,7 @@ def images_of(run: AdjustedRun, photos: tuple[int, int], ground: FloatArray, sub
     return np.swapaxes(xy.reshape(2, len(ground), 2), 0, 1)
 
 
-def _at_rest(
+def at_rest(
     measured: Network, state: State, groups: Iterable[PointGroup], submerged: BoolArray
 ) -> tuple[WaterLine, State]:
     """Return which rays are wet, and the state with the points where these rays meet."""

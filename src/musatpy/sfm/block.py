@@ -16,7 +16,7 @@ from musatpy.errors import Problem
 from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import geographic
-from musatpy.model import LENS_PARAMETERS
+from musatpy.model import LENS_PARAMETERS, ControlKind
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.model import Model, ModelError
 
@@ -224,7 +224,7 @@ def _add_images(build: Any, model: Model, beside: Beside, used: BoolArray, size:
         build.add(
             "control",
             point=beside.control,
-            kind=np.where(beside.check, "C", "F"),
+            kind=np.where(beside.check, ControlKind.CHECK, ControlKind.FULL),
             position=beside.control_position,
             sigma=beside.control_sigma,
         )

@@ -1,0 +1,156 @@
+"""The cameras of a model as its file left them, kept in the job for ever: what a cloud was made with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.errors import Problem
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.reduction.pixel_lens import PixelLens
+from musatpy.sfm.block import Placement, ideal_coordinates, lens_of, lens_parameters
+from musatpy.sfm.model import Model, ModelError
+
+_LENS = ("width", "height", "fx", "fy", "cx", "cy", "shear", "k1", "k2", "k3", "k4", "d1", "d2", "d3", "p1", "p2")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FileCameras:
+    """n photos with the cameras of a model, and where that was put; `size` is that of a pixel, mm."""
+
+    program: str
+    photos: TextArray  # (n,)
+    camera: IntArray  # (n,)
+    rotation: FloatArray  # (n, 3, 3)
+    centre: FloatArray  # (n, 3)
+    lenses: tuple[PixelLens, ...]
+    placement: Placement
+    to_geocentric: FloatArray | None  # (4, 4) as the file has it; None: it has none
+    size: float
+    held: bool  # images were made ideal by these lenses
+
+    @classmethod
+    def of(cls, model: Model, placement: Placement, size: float, held: bool) -> FileCameras:
+        """Return the cameras of a model."""
+        names = ("program", "photos", "camera", "rotation", "centre", "lenses", "to_geocentric")
+        of_model = {name: getattr(model, name) for name in names}
+        return cls(placement=placement, size=size, held=held, **of_model)
+
+    def arrays(self) -> dict[str, Any]:
+        """Return what is kept in a job folder."""
+        rows = [
+            [lens.width, lens.height, *lens.focal, *lens.centre, lens.shear, *_coefficients(lens)]
+            for lens in self.lenses
+        ]
+        arrays = {
+            "program": np.array([self.program]),
+            "lenses": np.array(rows, dtype=float).reshape(-1, len(_LENS)),
+            "fisheye": np.array([lens.fisheye for lens in self.lenses]),
+            "placement": np.array([self.placement.scale, *self.placement.rotation.ravel(), *self.placement.shift]),
+            "on_ellipsoid": np.array([self.placement.ellipsoid is not None]),
+            "pixel": np.array([self.size]),
+            "held": np.array([self.held]),
+            **{name: getattr(self, name) for name in ("photos", "camera", "rotation", "centre")},
+        }
+        return arrays | ({} if self.to_geocentric is None else {"to_geocentric": self.to_geocentric})
+
+    @classmethod
+    def read(cls, source: Mapping[str, Any], file: str) -> FileCameras:
+        """Return the cameras in the `source` of a job folder. Raises `ModelError` where it has none."""
+        try:
+            scale, *rest = source["placement"].tolist()
+            return cls(
+                program=str(source["program"][0]),
+                lenses=tuple(
+                    _lens(row, bool(fisheye))
+                    for row, fisheye in zip(source["lenses"].tolist(), source["fisheye"].tolist(), strict=True)
+                ),
+                placement=Placement(
+                    scale=scale,
+                    rotation=np.array(rest[:9]).reshape(3, 3),
+                    shift=np.array(rest[9:]),
+                    ellipsoid=Ellipsoid("WGS84") if source["on_ellipsoid"][0] else None,
+                ),
+                to_geocentric=source.get("to_geocentric"),
+                size=float(source["pixel"][0]),
+                held=bool(source["held"][0]),
+                **{name: source[name] for name in ("photos", "camera", "rotation", "centre")},
+            )
+        except (KeyError, ValueError, IndexError):
+            message = "it has no cameras of another program: it was not imported from a model"
+            raise ModelError([Problem(message=message, file=file)]) from None
+
+    def adjusted(self, camera: int, values: Mapping[str, float]) -> PixelLens:
+        """Return the lens of a camera with the adjusted `values` of some of its parameters."""
+        lens = self.lenses[camera]
+        return lens_of(lens_parameters(lens, self.size) | dict(values), lens, self.size) if values else lens
+
+    def in_model(self, geocentric: FloatArray) -> FloatArray:
+        """Return the coordinates (n, 3) in the model of points in geocentric, or local, metres.
+
+        By the matrix of the file where it has one, which its clouds go by, else as the model was put in place.
+        """
+        if self.to_geocentric is not None:
+            matrix = self.to_geocentric
+            return np.asarray((geocentric - matrix[:3, 3]) @ np.linalg.inv(matrix[:3, :3]).T, dtype=float)
+        return (geocentric - self.placement.shift) @ self.placement.rotation / self.placement.scale
+
+    def seen(self, x: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
+        """Return which points (n, 3) of the model are in the format of which photo: rows (r,), photos, pixels."""
+        rows: list[IntArray] = []
+        pixels: list[FloatArray] = []
+        for photo, (R, C) in enumerate(zip(self.rotation, self.centre, strict=True)):
+            lens, v = self.lenses[self.camera[photo]], (x - C) @ R.T
+            ahead = np.flatnonzero(v[:, 2] > 0.0)
+            xy = v[ahead, :2] / v[ahead, 2:]
+            within = np.hypot(*xy.T) < lens.reach
+            pixel = lens.pixels(xy[within])
+            inside = ((pixel >= 0.0) & (pixel <= [lens.width, lens.height])).all(axis=1)
+            rows.append(ahead[within][inside])
+            pixels.append(pixel[inside])
+        photos = np.repeat(np.arange(len(rows)), [len(part) for part in rows])
+        return np.concatenate(rows), photos, np.concatenate(pixels)
+
+    def ideal(self, photo: IntArray, pixels: FloatArray, lenses: tuple[PixelLens, ...]) -> FloatArray:
+        """Return ideal plate coordinates (r, 2) mm, about the principal point, of pixels by other `lenses`."""
+        out, camera = np.empty_like(pixels), self.camera[photo]
+        for number, lens in enumerate(lenses):
+            of = camera == number
+            out[of] = ideal_coordinates(lens, pixels[of], self.size)
+        return out
+
+
+def spread_over(rows: IntArray, photo: IntArray, azimuth: FloatArray, most: int) -> BoolArray:
+    """Return at most so many rays (r,) of each of `rows`, evenly around it by the azimuths of their photos."""
+    order = np.lexsort((photo, azimuth, rows))
+    sorted_rows = rows[order]
+    start = np.searchsorted(sorted_rows, sorted_rows)
+    count = np.searchsorted(sorted_rows, sorted_rows, side="right") - start
+    rank = np.arange(len(rows)) - start
+    kept = np.zeros(len(rows), dtype=bool)
+    kept[order] = (count <= most) | (rank * most // count != (rank - 1) * most // count)
+    return kept
+
+
+def _coefficients(lens: PixelLens) -> list[float]:
+    """Return k1 to k4, d1 to d3, p1, p2, zeros where a lens has less."""
+    return [*(*lens.k, *(0.0,) * 4)[:4], *(*lens.d, *(0.0,) * 3)[:3], *lens.p]
+
+
+def _lens(row: list[float], fisheye: bool) -> PixelLens:
+    of = dict(zip(_LENS, row, strict=True))
+    return PixelLens(
+        width=int(of["width"]),
+        height=int(of["height"]),
+        focal=(of["fx"], of["fy"]),
+        centre=(of["cx"], of["cy"]),
+        shear=of["shear"],
+        k=tuple(of[name] for name in ("k1", "k2", "k3", "k4")),
+        d=tuple(of[name] for name in ("d1", "d2", "d3")),
+        p=(of["p1"], of["p2"]),
+        fisheye=fisheye,
+    )
