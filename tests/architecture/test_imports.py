@@ -87,6 +87,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "formats", "geometry", "adjustment", "reduction", "statistics"},
     "keypunch": {"formats", "pointfiles"},
+    "sfm": {"model", "geometry", "systems", "reduction", "refraction", "pointfiles", "interchange", "records"},
     "depth": {"model", "geometry", "refraction", "records", "pointfiles"},
     "sea": {"model", "geometry", "refraction", "systems", "records", "depth", "pointfiles"},
     "correction": {
@@ -174,11 +175,13 @@ MAY_IMPORT: dict[str, set[str]] = {
         "pointfiles",
         "plots",
         "shown_runs",
+        "geometry",
     },
     "__main__": {"cli"},
 }
 # (room, other room) -> the only modules of the other that it may import.
 ONLY = {
+    ("cli", "geometry"): {"musatpy.geometry.areas"},  # those of options
     ("adjustment", "reduction"): {"musatpy.reduction.distortion", "musatpy.reduction.refined_block"},  # lenses
     ("simulation", "formats"): {"musatpy.formats.refractive_index"},  # the refractive index of what a WTC card says
     ("formats", "statistics"): {"musatpy.statistics.gates"},  # when a height contradicts a flag

@@ -10,9 +10,10 @@ from formats.deck_edits import in_system
 from jobs.decks import cards, cayman, photos, reread, rich, st_thomas
 from musatpy.errors import DeckError, MusatError
 from musatpy.formats.musat import deck_bytes
+from musatpy.geometry.areas import Area, area_of
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.jobs.extract import extracted, photos_above, photos_named, photos_showing
-from musatpy.jobs.plan_positions import Area, area_of, frame_of, ground_level, images_on_ground, plan
+from musatpy.jobs.plan_positions import frame_of, ground_level, images_on_ground, plan
 from musatpy.model import Block, CoordinateSystem
 from musatpy.units import DEGREE
 from raw_plates import raw_block

@@ -17,11 +17,11 @@ from jobs.decks import cards, cayman, complaints, merge, photos, reread, rich, s
 from musatpy import adjust, model
 from musatpy.errors import DeckError
 from musatpy.formats.musat import check_deck
+from musatpy.geometry.areas import Area
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import extracted, photos_showing
 from musatpy.jobs.merge import merged
 from musatpy.jobs.naming import NamedKind, prefixed, renamed
-from musatpy.jobs.plan_positions import Area
 from musatpy.jobs.punch import Content, Punch, punched
 from musatpy.jobs.summary import rays_histogram, summary
 from musatpy.model import Block, SystemSpec

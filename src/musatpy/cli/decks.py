@@ -30,9 +30,9 @@ from musatpy.errors import DeckError, Problem, of_each_kind, printable
 
 if TYPE_CHECKING:
     from musatpy.formats.cards.spec import Family
+    from musatpy.geometry.areas import Area
     from musatpy.jobs.agreement import Part
     from musatpy.jobs.naming import NamedKind
-    from musatpy.jobs.plan_positions import Area
     from musatpy.model import Block
 
 STREAM = Path("-")  # as a deck: the standard input; as an output: the standard output
@@ -339,8 +339,8 @@ def extract_command(
 
 def _areas(block: Block, box: str | None, area: Path | None) -> list[Area]:
     """Return the areas of two options, in longitude and latitude but for a local job."""
+    from musatpy.geometry.areas import Area, area_of
     from musatpy.jobs.naming import text_of
-    from musatpy.jobs.plan_positions import Area, area_of
     from musatpy.model import CoordinateSystem
 
     geographic = block.options.system is not CoordinateSystem.LOCAL

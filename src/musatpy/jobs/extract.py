@@ -10,7 +10,8 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, IntArray, TextArray
 from musatpy.errors import DeckError, Problem
-from musatpy.jobs.plan_positions import Area, images_on_ground, plan
+from musatpy.geometry.areas import Area
+from musatpy.jobs.plan_positions import images_on_ground, plan
 from musatpy.model import Block, EqualElevations
 from musatpy.model.block import in_order, with_tables, without_unused_cameras
 from musatpy.model.tables import Table, renumbered, taken

@@ -16,8 +16,9 @@ from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.job_tables import POINT_FLAGS, Tables, card_family
 from musatpy.formats.musat import check_deck
 from musatpy.formats.parts import cards_of_parts, missing_parts
+from musatpy.geometry.areas import area_of
 from musatpy.jobs.naming import names_of, text_of
-from musatpy.jobs.plan_positions import area_of, plan
+from musatpy.jobs.plan_positions import plan
 from musatpy.model import Block, CoordinateSystem, Editing, Refraction, Solution, Treatment, WaterLevel
 from musatpy.statistics import Statistics
 
