@@ -1,0 +1,133 @@
+"""Which tracks of a model go into an adjustment: as many a photo as it needs, spread over it, the best ones.
+
+All others come back after it as intersected points. Nothing is left to chance or to the order of a file: tracks are
+numbered by their rank (most rays, widest angle, least residual, id), and photos go by their ids.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.sfm.model import Model
+from musatpy.sfm.wet import Wet
+
+COLUMNS, ROWS = 8, 6  # of cells, along the longer and the shorter side of a photo
+COMMON = 12  # tracks of each pair of photos that overlap
+_ANGLE, _RESIDUAL = 0.1, 0.01  # degree, px: what is nearer counts as equal, on every machine
+_AT_A_TIME = 2**22
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Thinned:
+    """Which of p tracks are kept."""
+
+    kept: BoolArray  # (p,)
+    double: BoolArray  # (p,) dropped: two images in one photo
+    single: BoolArray  # (p,) dropped: seen in one photo or none
+
+
+def thinned(model: Model, wet: IntArray, always: BoolArray, per_photo: int = 120) -> Thinned:
+    """Return which tracks of a model are kept, so that photos have `per_photo` images at least; 0: all.
+
+    `wet` (p,) are codes of `Wet`: points that are undecided or on the surface are left out, and a third of the
+    images of a photo is wet and a third dry where it has so many. `always` (p,) are control, checks and marked
+    points, kept where no photo has two images of them. Pairs of photos have 12 kept tracks in common, or all that
+    they have.
+    """
+    count, photos = len(model.points), len(model.photos)
+    number = np.argsort(np.argsort(model.photos, kind="stable"), kind="stable")[model.photo]
+    pairs = np.sort(number * max(count, 1) + model.point)
+    double = np.zeros(count, dtype=bool)
+    double[pairs[1:][pairs[1:] == pairs[:-1]] % max(count, 1)] = True
+    single = (model.counts < 2) & ~double & ~always
+    usable = ~double & ~single & (always | np.isin(wet, (Wet.DRY, Wet.WET)))
+    if not per_photo:
+        return Thinned(kept=usable, double=double, single=single)
+    order = ranked(model)
+    rank = np.empty(count, dtype=np.int64)
+    rank[order] = np.arange(count)
+    rows = np.flatnonzero(usable[model.point])
+    rows = rows[np.argsort(number[rows] * max(count, 1) + rank[model.point[rows]])]
+    track, cell, wet = rank[model.point[rows]], _cells(model)[rows], wet[order]
+    starts = np.searchsorted(number[rows], np.arange(photos + 1))
+    kept = (always & ~double)[order]
+    for first, last in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
+        here, of = track[first:last], cell[first:last]
+        for code in (Wet.WET, Wet.DRY):
+            some = wet[here] == code
+            _add(kept, here[some], of[some], per_photo // 3)
+        _add(kept, here, of, per_photo, per_photo // (COLUMNS * ROWS))
+    _link(kept, track, starts)
+    return Thinned(kept=kept[rank], double=double, single=single)
+
+
+def ranked(model: Model) -> IntArray:
+    """Return the tracks (p,) of a model, the best first: most rays, widest angle, least residual, then by id."""
+    size = np.nan_to_num(np.linalg.norm(model.residuals(), axis=1), nan=1e6)
+    residual = np.bincount(model.point, size, len(model.points)) / np.maximum(model.counts, 1)
+    coarse = np.rint(residual / _RESIDUAL), -np.rint(np.degrees(widest_angles(model)) / _ANGLE), -model.counts
+    return np.lexsort((model.points, *coarse))
+
+
+def widest_angles(model: Model) -> FloatArray:
+    """Return the widest angle (p,) rad between two rays of each track, 0 without two."""
+    rays = model.position[model.point] - model.centre[model.photo]
+    with np.errstate(invalid="ignore"):
+        rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    order, out = np.argsort(model.point, kind="stable"), np.zeros(len(model.points))
+    start = np.cumsum(model.counts) - model.counts
+    for length in np.unique(model.counts[model.counts > 1]).tolist():
+        tracks = np.flatnonzero(model.counts == length)
+        for some in np.array_split(tracks, 1 + len(tracks) * length**2 // _AT_A_TIME):
+            of = rays[order[start[some][:, None] + np.arange(length)]]
+            cosine = np.einsum("tia,tja->tij", of, of).min(axis=(1, 2))
+            out[some] = np.arccos(np.clip(cosine, -1.0, 1.0))
+    return np.nan_to_num(out)
+
+
+def _cells(model: Model) -> IntArray:
+    """Return the cell (m,) of each image on its photo."""
+    size = np.array([(lens.width, lens.height) for lens in model.lenses], dtype=float).reshape(-1, 2)
+    cells = np.where(size[:, :1] >= size[:, 1:], [COLUMNS, ROWS], [ROWS, COLUMNS])
+    of = model.camera[model.photo]
+    column, row = np.clip(np.floor(model.pixel / size[of] * cells[of]), 0, cells[of] - 1).astype(np.int64).T
+    return row * COLUMNS + column
+
+
+def _add(kept: BoolArray, track: IntArray, cell: IntArray, wanted: int, each: int = 0) -> None:
+    """Keep the best tracks (k,) of a photo, from its cells in turn: `each` of every cell, and so many in all."""
+    chosen = kept[track]
+    order = np.lexsort((~chosen, cell))  # within cells those that are kept already, then by rank
+    of, turn = cell[order], np.empty(len(order), dtype=np.int64)
+    turn[order] = np.arange(len(order)) - np.searchsorted(of, of)
+    fresh = np.flatnonzero(~chosen)
+    most = max(wanted - int(chosen.sum()), int((turn[fresh] < each).sum()), 0)
+    kept[track[fresh[np.argsort(turn[fresh], kind="stable")[:most]]]] = True
+
+
+def _link(kept: BoolArray, track: IntArray, starts: IntArray) -> None:
+    """Keep more of the tracks (k,) of photos, sorted by photo and rank, until pairs have enough in common."""
+    from scipy.sparse import csr_array
+
+    def common(chosen: IntArray) -> csr_array:
+        first, shape = np.concatenate([[0], np.cumsum(chosen)])[starts], (len(starts) - 1, len(kept))
+        of = csr_array((np.ones(int(chosen.sum()), dtype=np.int32), track[chosen > 0], first), shape)
+        return (of @ of.T).tocsr()
+
+    every = common(np.ones(len(track), dtype=np.int64))
+    every.data = np.minimum(every.data, COMMON)
+    lacking = (every - common(kept[track].astype(np.int64))).tocoo()
+    some = (lacking.data > 0) & (lacking.row < lacking.col)
+    marked, before = np.zeros(len(kept), dtype=bool), -1
+    for one, other in sorted(zip(lacking.row[some].tolist(), lacking.col[some].tolist(), strict=True)):
+        if one != before:
+            marked[:] = False
+            marked[track[starts[one] : starts[one + 1]]] = True
+            before = one
+        shared = track[starts[other] : starts[other + 1]]
+        shared = shared[marked[shared]]
+        chosen = kept[shared]
+        kept[shared[~chosen][: max(COMMON - int(chosen.sum()), 0)]] = True
