@@ -21,6 +21,8 @@ from musatpy.files import write_files
 from musatpy.formats import musat, parts, system_rows
 from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder
+from musatpy.formats.checks import cross_check
+from musatpy.formats.job_folder import SUFFIX, draft_of_tables, files_of_tables, placed
 from musatpy.formats.job_tables import KEYS, Table, Tables, attributes, card_family, is_said, size, words_of
 from musatpy.formats.records.files import read_records, write_records
 from musatpy.formats.records.frames import JobFrame
@@ -36,6 +38,7 @@ from musatpy.formats.records.rows import (
     said_by,
     with_origin,
 )
+from musatpy.formats.short_ids import for_cards, names_csv
 
 if TYPE_CHECKING:
     from musatpy.systems import Statement
@@ -102,14 +105,37 @@ class DeckFamily:
         missing = parts.missing_parts(given)
         if missing:
             raise DeckError(missing)
+        given, renamed = for_cards(given)
         data = write_cards(parts.cards_of_parts(given, self.cards))
         _, problems = musat.check_deck(data, self.cards)
         (place,) = self.targets(path, stem).values()
+        names = {place.with_suffix(".ids.csv"): names_csv(renamed)} if renamed else {}
         if "systems" in given:
             message = "SYS cards are left out: coordinates and attitudes are converted as the adjustment has them"
             problems = (Problem(message=message, severity="warning"), *problems)
         warnings = tuple(replace(one, file=str(place)) for one in problems if one.severity == "warning")
-        return Rendered(contents={place: data}, left_out=(), warnings=warnings, lacks=_lacks(problems))
+        contents = {**names, place: data}
+        return Rendered(contents=contents, left_out=(), warnings=warnings, lacks=_lacks(problems))
+
+
+@dataclass(frozen=True)
+class JobFamily(DeckFamily):
+    """Job folders, which hold everything, names of any length too."""
+
+    patterns: tuple[str, ...] = (f"*{SUFFIX}",)
+
+    def targets(self, path: Path, stem: str) -> dict[Any, Path]:
+        """Return the folder that is written."""
+        return {self.name: path if self.matches(path) else path / f"{stem}{SUFFIX}"}
+
+    def render(self, given: Tables, path: Path, stem: str) -> Rendered:
+        """Return the files of a job, and what keeps it from running as it stands."""
+        (place,) = self.targets(path, stem).values()
+        draft = draft_of_tables(given, str(place), self.cards)
+        problems = [placed(problem, draft) for problem in cross_check(draft)]
+        warnings = tuple(problem for problem in problems if problem.severity == "warning")
+        contents = files_of_tables(given, place)
+        return Rendered(contents=contents, left_out=(), warnings=warnings, lacks=_lacks(problems))
 
 
 @dataclass(frozen=True)
@@ -338,6 +364,7 @@ def families(own: Path | None = None) -> dict[str, FormatFamily]:
         families[name] = RecordSet(own) if is_record_folder(own) else DeckFamily(name, card_family(own))
         families[name].patterns  # noqa: B018 - wrong formats are found now
     families.setdefault("musat", DeckFamily("musat", card_family()))
+    families.setdefault("job", JobFamily("job", card_family()))
     for name, family in agencies().items():
         families.setdefault(name, family)
     return families

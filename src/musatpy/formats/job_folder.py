@@ -76,10 +76,15 @@ def job_files(
     """
     block = replace(block, given_in=None, stated_in=block.answer_in)
     stating = system_rows.values_of({system_rows.IN: None, system_rows.OUT: block.stated_in})
-    said = assembly.tables_of(block, card_family()) | {
-        role: table for role, table in stating.items() if size(table)
-    }
+    return files_of_tables(assembly.tables_of(block, card_family()) | stating, folder, source, inputs)
+
+
+def files_of_tables(
+    said: Tables, folder: Path, source: Mapping[str, Array] | None = None, inputs: Mapping[str, str] | None = None
+) -> dict[Path, bytes]:
+    """Return the two files of a job folder that says what tables do."""
     tables = {role: {path: table[path] for path in nothing(role) if path in table} for role, table in said.items()}
+    tables = {role: table for role, table in tables.items() if size(table)}
     once = {role: table for role, table in tables.items() if _stands_in_text(role)}
     arrays = {
         f"{role}/{path}": values
@@ -129,23 +134,28 @@ def read_job(path: Path) -> JobFolder:
 
 def job_draft(path: Path, family: Family, settings: Sequence[Setting] = (), flags: Flags | None = None) -> Draft:
     """Return the draft of a job folder, whatever is wrong between its rows. Raises `DeckError` as `read_job`."""
-    job = read_job(path)
-    geographic = (
-        str(job.tables.get("options", {}).get("options.system", ["GEOG"])[0]) == CoordinateSystem.GEOGRAPHIC
-    )
+    return draft_of_tables(read_job(path).tables, str(path), family, settings, flags)
+
+
+def draft_of_tables(
+    tables: Tables, file: str, family: Family, settings: Sequence[Setting] = (), flags: Flags | None = None
+) -> Draft:
+    """Return the draft of a job that says what `tables` do."""
+    system = tables.get("options", nothing("options"))["options.system"]
+    geographic = not len(system) or system[0] == CoordinateSystem.GEOGRAPHIC
     rows, line = dict[str, RoleRows](), 0
     for role, specs in roles_of(family).items():
-        values = job.tables.get(role, nothing(role))
+        values = tables.get(role, nothing(role))
         values = with_flags(role, values, flags) if flags else values
         cards = specs if role in system_rows.TABLES else (plain_card(role, geographic),)
         rows[role] = RoleRows.of(role, cards, values, line + 1 + np.arange(size(values)))
         line += size(values)
     if settings:
-        once = _set(job.tables, family, settings)
+        once = _set(tables, family, settings)
         rows |= {role: of for role, of in once.items() if _stands_in_text(role) and role != "cameras"}
     blank = np.broadcast_to(np.full(80, ord(" "), dtype=np.uint8), (line, 80))
     images = CardImages(cards=blank, overlong={}, bad_characters=(), letters={})
-    deck = CardDeck(file=str(path), tables={}, lines={}, problems=(), images=images)
+    deck = CardDeck(file=file, tables={}, lines={}, problems=(), images=images)
     return draft_of_rows(rows, deck, lambda number: _label(rows, number))
 
 

@@ -28,6 +28,7 @@ from musatpy.reports import (
     titles,
 )
 from musatpy.reports.fields import Document
+from musatpy.reports.names import with_short_names
 from musatpy.reports.pages import MOST_PAGES, Section, headed, laid_out, page_texts, paginate
 from musatpy.reports.table import Labels, Report, Texts
 from musatpy.statistics import Statistics
@@ -118,7 +119,8 @@ def listing_of(
     on_report: Callable[[str, int, int], None] | None = None,
 ) -> str:
     """Return `listing` of a solution whose statistics exist already; `on_report` is called before each report."""
-    sections = sections_of(statistics, brief=brief, on_report=on_report)
+    statistics, names = with_short_names(statistics)
+    sections = [*sections_of(statistics, brief=brief, on_report=on_report), *names]
     return "".join(printed(statistics, sections, carriage_control=carriage_control, date=date))
 
 
