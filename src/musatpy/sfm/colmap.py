@@ -6,7 +6,6 @@ An image is q, t from the world to its camera, in pixels from the corner (colmap
 from __future__ import annotations
 
 import struct
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import Problem
+from musatpy.pointfiles.columns import FAR
 from musatpy.reduction.pixel_lens import PixelLens
-from musatpy.sfm.model import Model, ModelError, refused
+from musatpy.sfm.model import Model, ModelError, checked, refused
 
 _PLACED = ("f", "cx", "cy"), ("fx", "fy", "cx", "cy")
 # By their numbers in binary files; None: not read.
@@ -35,7 +35,8 @@ LENSES: tuple[tuple[str, tuple[str, ...] | None], ...] = (
     ("THIN_PRISM_FISHEYE", None),
 )
 _NAMES = [name for name, _ in LENSES]
-_POINT = struct.Struct("<Q3d3BdQ")
+_POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("colour", "u1", 3), ("error", "<f8"), ("track", "<u8")])
+_TRACK = 43  # bytes before the length of its track
 _IMAGE = struct.Struct("<I7dI")
 _FEATURE = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 
@@ -68,7 +69,12 @@ def read_model(folder: Path) -> Model:
     cameras, images, points = (
         (_binary_cameras, _binary_images, _binary_points) if binary else (_text_cameras, _text_images, _text_points)
     )
-    lenses, every = dict(cameras(paths[0])), list(images(paths[1]))
+    lenses = dict[int, PixelLens]()
+    for camera, lens in cameras(paths[0]):
+        if camera in lenses:
+            raise ModelError([Problem(message=f"camera {camera} stands twice", file=str(paths[0]))])
+        lenses[camera] = lens
+    every = list(images(paths[1]))
     return _assembled(paths, lenses, every, points(paths[2]))
 
 
@@ -168,50 +174,42 @@ def _assembled(paths: list[Path], lenses: dict[int, PixelLens], every: list[_Ima
         for image in every
         if image.camera not in lenses
     ]
-    names = [image.name for image in every]
-    twice = sorted(name for name, number in Counter(names).items() if number > 1)
-    problems += [Problem(message=f"two images are called {name}", file=str(paths[1])) for name in twice]
     counts = [len(image.point) for image in every]
     point = np.concatenate([np.zeros(0, dtype=np.int64), *(image.point for image in every)])
     pixel = np.concatenate([np.zeros((0, 2)), *(image.pixel for image in every)])
-    photo = np.repeat(np.arange(len(every)), counts)
     of_point = point >= 0
+    photo, point, pixel = np.repeat(np.arange(len(every)), counts)[of_point], point[of_point], pixel[of_point]
     order = np.argsort(points.ids)
-    row = np.searchsorted(points.ids[order], point[of_point])
-    known = row < len(order)
-    known[known] = points.ids[order][row[known]] == point[of_point][known]
+    row = np.minimum(np.searchsorted(points.ids, point, sorter=order), max(len(order) - 1, 0))
+    known = points.ids[order][row] == point if len(order) else np.zeros(len(point), dtype=bool)
     if not known.all():
-        name, missing = names[photo[of_point][~known][0]], point[of_point][~known][0]
+        name, missing = every[photo[~known][0]].name, point[~known][0]
         message = f"image {name} names point {missing}, which is not in {paths[2].name}"
         problems.append(Problem(message=message, file=str(paths[1])))
-    numbers = np.array([image.pose for image in every]).reshape(-1, 7)
-    for what, path, values in (("an image", paths[1], pixel), ("a point", paths[2], points.position)):
-        if not np.isfinite(values).all():
-            problems.append(Problem(message=f"the coordinates of {what} are no numbers", file=str(path)))
-    problems += [
-        Problem(message=f"image {name}: its rotation or place is no number", file=str(paths[1]))
-        for name, pose in zip(names, numbers, strict=True)
-        if not np.isfinite(pose).all() or not np.linalg.norm(pose[:4])
-    ]
     refused(problems)
-    R = Rotation.from_quat(numbers[:, [1, 2, 3, 0]]).as_matrix() if len(numbers) else np.zeros((0, 3, 3))
-    cameras = {camera: row for row, camera in enumerate(lenses)}
-    return Model(
+    poses = np.array([image.pose for image in every]).reshape(-1, 7)
+    turned = np.isfinite(poses).all(axis=1) & (np.abs(poses[:, :4]).max(axis=1, initial=0.0) > 0.0)
+    R = np.full((len(poses), 3, 3), np.nan)
+    if turned.any():
+        R[turned] = Rotation.from_quat(poses[turned][:, [1, 2, 3, 0]]).as_matrix()
+    numbers = {camera: row for row, camera in enumerate(lenses)}
+    model = Model(
         program="colmap",
         cameras=tuple(map(str, lenses)),
         lenses=tuple(lenses.values()),
-        photos=np.array(names, dtype=np.str_),
-        camera=np.array([cameras[image.camera] for image in every], dtype=np.int64),
+        photos=np.array([image.name for image in every], dtype=np.str_),
+        camera=np.array([numbers[image.camera] for image in every], dtype=np.int64),
         rotation=R,
-        centre=-np.einsum("nji,nj->ni", R, numbers[:, 4:]),
+        centre=-np.einsum("nji,nj->ni", R, poses[:, 4:]),
         points=points.ids.astype(np.str_),
         position=points.position,
-        photo=photo[of_point],
-        point=order[row],
-        pixel=pixel[of_point],
+        photo=photo,
+        point=order[row] if len(order) else row,
+        pixel=pixel,
         colour=points.colour,
         stored=points.error,
     )
+    return checked(model, str(paths[1].parent))
 
 
 def _rows(path: Path) -> Iterator[tuple[int, str]]:
@@ -228,19 +226,16 @@ def _wrong(path: Path, line: int, text: str, expected: str) -> ModelError:
 
 def _text_cameras(path: Path) -> Iterator[tuple[int, PixelLens]]:
     """Yield the cameras of cameras.txt by their ids."""
-    seen: set[int] = set()
     for number, line in _rows(path):
         words = line.split()
         if not words:
             continue
         try:
-            camera, width, height, *values = map(float, (words[0], *words[2:]))
+            camera, width, height = (int(words[place]) for place in (0, 2, 3))
+            values = [float(word) for word in words[4:]]
         except (ValueError, IndexError):
             raise _wrong(path, number, line, "CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]") from None
-        if camera in seen:
-            raise ModelError([Problem(message=f"camera {camera:.0f} stands twice", file=str(path), line=number)])
-        seen.add(int(camera))
-        yield int(camera), _lens(path, number, words[1], (int(width), int(height)), values)
+        yield camera, _lens(path, number, words[1], (width, height), values)
 
 
 def _text_images(path: Path) -> Iterator[_Image]:
@@ -257,6 +252,8 @@ def _text_images(path: Path) -> Iterator[_Image]:
         number, line = next(rows, (number, ""))
         try:
             features = np.array(line.split(), dtype=float).reshape(-1, 3)
+            if not (np.abs(features) < FAR).all():
+                raise ValueError
         except ValueError:
             raise _wrong(path, number, line, "POINTS2D[] as X Y POINT3D_ID") from None
         point = features[:, 2].astype(np.int64)
@@ -265,19 +262,20 @@ def _text_images(path: Path) -> Iterator[_Image]:
 
 def _text_points(path: Path) -> _Points:
     """Return the points of points3D.txt."""
-    values: list[list[str]] = []
+    table: list[list[float]] = []
     for number, line in _rows(path):
         words = line.split(maxsplit=8)[:8]
-        if len(words) == 8:
-            values.append(words)
-        elif words:
-            raise _wrong(path, number, line, "POINT3D_ID X Y Z R G B ERROR TRACK[]")
-    try:
-        table = np.array(values, dtype=float).reshape(-1, 8)
-    except ValueError:
-        raise ModelError([Problem(message="a point is no number", file=str(path))]) from None
-    ids, colour = table[:, 0].astype(np.int64), table[:, 4:7].astype(np.int64)
-    return _Points(ids=ids, position=table[:, 1:4], colour=colour, error=table[:, 7])
+        if not words:
+            continue
+        try:
+            table.append([float(word) for word in words])
+            if len(words) < 8 or not all(abs(value) < FAR for value in table[-1]):
+                raise ValueError
+        except ValueError:
+            raise _wrong(path, number, line, "POINT3D_ID X Y Z R G B ERROR TRACK[]") from None
+    values = np.array(table).reshape(-1, 8)
+    ids, colour = values[:, 0].astype(np.int64), values[:, 4:7].astype(np.int64)
+    return _Points(ids=ids, position=values[:, 1:4], colour=colour, error=values[:, 7])
 
 
 @dataclass
@@ -339,14 +337,20 @@ def _binary_images(path: Path) -> Iterator[_Image]:
 
 
 def _binary_points(path: Path) -> _Points:
-    """Return the points of points3D.bin."""
-    file, count = _Bytes.of(path, _POINT.size)
-    values = []
-    for _ in range(count):
-        point, *of, track = file.take(_POINT)
-        values.append((point, *of))
-        file.need(8 * int(track))
-        file.at += 8 * int(track)
-    table = np.array(values, dtype=float).reshape(-1, 8)
-    ids, colour = np.array([of[0] for of in values], dtype=np.int64), table[:, 4:7].astype(np.int64)
-    return _Points(ids=ids, position=table[:, 1:4], colour=colour, error=table[:, 7])
+    """Return the points of points3D.bin, each of which has a track of another length behind it."""
+    file, count = _Bytes.of(path, _POINT.itemsize)
+    length, places = struct.Struct("<Q").unpack_from, list[int]()
+    at, last = file.at, len(file.data) - _POINT.itemsize
+    while len(places) < count and at <= last:
+        places.append(at)
+        at += _POINT.itemsize + 8 * length(file.data, at + _TRACK)[0]
+    file.at = at
+    file.need(_POINT.itemsize * (count - len(places)))
+    entries = np.lib.stride_tricks.sliding_window_view(np.frombuffer(file.data, np.uint8), _POINT.itemsize)
+    rows = entries[places].view(_POINT)[:, 0] if count else np.zeros(0, _POINT)
+    return _Points(
+        ids=rows["id"].astype(np.int64),
+        position=rows["xyz"].copy(),
+        colour=rows["colour"].astype(np.int64),
+        error=rows["error"].copy(),
+    )

@@ -8,7 +8,6 @@ other way round than in OpenCV; B1 adds to the focal length along x, B2 is the s
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
@@ -19,7 +18,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem
 from musatpy.reduction.pixel_lens import PixelLens
-from musatpy.sfm.model import Model, ModelError, refused
+from musatpy.sfm.model import NO_TURN, Model, ModelError, checked, refused
 
 _K = ("k1", "k2", "k3", "k4")
 _DECLARED = re.compile(rb"<!(DOCTYPE|ENTITY)")
@@ -31,7 +30,7 @@ def read_model(path: Path, component: int = 0) -> Model:
     `component` counts from 1; 0: the only one. Photos that are not aligned are left out, and said. Raises
     `ModelError` with file and item.
     """
-    chunk = _chunk(path)
+    chunk = chunk_of(path)
     lenses = dict(_lenses(path, chunk))
     aligned = [camera for camera in chunk.iterfind("./cameras//camera") if camera.find("transform") is not None]
     every = chunk.findall("./cameras//camera")
@@ -39,7 +38,7 @@ def read_model(path: Path, component: int = 0) -> Model:
     problems, placed = [], []
     for camera in chosen:
         name, matrix = camera.get("label", ""), _matrix(camera.findtext("transform"), 4)
-        if matrix is None or not np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-6):
+        if matrix is None or not np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=NO_TURN):
             problems.append(
                 Problem(message=f"camera {name}: its transform is no rotation and place", file=str(path))
             )
@@ -48,19 +47,14 @@ def read_model(path: Path, component: int = 0) -> Model:
             problems.append(Problem(message=message, file=str(path)))
         else:
             placed.append((name, list(lenses).index(str(camera.get("sensor_id"))), matrix, _reference(camera)))
-    names = [name for name, *_ in placed]
-    problems += [
-        Problem(message=f"two cameras are called {name}", file=str(path))
-        for name in sorted(name for name, number in Counter(names).items() if number > 1)
-    ]
     refused(problems)
     matrices = np.array([matrix for _, _, matrix, _ in placed]).reshape(-1, 4, 4)
     left = len(every) - len(aligned)
-    return Model(
+    model = Model(
         program="metashape",
         cameras=tuple(lenses),
         lenses=tuple(lenses.values()),
-        photos=np.array(names, dtype=np.str_),
+        photos=np.array([name for name, *_ in placed], dtype=np.str_),
         camera=np.array([number for _, number, _, _ in placed], dtype=np.int64),
         rotation=np.swapaxes(matrices[:, :3, :3], 1, 2),
         centre=matrices[:, :3, 3],
@@ -73,13 +67,14 @@ def read_model(path: Path, component: int = 0) -> Model:
         reference=np.array([reference for *_, reference in placed]).reshape(-1, 3),
         notes=(f"{left} of {len(every)} photos are not aligned: they are left out",) if left else (),
     )
+    return checked(model, str(path))
 
 
-def _chunk(path: Path) -> Element:
+def chunk_of(path: Path) -> Element:
     """Return the chunk of a file. Raises `ModelError`."""
     try:
         data = path.read_bytes()
-        if _DECLARED.search(data):
+        if _DECLARED.search(data.replace(b"\0", b"")):  # in UTF-16 too
             message = "it declares a document type or entities, which no file of Metashape does"
             raise ModelError([Problem(message=message, file=str(path))])
         chunk = ElementTree.fromstring(data).find("chunk")
@@ -100,14 +95,20 @@ def _lenses(path: Path, chunk: Element) -> Iterator[tuple[str, PixelLens]]:
         of = min(every, key=lambda part: part.get("class") != "adjusted")
         name = sensor.get("label", sensor.get("id", ""))
         try:
-            width, height = int(size.get("width", "")), int(size.get("height", ""))
+            width, height = (int(size.get(side, "")) for side in ("width", "height"))
             f, cx, cy, p1, p2, b1, b2, *k = (
                 float(of.findtext(key) or 0.0) for key in ("f", "cx", "cy", "p1", "p2", "b1", "b2", *_K)
             )
         except ValueError as error:
             raise ModelError([Problem(message=f"sensor {name}: {error}", file=str(path))]) from None
-        if not (f > 0.0 and np.isfinite([f, cx, cy, p1, p2, b1, b2, *k]).all()):
-            raise ModelError([Problem(message=f"sensor {name} has no focal length above zero", file=str(path))])
+        if not (min(f, f + b1, width, height) > 0.0 and np.isfinite([f, cx, cy, p1, p2, b1, b2, *k]).all()):
+            message = f"sensor {name} has no size, no focal length above zero, or what is no number"
+            raise ModelError([Problem(message=message, file=str(path))])
+        if of.get("type") == "fisheye" and (p1 or p2):
+            message = (
+                f"sensor {name} is a fisheye lens with p1 and p2, which is not read: calibrate it without them"
+            )
+            raise ModelError([Problem(message=message, file=str(path))])
         yield (
             str(sensor.get("id")),
             PixelLens(

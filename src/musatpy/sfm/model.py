@@ -16,6 +16,9 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import Problem, ProblemsError
 from musatpy.reduction.pixel_lens import PixelLens
 
+LONGEST = 128  # bytes of the name of a photo
+NO_TURN = 1e-6  # by which the determinant of a rotation may miss 1
+
 
 class ModelError(ProblemsError):
     """A model that cannot be read: `problems` says why, with file and place."""
@@ -62,6 +65,37 @@ class Model:
     def counts(self) -> IntArray:
         """(p,) images of each point."""
         return np.bincount(self.point, minlength=len(self.points))
+
+
+def checked(model: Model, source: str) -> Model:
+    """Return a model that can be used. Raises `ModelError` that names what cannot, by its id."""
+    problems = [] if len(model.photos) else [Problem(message="it has no photo that is placed", file=source)]
+    for what, names in (("photos", model.photos), ("points", model.points)):
+        each, count = np.unique(names, return_counts=True)
+        twice = each[count > 1].tolist()
+        problems += [Problem(message=f"two {what} are called {name}", file=source) for name in twice]
+    for name in model.photos.tolist():
+        if not name.isprintable() or len(name.encode("utf-8", "replace")) > LONGEST:
+            message = f"the name of a photo, {name[:40]!r}, is not text of 1 to {LONGEST} letters"
+            problems.append(Problem(message=message, file=source))
+        elif ".." in name.replace("\\", "/").split("/") or name[:1] in ("/", "\\") or name[1:2] == ":":
+            problems.append(Problem(message=f"photo {name}: its name leads out of the folder", file=source))
+    lost = ~np.isfinite(model.pixel).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        turned = np.abs(np.linalg.det(model.rotation) - 1.0) < NO_TURN
+    good = turned & np.isfinite(model.centre).all(axis=1)
+    for what, rows in (
+        ("an image on photo", np.unique(model.photo[lost])),
+        ("place or rotation of photo", np.flatnonzero(~good)),
+    ):
+        message = "is no number" if what.startswith("an") else "is none"
+        problems += [
+            Problem(message=f"{what} {name} {message}", file=source) for name in model.photos[rows].tolist()
+        ]
+    away = model.points[~np.isfinite(model.position).all(axis=1)].tolist()
+    problems += [Problem(message=f"a coordinate of point {name} is no number", file=source) for name in away]
+    refused(problems)
+    return model
 
 
 def spread(count: int, most: int) -> IntArray:

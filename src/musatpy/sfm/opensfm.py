@@ -17,8 +17,10 @@ from scipy.spatial.transform import Rotation
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem
 from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.pointfiles.columns import FAR
 from musatpy.reduction.pixel_lens import PixelLens
-from musatpy.sfm.model import Model, ModelError, links, refused
+from musatpy.sfm.model import Model, ModelError, checked, links, refused
+from musatpy.units import DEGREE
 
 # Projections that are read: the names of focal lengths, and of k1, k2, ...
 _LENSES = {
@@ -49,36 +51,31 @@ def read_model(path: Path, component: int = 0) -> Model:
     reconstruction = _component(path, _json(path), component)
     tracks = path.with_name("tracks.csv")
     refused([] if tracks.is_file() else [Problem(message="there is no such file", file=str(tracks))])
-    cameras = reconstruction.get("cameras", {})
+    cameras, shots, points = (_items(path, reconstruction, key) for key in ("cameras", "shots", "points"))
     lenses = {name: _lens(path, name, of) for name, of in cameras.items()}
-    shots, points = reconstruction.get("shots", {}), reconstruction.get("points", {})
-    ids, camera = list(lenses), []
-    for name, shot in shots.items():
-        if shot.get("camera") not in lenses:
-            message = f"shot {name}: there is no camera {shot.get('camera')!r}"
-            raise ModelError([Problem(message=message, file=str(path))])
-        camera.append(ids.index(shot["camera"]))
-    rotation, shift, position = (
-        _numbers(path, what, of)
-        for what, of in (
-            ("rotation of shot", {name: shot.get("rotation") for name, shot in shots.items()}),
-            ("translation of shot", {name: shot.get("translation") for name, shot in shots.items()}),
-            ("coordinates of point", {name: point.get("coordinates") for name, point in points.items()}),
-        )
+    camera, known = links([str(shot.get("camera")) for shot in shots.values()], list(lenses))
+    refused(
+        [
+            Problem(message=f"shot {name}: there is no camera {shot.get('camera')!r}", file=str(path))
+            for (name, shot), there in zip(shots.items(), known.tolist(), strict=True)
+            if not there
+        ]
     )
+    rotation, shift = (_numbers(path, shots, "shot", key) for key in ("rotation", "translation"))
+    position = _numbers(path, points, "point", "coordinates")
     R = Rotation.from_rotvec(rotation).as_matrix() if len(rotation) else np.zeros((0, 3, 3))
     of_photo, of_track, xy = _tracks(tracks)
     photo, seen = links(of_photo, list(shots))
     point, kept = links(of_track, list(points))
     used = seen & kept
-    of_camera = np.array(camera, dtype=np.int64)
-    size = np.array([(lens.width, lens.height) for lens in lenses.values()], dtype=float)[of_camera[photo[used]]]
-    return Model(
+    size = np.array([(lens.width, lens.height) for lens in lenses.values()], dtype=float).reshape(-1, 2)
+    size = size[camera[photo[used]]]
+    model = Model(
         program="opensfm",
         cameras=tuple(lenses),
         lenses=tuple(lenses.values()),
         photos=np.array(list(shots), dtype=np.str_),
-        camera=of_camera,
+        camera=camera,
         rotation=R,
         centre=-np.einsum("nji,nj->ni", R, shift),
         points=np.array(list(points), dtype=np.str_),
@@ -88,6 +85,7 @@ def read_model(path: Path, component: int = 0) -> Model:
         pixel=xy[used] * size.max(axis=1, keepdims=True) + 0.5 * size,
         to_geocentric=_reference(path.with_name("reference_lla.json")),
     )
+    return checked(model, str(path))
 
 
 def _component(path: Path, content: Any, component: int) -> Mapping[str, Any]:
@@ -102,6 +100,14 @@ def _component(path: Path, content: Any, component: int) -> Mapping[str, Any]:
         message = f"it has {len(content)} components, and no number {component}"
         raise ModelError([Problem(message=message, file=str(path))])
     return content[max(component, 1) - 1]
+
+
+def _items(path: Path, reconstruction: Mapping[str, Any], key: str) -> Mapping[str, Mapping[str, Any]]:
+    """Return the items of a reconstruction by their names. Raises `ModelError`."""
+    items = reconstruction.get(key, {})
+    if not isinstance(items, dict) or not all(isinstance(item, dict) for item in items.values()):
+        raise ModelError([Problem(message=f"its {key} are no items by their names", file=str(path))])
+    return items
 
 
 def _json(path: Path) -> Any:
@@ -124,11 +130,11 @@ def _lens(path: Path, name: str, of: Mapping[str, Any]) -> PixelLens:
         c = [float(of.get(key, 0.0)) for key in ("c_x", "c_y")]
         k = tuple(float(of.get(key, 0.0)) for key in radial)
         p = (float(of.get("p1", 0.0)), float(of.get("p2", 0.0)))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         message = f"camera {name}: {error} is not there, or no number"
         raise ModelError([Problem(message=message, file=str(path))]) from None
     size = max(width, height)
-    if not (min(width, height) > 0 and np.isfinite([fx, fy, *c, *k, *p]).all()):
+    if not (min(width, height, fx, fy) > 0 and np.isfinite([fx, fy, *c, *k, *p]).all()):
         raise ModelError([Problem(message=f"camera {name} has a number that cannot be", file=str(path))])
     return PixelLens(
         width=width,
@@ -141,22 +147,18 @@ def _lens(path: Path, name: str, of: Mapping[str, Any]) -> PixelLens:
     )
 
 
-def _numbers(path: Path, what: str, of: Mapping[str, Any]) -> FloatArray:
-    """Return three numbers of each item. Raises `ModelError` that names the first without them."""
-    try:
-        values = np.array(list(of.values()), dtype=float).reshape(-1, 3)
-        if len(values) == len(of) and np.isfinite(values).all():
-            return values
-    except (TypeError, ValueError):
-        pass
-    for name, value in of.items():
+def _numbers(path: Path, items: Mapping[str, Mapping[str, Any]], what: str, key: str) -> FloatArray:
+    """Return three numbers of each item. Raises `ModelError` that names those without them."""
+    values, problems = np.empty((len(items), 3)), []
+    for row, (name, item) in enumerate(items.items()):
         try:
-            good = np.shape(value) == (3,) and np.isfinite(np.array(value, dtype=float)).all()
-        except (TypeError, ValueError):
-            good = False
-        if not good:
-            raise ModelError([Problem(message=f"the {what} {name} is not three numbers", file=str(path))])
-    raise ModelError([Problem(message=f"the {what} is not three numbers everywhere", file=str(path))])
+            values[row] = x, y, z = item[key]
+            if not (abs(x) < FAR and abs(y) < FAR and abs(z) < FAR):
+                raise ValueError
+        except (KeyError, TypeError, ValueError):
+            problems.append(Problem(message=f"the {key} of {what} {name} is not three numbers", file=str(path)))
+    refused(problems)
+    return values
 
 
 def _tracks(path: Path) -> tuple[list[str], list[str], FloatArray]:
@@ -171,18 +173,24 @@ def _tracks(path: Path) -> tuple[list[str], list[str], FloatArray]:
         return (
             [row[0] for row in rows],
             [row[1] for row in rows],
-            np.array([row[3:5] for row in rows], dtype=float).reshape(-1, 2),
+            _finite(np.array([row[3:5] for row in rows], dtype=float).reshape(-1, 2)),
         )
     except (IndexError, ValueError):
         pass
-    for number, line in enumerate(text[first:], first + 1):
+    for number, line in ((n, line) for n, line in enumerate(text[first:], first + 1) if line.strip()):
         row = line.split("\t")
         try:
-            float(row[3]), float(row[4])
+            _finite(np.array(row[3:5], dtype=float).reshape(1, 2))
         except (IndexError, ValueError):
             expected = "photo, track, feature, x, y, ... between tabs"
             raise ModelError([Problem(file=str(path), line=number, found=line[:60], expected=expected)]) from None
     raise ModelError([Problem(message="its lines have different lengths", file=str(path))])
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    if not np.isfinite(values).all():
+        raise ValueError("no number")
+    return values
 
 
 def _reference(path: Path) -> FloatArray | None:
@@ -191,11 +199,11 @@ def _reference(path: Path) -> FloatArray | None:
         return None
     content = _json(path)
     try:
-        place = [float(content[key]) for key in ("latitude", "longitude", "altitude")]
+        place = _finite(np.array([float(content[key]) for key in ("latitude", "longitude", "altitude")]))
     except (KeyError, TypeError, ValueError):
         message = "latitude, longitude, altitude are not all there as numbers"
         raise ModelError([Problem(message=message, file=str(path))]) from None
-    at = np.array([*np.radians(place[:2]), place[2]])
+    at = place * [DEGREE, DEGREE, 1.0]
     out = np.eye(4)
     out[:3, :3] = _WGS84.frame(at).T
     out[:3, 3] = _WGS84.geocentric(at)
