@@ -20,8 +20,7 @@ from musatpy.memory import give_back
 from musatpy.model import Block, CauseSearch, Grade, RecordContent, Solution, Verdict
 from musatpy.model.progress import Progress, begin
 from musatpy.pipeline import adjust
-from musatpy.reports.listing import printed, sections_of
-from musatpy.reports.names import with_short_names
+from musatpy.reports.listing import in_columns, printed, sections_of
 from musatpy.reports.pages import csv_files
 from musatpy.reports.record import record_of, texts_of
 from musatpy.statistics import Statistics
@@ -134,11 +133,11 @@ def run_deck(
         with numerics("the statistics of the solution"):
             begin(progress, "statistics")
             statistics = Statistics(solution)
-            shown, names = with_short_names(statistics)
-            sections = [*sections_of(shown, brief=brief, on_report=partial(begin, progress)), *names]
+            shown, sections = in_columns(statistics, brief=brief, on_report=partial(begin, progress))
             pages = map(str.encode, printed(shown, sections, carriage_control=carriage_control, date=date))
-            tables = csv_files(sections_of(statistics, brief=brief) if names else sections, listing) if csv else {}
-            del sections  # they are gone when they are printed
+            named = sections if shown is statistics else sections_of(statistics, brief=brief)
+            tables = csv_files(named, listing) if csv else {}
+            del sections, named  # they are gone when they are printed
         begin(progress, "record")
         recorded = {place: map(str.encode, texts_of(statistics, record))} if record != RecordContent.NONE else {}
         files: dict[Path, bytes | Iterable[bytes]] = {listing: pages, **recorded, **tables, **edited, **punched}

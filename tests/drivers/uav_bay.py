@@ -1,6 +1,6 @@
 """A drone block over a bay, as its owner has it: a COLMAP model whose bundle knew of no water, and what is true.
 
-Images are simulated through the water and through a lens (`musat simulate`), adjusted as if there were no water with
+Images are simulated through the water and a lens (`musat simulate`), adjusted as if there were no water with the
 the lens unknown, and written in a gauge of their own; the cloud is where straight rays of that model meet.
 """
 
@@ -152,7 +152,7 @@ def model_of(block: Block, solution: Solution) -> Model:
     )
 
 
-def _format():  # noqa: ANN202
+def _format():
     from musatpy.reduction.pixel_lens import PixelLens
 
     return PixelLens(width=WIDTH, height=HEIGHT, focal=(1.0, 1.0), centre=(0.0, 0.0))

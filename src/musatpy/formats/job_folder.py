@@ -244,7 +244,7 @@ def _table(file: str, role: str, values: Mapping[str, Any], problems: list[Probl
     empty, table = nothing(role), Table()
     for path in sorted(set(values) - set(empty)):
         message = f"no column is called so{nearest_or_all(path, empty)}"
-        problems.append(Problem(file=file, card=role, field=path, message=message))
+        problems.append(Problem(file=file, field=path, message=message))
     counts = {len(values[path]) for path in values if path in empty}
     if len(counts) != 1:
         problems.append(Problem(file=file, card=role, message=f"its columns have {sorted(counts)} rows"))
@@ -256,16 +256,15 @@ def _table(file: str, role: str, values: Mapping[str, Any], problems: list[Probl
             continue
         try:
             column = np.asarray(values[path])
-            if (column.dtype.kind in "US") != (none.dtype.kind == "U") or column.dtype.kind == "O":
-                raise ValueError(f"of the type {column.dtype}")
-            table[path] = (column if none.dtype.kind == "U" else column.astype(none.dtype)).reshape(
-                count, *none.shape[1:]
-            )
-        except ValueError as error:
-            shape = "texts" if none.dtype.kind == "U" else "numbers"
-            parts = f" of {none.shape[1]} components" if none.ndim > 1 else ""
-            expected = f"{count} {shape}{parts}"
-            problems.append(Problem(file=file, card=role, field=path, found=str(error), expected=expected))
+        except ValueError:
+            column = np.zeros(count, dtype=object)
+        is_text, shape = none.dtype.kind == "U", (count, *none.shape[1:])
+        if (column.dtype.kind == "U") == is_text and column.dtype.kind in "Ufiub" and column.shape == shape:
+            table[path] = column if is_text else column.astype(none.dtype)
+            continue
+        expected = f"{' x '.join(map(str, shape))} {'texts' if is_text else 'numbers'}"
+        got = f"{' x '.join(map(str, column.shape))} of the type {column.dtype}"
+        problems.append(Problem(file=file, field=path, found=got, expected=expected))
     return table
 
 

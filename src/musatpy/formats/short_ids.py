@@ -11,8 +11,7 @@ from musatpy.formats import mapping
 from musatpy.formats.job_tables import Tables, card_family, naming, roles_of
 
 _PREFIX = {"cameras": "C", "photos": "P", "points": "T"}
-_CARDABLE = re.compile(r"[!-~]+")
-_PART = re.compile(r"[^A-Za-z0-9]+")
+_PART = re.compile(r"[\W_]+")
 
 
 def short_names(names: Sequence[str], width: int, prefix: str) -> list[str]:
@@ -62,7 +61,7 @@ def names_csv(renamed: Iterable[tuple[str, str, str]]) -> bytes:
 
 
 def _fits(name: str, width: int) -> bool:
-    return len(name) <= width and bool(_CARDABLE.fullmatch(name))
+    return 0 < len(name) <= width and name.isprintable() and not any(map(str.isspace, name))
 
 
 def _stem(name: str) -> str:

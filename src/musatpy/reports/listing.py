@@ -119,9 +119,16 @@ def listing_of(
     on_report: Callable[[str, int, int], None] | None = None,
 ) -> str:
     """Return `listing` of a solution whose statistics exist already; `on_report` is called before each report."""
-    statistics, names = with_short_names(statistics)
-    sections = [*sections_of(statistics, brief=brief, on_report=on_report), *names]
-    return "".join(printed(statistics, sections, carriage_control=carriage_control, date=date))
+    shown, sections = in_columns(statistics, brief=brief, on_report=on_report)
+    return "".join(printed(shown, sections, carriage_control=carriage_control, date=date))
+
+
+def in_columns(
+    statistics: Statistics, *, brief: bool = False, on_report: Callable[[str, int, int], None] | None = None
+) -> tuple[Statistics, list[Section]]:
+    """Return statistics with names that go into columns, and their sections; the last one is of these names."""
+    shown, names = with_short_names(statistics)
+    return shown, [*sections_of(shown, brief=brief, on_report=on_report), *names]
 
 
 def sections_of(
