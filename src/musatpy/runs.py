@@ -135,9 +135,8 @@ def run_deck(
             statistics = Statistics(solution)
             shown, sections = in_columns(statistics, brief=brief, on_report=partial(begin, progress))
             pages = map(str.encode, printed(shown, sections, carriage_control=carriage_control, date=date))
-            named = sections if shown is statistics else sections_of(statistics, brief=brief)
-            tables = csv_files(named, listing) if csv else {}
-            del sections, named  # they are gone when they are printed
+            tables = csv_files(sections if shown is statistics else sections_of(statistics), listing) if csv else {}
+            del sections  # they are gone when they are printed
         begin(progress, "record")
         recorded = {place: map(str.encode, texts_of(statistics, record))} if record != RecordContent.NONE else {}
         files: dict[Path, bytes | Iterable[bytes]] = {listing: pages, **recorded, **tables, **edited, **punched}
