@@ -42,6 +42,8 @@ COMMANDS = {
     "list": "musatpy.cli.decks:list_command",
     "correct": "musatpy.cli.correct",
     "depth": "musatpy.cli.depth",
+    "import": "musatpy.cli.sfm:import_command",
+    "export": "musatpy.cli.sfm:export_command",
     "waves": "musatpy.cli.making:waves_command",
     "sea": "musatpy.cli.sea",
 }

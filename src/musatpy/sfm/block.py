@@ -16,7 +16,7 @@ from musatpy.errors import Problem
 from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import geographic
-from musatpy.model import LENS_PARAMETERS, ControlKind
+from musatpy.model import LENS_PARAMETERS, ControlKind, EllipsoidSpec
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.model import Model, ModelError
 
@@ -32,6 +32,14 @@ class Placement:
     rotation: FloatArray  # (3, 3)
     shift: FloatArray  # (3,)
     ellipsoid: Ellipsoid | None  # None: local
+
+    @property
+    def ellipsoid_spec(self) -> EllipsoidSpec | None:
+        """The ellipsoid as a block states it."""
+        if self.ellipsoid is None:
+            return None
+        name = self.ellipsoid.definition.partition("+ellps=")[2]
+        return EllipsoidSpec(name=name) if name else ellipsoid_numbers(self.ellipsoid)
 
     def positions(self, x: FloatArray) -> FloatArray:
         """Return positions (n, 3) as a block has them: latitude, longitude (rad), height, or local metres."""
@@ -147,7 +155,7 @@ def block_of(
     options = {"program": "IIIA", "refraction": "RIGOROUS", "plate_sigma": image_sigma}
     options |= {"system": "LOCL"} if placement.ellipsoid is None else {"system": "GEOG"}
     options |= {"water_level": "GROUP"} if (beside.tide_sigma > 0.0).any() else {}
-    build = BlockBuilder(title, ellipsoid=None if placement.ellipsoid is None else "WGS84", **options)
+    build = BlockBuilder(title, ellipsoid=placement.ellipsoid_spec, **options)
     if beside.wet.any():
         build.water(index, sigma=index_sigma)
     names = [str(number + 1) for number in range(len(model.lenses))]
@@ -238,3 +246,10 @@ def tie_names(points: TextArray, control: TextArray) -> TextArray:
 def ideal_coordinates(lens: PixelLens, pixels: FloatArray, size: float) -> FloatArray:
     """Return ideal plate coordinates (..., 2) mm about a principal point of zero, NaN where the lens has none."""
     return lens.rays(pixels) * [lens.focal[1] * size, -lens.focal[1] * size]
+
+
+def ellipsoid_numbers(ellipsoid: Ellipsoid) -> EllipsoidSpec:
+    """Return an ellipsoid that has no name by its two numbers."""
+    words = dict(word.removeprefix("+").split("=") for word in ellipsoid.definition.split())
+    flattening = float(words["rf"]) if "rf" in words else 0.0
+    return EllipsoidSpec(semi_major_axis=float(words["a"]), inverse_flattening=flattening)

@@ -51,7 +51,7 @@ class FileCameras:
             "lenses": np.array(rows, dtype=float).reshape(-1, len(_LENS)),
             "fisheye": np.array([lens.fisheye for lens in self.lenses]),
             "placement": np.array([self.placement.scale, *self.placement.rotation.ravel(), *self.placement.shift]),
-            "on_ellipsoid": np.array([self.placement.ellipsoid is not None]),
+            "ellipsoid": np.array([ellipsoid.definition if (ellipsoid := self.placement.ellipsoid) else ""]),
             "pixel": np.array([self.size]),
             "held": np.array([self.held]),
             **{name: getattr(self, name) for name in ("photos", "camera", "rotation", "centre")},
@@ -73,7 +73,7 @@ class FileCameras:
                     scale=scale,
                     rotation=np.array(rest[:9]).reshape(3, 3),
                     shift=np.array(rest[9:]),
-                    ellipsoid=Ellipsoid("WGS84") if source["on_ellipsoid"][0] else None,
+                    ellipsoid=_ellipsoid(str(source["ellipsoid"][0])),
                 ),
                 to_geocentric=source.get("to_geocentric"),
                 size=float(source["pixel"][0]),
@@ -134,6 +134,16 @@ def spread_over(rows: IntArray, photo: IntArray, azimuth: FloatArray, most: int)
     kept = np.zeros(len(rows), dtype=bool)
     kept[order] = (count <= most) | (rank * most // count != (rank - 1) * most // count)
     return kept
+
+
+def _ellipsoid(definition: str) -> Ellipsoid | None:
+    """Return the ellipsoid of a definition of PROJ, None of none."""
+    words = dict(word.removeprefix("+").split("=") for word in definition.split())
+    if not words:
+        return None
+    if "ellps" in words:
+        return Ellipsoid(words["ellps"])
+    return Ellipsoid(semi_major_axis=float(words["a"]), inverse_flattening=float(words.get("rf", 0.0)))
 
 
 def _coefficients(lens: PixelLens) -> list[float]:

@@ -1,0 +1,122 @@
+"""`musat import` and `musat export`: models of other programs in and out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from musatpy.cli.messages import complain, name_of, tell
+from musatpy.cli.options import POSITIVE, NamedPath, options_of, quiet_option, refuse_overwriting
+
+_JOB = ".job"
+_FORMATS = ("colmap", "opensfm", "metashape")
+_import_options = options_of(
+    click.option("-o", "--out", required=True, type=NamedPath(), metavar="NAME.job", help="Job folder to write."),
+    click.option("--component", type=click.IntRange(min=1), default=None, help="Which of several components."),
+    click.option("--gcp", type=NamedPath(), metavar="FILE",
+                 help="Control: gcp_list.txt, cameras.xml with markers, or a table with images."),
+    click.option("--gnss", type=NamedPath(), metavar="CSV",
+                 help="Times and positions of the photos: what 'exiftool -csv -n' prints."),
+    click.option("--heights", is_flag=True, help="Take heights of positions without RTK too."),
+    click.option("--crs", default="", metavar="CODE", help="System of control: EPSG:code[+vertical], or local."),
+    click.option("--time-zone", default="", metavar="ZONE", help="Zone of camera clocks that state none."),
+    click.option("--tide", type=NamedPath(), metavar="CSV", help="Tide: time and level."),
+    click.option("--tide-datum", default="", metavar="H|GRID",
+                 help="Height of the tide's zero above the ellipsoid, or a grid of such heights."),
+    click.option("--tide-zone", default="", metavar="ZONE", help="Zone of times of the tide that state none."),
+    click.option("--level", type=float, metavar="M", help="Height of the water, where there is no tide."),
+    click.option("--level-sigma", type=POSITIVE, metavar="M", help="Its standard deviation. Default 0.05."),
+    click.option("--water", type=NamedPath(), metavar="FILE", help="Areas of water, or a shoreline: GeoJSON or GIS."),
+    click.option("--water-side", type=click.Choice(["left", "right"]), help="Side of a shoreline that is water."),
+    click.option("--wet", "flags", type=NamedPath(), metavar="CSV", help="Table with id and wet of points."),
+    click.option("--per-photo", type=click.IntRange(min=0), default=120, show_default=True,
+                 help="Images of a photo that are kept at least; 0: all."),
+    click.option("--camera", type=click.Choice(["estimated", "held"]), default="estimated", show_default=True,
+                 help="Whether the adjustment estimates the lens anew."),
+    click.option("--pixel-size", type=POSITIVE, default=2.4, show_default=True, metavar="UM", help="Of the sensor."),
+    click.option("--image-sigma", type=POSITIVE, default=0.5, show_default=True, metavar="PX",
+                 help="Standard deviation of an image coordinate."),
+    click.option("--index", type=POSITIVE, default=1.34, show_default=True, help="Refractive index of the water."),
+    click.option("--index-sigma", type=POSITIVE, help="Its standard deviation."),
+    quiet_option,
+)  # fmt: skip
+
+
+@click.command(name="import", short_help="Import a model of COLMAP, OpenSfM or Metashape.")
+@click.argument("form", metavar="FORMAT", type=click.Choice(_FORMATS))
+@click.argument("path", type=NamedPath(exists=True))
+@_import_options
+def import_command(form: str, path: Path, out: Path, quiet: bool, **given: Any) -> None:
+    """Import the model PATH, a folder or file, as a job: FORMAT is colmap, opensfm or metashape.
+
+    The file proves its convention by the residuals of its own images; where it does not, the convention that fits
+    is named, and nothing is written. The model is put in place by control (--gcp) and positions (--gnss); points are
+    wet by --wet, --water, or their heights and the level of the water. NAME.photos.csv has the time and the level of
+    the water of every photo. Go on with 'musat run NAME.job'.
+
+    Exit status: 0 written, 1 the model cannot be used.
+    """
+    import numpy as np
+
+    from musatpy.files import write_files
+    from musatpy.formats.job_folder import job_files
+    from musatpy.sfm.importing import Asked, imported
+    from musatpy.units import MICROMETRE
+
+    if out.suffix.lower() != _JOB:
+        raise click.UsageError(f"-o {name_of(out)}: a job folder is called NAME{_JOB}")
+    if given["tide"] is not None and not given["tide_datum"]:
+        raise click.UsageError("--tide needs --tide-datum, the height of its zero")
+    photos = out.with_name(f"{out.stem}.photos.csv")
+    refuse_overwriting([photos], [path, *(given[name] for name in ("gcp", "gnss", "tide", "flags") if given[name])])
+    numbers = {name: np.nan if given[name] is None else given[name] for name in ("level", "level_sigma")}
+    texts = ("gcp", "gnss", "heights", "crs", "time_zone", "tide", "tide_datum", "tide_zone", "water", "flags")
+    plain = {name: given[name] for name in (*texts, "per_photo", "image_sigma", "index", "index_sigma")}
+    asked = Asked(
+        form=form,
+        path=path,
+        component=given["component"] or 0,
+        side=given["water_side"] or "",
+        held=given["camera"] == "held",
+        pixel_size=given["pixel_size"] * MICROMETRE,
+        **plain,
+        **numbers,
+    )
+    done = imported(asked, out.stem.upper()[:68])
+    for warning in done.warnings:
+        complain(f"{name_of(path)}: warning: {warning}")
+    contents = job_files(done.block, out, done.cameras.arrays(), done.inputs)
+    write_files({photos: done.photos_csv, **contents})
+    if not quiet:
+        tell("\n".join([*done.lines, f"wrote {name_of(out)} and {name_of(photos)}"]))
+
+
+@click.command(name="export", short_help="Export adjusted stations and lenses to COLMAP or Metashape.")
+@click.argument("form", metavar="FORMAT", type=click.Choice(("colmap", "metashape")))
+@click.option("--run", required=True, type=NamedPath(exists=True), metavar="RUN.json", help="Run of the job.")
+@click.option("--job", required=True, type=NamedPath(exists=True), metavar="NAME.job", help="Job of the import.")
+@click.option("-o", "--out", required=True, type=NamedPath(), metavar="DIR", help="Folder to write.")
+@click.option("--points", type=click.Choice(["true", "apparent"]), default="true", show_default=True,
+              help="Where submerged points stand: where they are, or where straight rays meet.")  # fmt: skip
+@quiet_option
+def export_command(form: str, run: Path, job: Path, out: Path, points: str, quiet: bool) -> None:
+    """Export the adjusted stations and lens of a run in the coordinates of the model that was imported.
+
+    Exit status: 0 written, 1 the run does not go with the job.
+    """
+    from musatpy.formats.job_folder import read_job
+    from musatpy.records.json_files import read_record
+    from musatpy.sfm import colmap
+    from musatpy.sfm.export import TABLES, adjusted_model, write_cameras
+    from musatpy.sfm.source import FileCameras
+
+    cameras = FileCameras.read(read_job(job).source, str(job))
+    model = adjusted_model(read_record(run, TABLES), cameras, apparent=points == "apparent")
+    if form == "colmap":
+        colmap.write_model(model, out)
+    else:
+        write_cameras(model, out / "cameras.xml")
+    if not quiet:
+        tell(f"wrote {len(model.photos)} photos and {len(model.points)} points to {name_of(out)}")

@@ -1,0 +1,288 @@
+"""From a model and what lies beside it to a job: proven, put in place, with its water, and thinned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from musatpy.arrays import FloatArray, IntArray
+from musatpy.errors import Problem
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.model import Block
+from musatpy.sfm import colmap, metashape, opensfm
+from musatpy.sfm.block import Beside, Placement, block_of
+from musatpy.sfm.control import Control, read_control
+from musatpy.sfm.conventions import prove
+from musatpy.sfm.georeference import Georeference, file_placement, georeferenced, level_positions
+from musatpy.sfm.model import Model, ModelError
+from musatpy.sfm.source import FileCameras
+from musatpy.sfm.thinning import thinned
+from musatpy.sfm.tides import PhotoLevels, datum_heights, given_levels, read_tide, tide_levels, utc
+from musatpy.sfm.times import SOURCES, Exposures, clock_offset, read_exposures
+from musatpy.sfm.wet import Wet, Wetness, read_flags, read_water, wetness
+
+FORMATS = ("colmap", "opensfm", "metashape")
+_LEAST_DOUBT = 0.05  # m, of the height of a point of a model that was put in place
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What the user says of a model; paths are None, numbers NaN where nothing is said."""
+
+    form: str  # of `FORMATS`
+    path: Path
+    component: int = 0
+    gcp: Path | None = None
+    gnss: Path | None = None
+    heights: bool = False  # those of positions without RTK too
+    crs: str = ""
+    time_zone: str = ""
+    tide: Path | None = None
+    tide_datum: str = ""
+    tide_zone: str = ""
+    level: float = np.nan
+    level_sigma: float = np.nan
+    water: Path | None = None
+    side: str = ""  # of a shoreline, where the water is
+    flags: Path | None = None
+    per_photo: int = 120
+    held: bool = False
+    pixel_size: float = 0.0024  # mm
+    image_sigma: float = 0.5  # px
+    index: float = 1.34
+    index_sigma: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Imported:
+    """A job, the cameras of its file, what there is to say, and the table of its photos."""
+
+    block: Block
+    cameras: FileCameras
+    inputs: dict[str, str]  # SHA-256 of files by their names
+    lines: tuple[str, ...]
+    warnings: tuple[str, ...]
+    photos_csv: bytes
+
+
+def read_model(asked: Asked) -> Model:
+    """Return the model of a path. Raises `ModelError` where there is none of the format."""
+    path = asked.path
+    if asked.form == "colmap":
+        if not colmap.is_colmap(path):
+            message = "it has no model of COLMAP: images.bin or images.txt"
+            raise ModelError([Problem(message=message, file=str(path))])
+        return colmap.read_model(path)
+    if asked.form == "opensfm":
+        found = path if path.is_file() else opensfm.reconstruction_of(path)
+        if found is None:
+            raise ModelError([Problem(message="it has no reconstruction.json", file=str(path))])
+        return opensfm.read_model(found, asked.component)
+    return metashape.read_model(path, asked.component)
+
+
+def imported(asked: Asked, title: str) -> Imported:
+    """Return the job of a model. Raises `ModelError`, `DeckError`, `SystemsError` with what cannot be; `OSError`."""
+    model = read_model(asked)
+    lines, warnings = [_size(model)], list(model.notes)
+    proof = prove(model, str(asked.path))
+    if proof is not None:
+        lines.append(f"straight rays miss {proof.images} of the images by {proof.median:.2f} px (median)")
+        warnings += proof.notes
+    exposures = _exposures(asked, model)
+    control = None if asked.gcp is None else read_control(asked.gcp, model)
+    geo, control_level = _placed(asked, model, control, exposures)
+    warnings += [*geo.wrong, *geo.notes, *(control.notes if control else ())]
+    lines += list(_places(geo))
+    levels = _levels(asked, model, geo.placement, exposures)
+    if exposures is not None:
+        lines += clock_lines(exposures)
+        warnings += clock_offset(exposures).warnings()
+    wet = _wetness(asked, model, geo, levels)
+    lines += [f"{count} points {code} by {source}" for (code, source), count in wet.counts().items()]
+    always = np.zeros(len(model.points), dtype=bool)
+    kept = thinned(model, wet.code, always, asked.per_photo)
+    used = kept.kept & (wet.code < Wet.UNDECIDED)
+    lines.append(f"{np.count_nonzero(used)} of {len(model.points)} points are taken into the job")
+    if kept.double.any():
+        lines.append(f"{np.count_nonzero(kept.double)} points with two images in one photo are left out")
+    if (wet.code == Wet.WET).any() and not asked.held:
+        warnings.append(
+            "the lens was estimated over water by a program that knew of none: its focal length comes out short by "
+            "pixels; the adjustment estimates it anew"
+        )
+    beside = _beside(asked, model, exposures, levels, wet, control, control_level)
+    block = block_of(
+        model, geo.placement, beside, used, size=asked.pixel_size, image_sigma=asked.image_sigma * asked.pixel_size,
+        index=asked.index, index_sigma=asked.index_sigma, held=asked.held, title=title,
+    )  # fmt: skip
+    return Imported(
+        block=block,
+        cameras=FileCameras.of(model, geo.placement, asked.pixel_size, asked.held),
+        inputs=_digests(asked),
+        lines=tuple(lines),
+        warnings=tuple(warnings),
+        photos_csv=_table(model, exposures, levels),
+    )
+
+
+def clock_lines(exposures: Exposures) -> list[str]:
+    """Return what is to be said of times, by their sources, and of the camera's clock."""
+    counts = np.bincount(exposures.source, minlength=len(SOURCES)).tolist()
+    lines = [f"times of {count} photos by {name}" for name, count in zip(SOURCES, counts, strict=True) if count]
+    clock = clock_offset(exposures)
+    if clock.photos > 1:
+        lines.append(f"camera clock {clock.offset:+.1f} s off GPS time, {clock.drift:+.2f} s a day")
+    return lines
+
+
+def _size(model: Model) -> str:
+    counts = len(model.photos), len(model.cameras), len(model.points), len(model.photo)
+    return "{} photos, {} cameras, {} points, {} images".format(*counts)
+
+
+def _exposures(asked: Asked, model: Model) -> Exposures | None:
+    """Return times and positions of the photos, None where no table of them is given."""
+    if asked.gnss is None:
+        return None
+    every = read_exposures(asked.gnss, asked.time_zone, heights=asked.heights)
+    return every.of(model.photos.tolist(), str(asked.gnss))
+
+
+def _placed(
+    asked: Asked, model: Model, control: Control | None, exposures: Exposures | None
+) -> tuple[Georeference, FloatArray]:
+    """Return where the model stands, and the positions (k, 3) of control as the block has them."""
+    level, ellipsoid = np.zeros((0, 3)), cast("Ellipsoid | None", Ellipsoid("WGS84"))
+    if control is not None:
+        level, of_control = level_positions(control.position, control.system, asked.crs)
+        if of_control is None and exposures is not None:
+            message = "control in local metres and positions of GNSS do not go together: --gnss none, or a system"
+            raise ModelError([Problem(message=message, file=str(asked.gcp))])
+        ellipsoid = of_control
+    stations, sigma = None, None
+    if exposures is not None:
+        stations, sigma = exposures.position, exposures.sigma
+    elif np.isfinite(model.reference).any() and asked.crs:
+        stations, _ = level_positions(model.reference, asked.crs)
+        sigma = np.where(np.isfinite(stations), 10.0, np.nan)
+    own = file_placement(model)
+    if control is None and stations is None and own is not None:
+        nothing = np.full((len(model.photos), 3), np.nan)
+        return Georeference(placement=own, control=level, photos=nothing, wrong=(), notes=()), level
+    return georeferenced(model, ellipsoid, control, level, stations, sigma), level
+
+
+def _places(geo: Georeference) -> Iterator[str]:
+    """Yield the RMS of the residuals of first values, east, north, up."""
+    for what, off in (("control", geo.control), ("stations", geo.photos)):
+        known = np.isfinite(off).all(axis=1)
+        if known.any():
+            rms = ", ".join(f"{value:.3f}" for value in np.sqrt(np.mean(np.square(off[known]), axis=0)).tolist())
+            yield f"placed by {np.count_nonzero(known)} {what}: RMS east, north, up {rms} m"
+
+
+def _levels(asked: Asked, model: Model, placement: Placement, exposures: Exposures | None) -> PhotoLevels | None:
+    """Return the water at the exposures, None where nothing is said of it."""
+    count = len(model.photos)
+    time = np.full(count, np.nan) if exposures is None else exposures.time
+    if asked.tide is None:
+        sigma = 0.05 if np.isnan(asked.level_sigma) else asked.level_sigma
+        return None if np.isnan(asked.level) else given_levels(asked.level, sigma, time)
+    if exposures is None:
+        message = "a tide needs the times of the photos: --gnss with a table of exiftool"
+        raise ModelError([Problem(message=message, file=str(asked.tide))])
+    datum = datum_heights(asked.tide_datum, placement.positions(model.centre))
+    return tide_levels(read_tide(asked.tide, asked.tide_zone), model.photos.tolist(), time, datum)
+
+
+def _wetness(asked: Asked, model: Model, geo: Georeference, levels: PhotoLevels | None) -> Wetness:
+    """Return what the points of a model are; dry where nothing is said of water."""
+    count = len(model.points)
+    position = geo.placement.positions(model.position)
+    if levels is None:
+        dry = np.full(count, Wet.DRY, dtype=np.int64)
+        return wetness(position[:, 2], np.zeros(count), np.full(count, -np.inf), np.zeros(count), flags=dry)
+    rays = np.maximum(model.counts, 1)
+    level, sigma = (np.bincount(model.point, of[model.photo], count) / rays for of in (levels.level, levels.sigma))
+    off = np.concatenate([geo.control[:, 2], geo.photos[:, 2]])
+    doubt = max(_LEAST_DOUBT, float(np.sqrt(np.nanmean(np.square(off)))) if np.isfinite(off).any() else 0.0)
+    inside = None
+    if asked.water is not None:
+        geographic = geo.placement.ellipsoid is not None
+        plan = np.degrees(position[:, 1::-1]) if geographic else position[:, :2]
+        inside = read_water(asked.water, asked.side, geographic=geographic).holds(plan)
+    flags = None if asked.flags is None else read_flags(asked.flags, model.points)
+    return wetness(position[:, 2], np.full(count, doubt), level, sigma, flags=flags, inside=inside)
+
+
+def _beside(
+    asked: Asked,
+    model: Model,
+    exposures: Exposures | None,
+    levels: PhotoLevels | None,
+    wet: Wetness,
+    control: Control | None,
+    control_level: FloatArray,
+) -> Beside:
+    """Return what is known besides the model."""
+    beside = Beside.nothing(len(model.photos), len(model.points))
+    beside = replace(beside, wet=wet.code == Wet.WET)
+    if exposures is not None:
+        known = np.isfinite(exposures.sigma).all(axis=1, keepdims=True)
+        beside = replace(
+            beside,
+            position=exposures.position,
+            position_sigma=np.where(known, exposures.sigma, np.nan),
+            time=exposures.time - np.nanmin(exposures.time, initial=0.0)
+            if np.isfinite(exposures.time).any()
+            else beside.time,
+        )
+    if levels is not None:
+        beside = replace(beside, tide=levels.level, tide_sigma=levels.sigma, tide_group=levels.group)
+    if control is None:
+        return beside
+    known = np.flatnonzero(np.isfinite(control_level).all(axis=1))
+    number: IntArray = np.full(len(control.ids), -1)
+    number[known] = np.arange(len(known))
+    images = np.flatnonzero(number[control.point] >= 0)
+    sigma = control.sigma[known]
+    return replace(
+        beside,
+        control=control.ids[known],
+        control_position=control_level[known],
+        control_sigma=np.where(np.isfinite(sigma), sigma, 0.05),
+        check=control.check[known],
+        control_photo=control.photo[images],
+        control_of=number[control.point[images]],
+        control_pixel=control.pixel[images],
+    )
+
+
+def _digests(asked: Asked) -> dict[str, str]:
+    """Return the SHA-256 of all files that went into a job."""
+    given = (asked.gcp, asked.gnss, asked.tide, asked.water, asked.flags)
+    files = [path for path in given if path is not None]
+    files += (
+        sorted(path for path in asked.path.iterdir() if path.is_file()) if asked.path.is_dir() else [asked.path]
+    )
+    return {path.name: sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def _table(model: Model, exposures: Exposures | None, levels: PhotoLevels | None) -> bytes:
+    """Return the table of the photos: time, where it comes from, the level of the water and its sigma."""
+    rows = ["photo,utc,source,level,sigma,flight"]
+    for row, name in enumerate(model.photos.tolist()):
+        time, source = "", ""
+        if exposures is not None and np.isfinite(exposures.time[row]):
+            time, source = utc(float(exposures.time[row])), SOURCES[int(exposures.source[row])]
+        of = ["", "", ""]
+        if levels is not None:
+            of = [f"{levels.level[row]:.4f}", f"{levels.sigma[row]:.4f}", str(levels.group[row])]
+        rows.append(",".join([f'"{name}"', time, source, *of]))
+    return ("\n".join(rows) + "\n").encode()
