@@ -86,6 +86,11 @@ def write_model(model: Model, folder: Path) -> None:
             for name, lens in zip(model.cameras, model.lenses, strict=True)
             if lens.shear or (not lens.fisheye and len(lens.k) > 3 and lens.k[3])
         ]
+        + [
+            Problem(message=f"photo {name}: names in COLMAP's text have no blanks")
+            for name in model.photos.tolist()
+            if " " in name
+        ]
     )
     folder.mkdir(parents=True, exist_ok=True)
     lines = [

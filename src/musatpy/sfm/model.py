@@ -46,20 +46,19 @@ class Model:
     notes: tuple[str, ...] = ()  # what was left out: photos that are not placed, ...
     stored: FloatArray = field(default_factory=lambda: np.zeros(0))  # (p,) px, mean residual as the file has it
 
-    def rays(self, rows: IntArray | slice = slice(None)) -> FloatArray:
-        """Return the rays (r, 3) of images to their points, in the axes of their cameras."""
-        photo, point = self.photo[rows], self.point[rows]
-        return np.einsum("rij,rj->ri", self.rotation[photo], self.position[point] - self.centre[photo])
-
     def residuals(self, rows: IntArray | slice = slice(None)) -> FloatArray:
         """Return computed minus measured pixels (r, 2) of straight rays; NaN of points behind their cameras."""
-        rays, measured = self.rays(rows), self.pixel[rows]
-        computed, camera = np.full(measured.shape, np.nan), self.camera[self.photo[rows]]
+        return self.gaps(self.position, self.photo[rows], self.point[rows], self.pixel[rows])
+
+    def gaps(self, position: FloatArray, photo: IntArray, point: IntArray, pixel: FloatArray) -> FloatArray:
+        """Return the same of images (r,) of points at positions (p, 3) of the model's coordinates."""
+        rays = np.einsum("rij,rj->ri", self.rotation[photo], position[point] - self.centre[photo])
+        computed, camera = np.full(pixel.shape, np.nan), self.camera[photo]
         ahead = rays[:, 2] > 0.0
         for number, lens in enumerate(self.lenses):
             of = np.flatnonzero(ahead & (camera == number))
             computed[of] = lens.pixels(rays[of, :2] / rays[of, 2:])
-        return computed - measured
+        return computed - pixel
 
     @cached_property
     def counts(self) -> IntArray:

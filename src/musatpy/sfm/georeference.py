@@ -1,0 +1,253 @@
+"""Where a model stands: a similarity to geocentric or local metres by control and positions of photos.
+
+It gives first values only: the control becomes control of the block, the positions observations. Gross errors, in
+plan and in height apart, do not draw it and are named.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.errors import Problem, SystemsError
+from musatpy.geometry.crs import own_ellipsoid, system_of
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.similarity import Similarity, by_change, cauchy, fit, fit_robust, small, spread
+from musatpy.geometry.systems import geographic
+from musatpy.sfm.block import Placement
+from musatpy.sfm.control import LOCAL, Control
+from musatpy.sfm.intersection import intersections
+from musatpy.sfm.model import Model, ModelError
+
+CONTROL_SIGMA = 0.05  # m, where none is stated
+_STEPS, _AT_REST = 50, 1e-9
+_GROSS = 5.0  # robust scales
+_LEAST_WRONG = 5.0  # px, of the image of a control point
+_MOST_TURN = 0.1  # rad: the sigma of a turn that is as good as unknown
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Georeference:
+    """Where a model of n photos stands by k control points; residuals are placed minus given, m east, north, up."""
+
+    placement: Placement
+    control: FloatArray  # (k, 3), checks too; NaN: no place is given, or no two rays meet
+    photos: FloatArray  # (n, 3); NaN: no position is given
+    wrong: tuple[str, ...]  # sentences that name what does not fit
+    notes: tuple[str, ...]
+
+
+def level_positions(
+    position: FloatArray, stated: str, crs: str = "", geoid: str = ""
+) -> tuple[FloatArray, Ellipsoid | None]:
+    """Return positions (n, 3) in a system as latitude, longitude (rad), height, with their ellipsoid.
+
+    The system is the one that the file has stated, else `crs`: a code EPSG[+vertical], PROJ string or WKT, or
+    `local` for metres with Z up, which stay as they are on no ellipsoid (None). `geoid` is the grid of heights.
+    Raises `SystemsError` where no system is stated, where it is in feet, and where `geometry.crs` refuses it.
+    """
+    definition = stated or crs
+    if not definition:
+        message = "no coordinate system is stated: give --crs EPSG:code[+vertical], or --crs local for local metres"
+        raise SystemsError([Problem(message=message)])
+    if definition == LOCAL:
+        return np.array(position), None
+    ellipsoid = own_ellipsoid(definition)
+    system = system_of(definition, ellipsoid, geoid)
+    if system.plane and system.units[0] != "m":
+        message = f"{system.text}: it is in {system.units[0]}, and heights beside it may be too: give metres"
+        raise SystemsError([Problem(message=message)])
+    return system.level(position), ellipsoid
+
+
+def file_placement(model: Model) -> Placement | None:
+    """Return where the file itself puts a model, on WGS 84; None where it does not say."""
+    if model.to_geocentric is None:
+        return None
+    A = model.to_geocentric[:3, :3]
+    scale = float(np.cbrt(np.linalg.det(A)))
+    return Placement(
+        scale=scale, rotation=A / scale, shift=model.to_geocentric[:3, 3], ellipsoid=Ellipsoid("WGS84")
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Known:
+    """k places in the model and in east, north, up about their middle."""
+
+    names: list[str]
+    x: FloatArray  # (k, 3)
+    y: FloatArray  # (k, 3) m
+    sigma: FloatArray  # (k, 3) m
+    group: IntArray  # (k,) 0 control, 1 photos
+
+
+def georeferenced(
+    model: Model,
+    ellipsoid: Ellipsoid | None,
+    control: Control | None = None,
+    control_level: FloatArray | None = None,
+    station_level: FloatArray | None = None,
+    station_sigma: FloatArray | None = None,
+    *,
+    metric: bool = False,
+) -> Georeference:
+    """Return where a model stands by control (k, 3) that is no check, and by positions (n, 3) of its photos.
+
+    Positions are as `level_positions` has them, on one ellipsoid or, None, on none; `station_sigma` (n, 3) m east,
+    north, up; NaN where not known. A model that is `metric` keeps its scale. Raises `ModelError` where fewer than
+    three places are known or where these leave a turn of the model free.
+    """
+    photos, count = len(model.photos), 0 if control is None else len(control.ids)
+    place, notes, wrong = np.zeros((0, 3)), list[str](), list[str]()
+    if control is not None:
+        place, notes, wrong = _intersected(model, control)
+    level = np.full((count, 3), np.nan) if control_level is None else control_level
+    stations = np.full((photos, 3), np.nan) if station_level is None else station_level
+    given = np.concatenate([level, stations])
+    metres = given if ellipsoid is None else ellipsoid.geocentric(given)
+    x = np.concatenate([place, model.centre])
+    sigma = np.full((len(x), 3), np.nan)
+    if control is not None:
+        sigma[:count] = np.where(np.isnan(control.sigma), CONTROL_SIGMA, control.sigma)
+    if station_sigma is not None:
+        sigma[count:] = station_sigma
+    known = np.isfinite(metres).all(axis=1) & np.isfinite(x).all(axis=1)
+    used = known & np.isfinite(sigma).all(axis=1)
+    if control is not None:
+        used[:count] &= ~control.check
+    if used.sum() < 3:
+        raise ModelError([Problem(message=_too_few(int(used[:count].sum()), int(used[count:].sum())))])
+    middle = metres[used].mean(axis=0)
+    axes = np.eye(3) if ellipsoid is None else ellipsoid.frame(geographic(ellipsoid, middle))
+    names = [f"control point {name}" for name in ([] if control is None else control.ids.tolist())]
+    names += [f"photo {name}" for name in model.photos.tolist()]
+    rows = np.flatnonzero(used)
+    of = _Known(
+        names=[names[row] for row in rows.tolist()],
+        x=x[rows],
+        y=(metres[rows] - middle) @ axes.T,
+        sigma=sigma[rows],
+        group=(rows >= count).astype(np.int64),
+    )
+    similarity, gross = _solved(of, metric)
+    placed = similarity.apply(x) - (metres - middle) @ axes.T
+    placed[~known] = np.nan
+    wrong += [
+        f"{name} is {', '.join(f'{value:.2f}' for value in placed[row].tolist())} m off, east, north, up"
+        for name, row, bad in zip(of.names, rows.tolist(), gross.tolist(), strict=True)
+        if bad
+    ]
+    if len(rows) == 3:
+        notes.append("three places fix the model, and do not check one another")
+    placement = Placement(
+        scale=similarity.scale,
+        rotation=axes.T @ similarity.rotation,
+        shift=middle + axes.T @ similarity.shift,
+        ellipsoid=ellipsoid,
+    )
+    return Georeference(
+        placement=placement, control=placed[:count], photos=placed[count:], wrong=tuple(wrong), notes=tuple(notes)
+    )
+
+
+def _too_few(control: int, photos: int) -> str:
+    return (
+        f"{control} control points with coordinates and two images or more, and {photos} photos with positions are "
+        "known: three places that are not on a line are needed"
+    )
+
+
+def _intersected(model: Model, control: Control) -> tuple[FloatArray, list[str], list[str]]:
+    """Return control points (k, 3) in the model, what is to be said of them, and images that are wrong."""
+    place = intersections(model, control.photo, control.point, control.pixel, len(control.ids))
+    rays = np.bincount(control.point, minlength=len(control.ids))
+    notes = [
+        f"control point {name} has {number} image{'s' * (number != 1)}: no place in the model"
+        for name, number, lost in zip(control.ids.tolist(), rays.tolist(), np.isnan(place[:, 0]), strict=True)
+        if lost
+    ]
+    gap = model.gaps(place, control.photo, control.point, control.pixel)
+    size = np.linalg.norm(gap, axis=1)
+    seen = np.isfinite(size)
+    usual = max(_LEAST_WRONG, _GROSS * spread(size[seen], 0.0))
+    wrong = [
+        f"control point {control.ids[control.point[row]]} is {size[row]:.1f} px off on "
+        f"photo {model.photos[control.photo[row]]}"
+        for row in np.flatnonzero(seen & (size > usual)).tolist()
+    ]
+    return place, notes, wrong
+
+
+def _solved(of: _Known, metric: bool) -> tuple[Similarity, BoolArray]:
+    """Return the similarity of known places, and which (k,) are gross errors. Raises `ModelError`.
+
+    Least squares with Cauchy's weights, in plan and in height apart, whose scales are those of control and of
+    photos each.
+    """
+    weight = 1.0 / np.mean(np.square(of.sigma), axis=1)
+    mean = of.x.mean(axis=0)
+    at, _ = fit_robust(of.x - mean, of.y, weight, 1.0)
+    if metric:
+        at = _unscaled(at, of.x - mean, of.y, weight)
+    first = int(metric)
+    for _ in range(_STEPS):
+        placed = at.apply(of.x - mean)
+        error = of.y - placed
+        off, scale = _relative(error, of)
+        W = cauchy(off, scale, 1.0 / np.square(of.sigma)).reshape(-1)
+        J = by_change(placed)[..., first:].reshape(-1, 7 - first)
+        step = np.zeros(7)
+        step[first:] = np.linalg.lstsq(J * np.sqrt(W)[:, None], error.reshape(-1) * np.sqrt(W), rcond=None)[0]
+        at = small(step).after(at)
+        if np.abs(step).max() < _AT_REST:
+            break
+    variance = np.square(of.sigma * np.maximum(scale, 1.0))
+    gross: BoolArray = np.asarray((off > _GROSS * scale).any(axis=1))
+    _require_turns(of, J / np.sqrt(variance.reshape(-1))[:, None], np.asarray(~gross), first)
+    shift = at.shift - at.scale * at.rotation @ mean
+    return Similarity(scale=at.scale, rotation=at.rotation, shift=shift), gross
+
+
+def _unscaled(at: Similarity, x: FloatArray, y: FloatArray, weight: FloatArray) -> Similarity:
+    """Return the similarity without its scale, about the middle of what fits it."""
+    error = np.linalg.norm(y - at.apply(x), axis=1) * np.sqrt(weight)
+    robust = cauchy(error, spread(error, 1.0), weight)
+    rotation = fit(x, y, robust).rotation
+    shift = np.average(y - x @ rotation.T, axis=0, weights=robust)
+    return Similarity(scale=1.0, rotation=rotation, shift=shift)
+
+
+def _relative(error: FloatArray, of: _Known) -> tuple[FloatArray, FloatArray]:
+    """Return errors (k, 3) over sigmas, that in plan in both of its columns, and their robust scales (k, 3)."""
+    off = np.abs(error) / of.sigma
+    off[:, :2] = np.hypot(off[:, 0], off[:, 1])[:, None]
+    scale = np.ones_like(off)
+    for group in (0, 1):
+        rows = of.group == group
+        for column in range(3):
+            scale[rows, column] = spread(off[rows, column], 1.0)
+    return off, scale
+
+
+def _require_turns(of: _Known, J: FloatArray, good: BoolArray, first: int) -> None:
+    """Raise `ModelError` where places without gross errors leave a turn free; J (3 k, 7 - first) over sigmas."""
+    rows = J.reshape(len(good), 3, -1)[good].reshape(-1, J.shape[1])
+    size = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
+    values, vectors = np.linalg.eigh((rows / size).T @ (rows / size))
+    turns = vectors[1 - first : 4 - first] / size[1 - first : 4 - first, None]
+    variance = np.sum(np.square(turns) / np.maximum(values, 1e-14), axis=1)
+    if float(np.sqrt(variance.max())) < _MOST_TURN:
+        return
+    spread_along = np.linalg.svd(of.y[good] - of.y[good].mean(axis=0), compute_uv=False) / np.sqrt(
+        max(1, good.sum())
+    )
+    along, across = (float(value) for value in spread_along[:2])
+    message = (
+        f"the {good.sum()} places that fit leave a turn of the model free: they spread by {along:.2f} m along a "
+        f"line and {across:.2f} m beside it, of sigmas of {np.median(of.sigma):.2f} m: a control point off that "
+        "line is lacking"
+    )
+    raise ModelError([Problem(message=message)])
