@@ -211,7 +211,7 @@ def files_of(bay: Bay, folder: Path) -> None:
         lat, lon, height = control.position[row].tolist()
         east, north = utm.transform(np.degrees(lon), np.degrees(lat))
         for image in np.flatnonzero(block.plates.point == point).tolist():
-            x, y = pixels_of(lens, block.plates.xy[image], SIZE).tolist()
+            x, y = (pixels_of(lens, block.plates.xy[image], SIZE) - 0.5).tolist()  # the middle of the first is zero
             name = bay.model.photos[block.plates.photo[image]].rpartition("/")[2]
             lines.append(f"{east:.4f} {north:.4f} {height:.4f} {x:.3f} {y:.3f} {name} GCP{ids[point]}")
     (folder / "gcp_list.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -73,6 +73,13 @@ correction_options = options_of(
 @click.command(name="correct", short_help="Correct apparent points for refraction.")
 @click.argument("points", type=NamedPath())
 @click.option("--run", type=NamedPath(), metavar="RUN.json", help="Take the stations of this run.")
+@click.option(
+    "--job", type=NamedPath(exists=True), metavar="NAME.job", help="Job of an import, whose run --run is."
+)
+@click.option(
+    "--rays", type=click.IntRange(min=2), default=12, show_default=True, help="Rays of a point, with --job."
+)
+@click.option("--cloud-sigma", type=POSITIVE, metavar="PX", help="Sigma of the matcher's images, with --job.")
 @click.option("--stations", type=NamedPath(), metavar="CSV", help="Take the stations of this table.")
 @click.option("--sea", type=NamedPath(), metavar="SURFACE.json", help="Correct through this surface of 'sea fit'.")
 @click.option(
@@ -90,6 +97,9 @@ def command(
     stations: Path | None,
     sea: Path | None,
     by_control: Path | None,
+    job: Path | None,
+    rays: int,
+    cloud_sigma: float | None,
     **given: Any,
 ) -> None:
     """Correct the apparent points of POINTS for refraction, by all photos that see them.
@@ -106,6 +116,10 @@ def command(
     A point that cannot be corrected keeps its apparent place and gets a reason; lines are cut there, unless the
     point is above the water. If the stations have sigmas (from the run, or in columns of the table), the points get
     sigmas along east, north and up, and of their depth.
+
+    With --job the points are those of a model that was imported: each goes back through the cameras of its file to
+    pixels, and from there along rays of the adjusted cameras through the water; dry points too. --crs model says
+    that points are in the coordinates of the model.
 
     With --sea the points are those of two stations, and their rays go through an estimated surface of the water.
     With --by-control no stations are needed: the errors of heights at control points are interpolated by
@@ -126,6 +140,11 @@ def command(
     if (run is None) == (stations is None):
         raise click.UsageError("--run or --stations is needed, and not both")
     source: Any = run or stations
+    if job is not None:
+        if run is None or sea is not None:
+            raise click.UsageError("--job goes with --run, and not with --sea")
+        _by_job(ctx, points, run, job, rays, cloud_sigma, given)
+        return
     if sea is not None:
         _through_sea(ctx, points, sea, source, given)
         return
@@ -191,6 +210,37 @@ def correct(
     if why := method.rejection(tally):
         complain(f"{name_of(points)}: {why}")
     if why or (strict and doubts):
+        ctx.exit(ExitStatus.REJECTED)
+
+
+def _by_job(
+    ctx: click.Context,
+    points: Path,
+    run: Path,
+    job: Path,
+    rays: int,
+    cloud_sigma: float | None,
+    given: dict[str, Any],
+) -> None:
+    """Correct the points of a file through the cameras of a model that was imported."""
+    from musatpy.correction.file_cameras import by_file_cameras
+    from musatpy.correction.files import correct_file
+    from musatpy.runs import ExitStatus
+
+    out = given["out"]
+    refuse_overwriting([out], [points, run])
+    with progress_through(points, given["quiet"]) as progress:
+        method = by_file_cameras(run, job, image_sigma=cloud_sigma, most=rays)
+        method, tally = correct_file(
+            points, out, method, crs=given["crs"], geoid=given["geoid"],
+            columns=columns_of(points, given["columns"]), layer=given["layer"], band=given["band"],
+            surface=given["surface"], jobs=given["processes"] or _cores(), progress=progress,
+        )  # fmt: skip
+    if not given["quiet"]:
+        first, *more = method.lines(tally)
+        tell("\n".join([f"{name_of(out)}: {first}", *more]))
+    if why := method.rejection(tally):
+        complain(f"{name_of(points)}: {why}")
         ctx.exit(ExitStatus.REJECTED)
 
 

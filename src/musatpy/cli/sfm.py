@@ -13,7 +13,7 @@ from musatpy.cli.options import POSITIVE, NamedPath, options_of, quiet_option, r
 _JOB = ".job"
 _FORMATS = ("colmap", "opensfm", "metashape")
 _import_options = options_of(
-    click.option("-o", "--out", required=True, type=NamedPath(), metavar="NAME.job", help="Job folder to write."),
+    click.option("-o", "--out", required=True, type=NamedPath(), metavar="NAME.job", help="Job to write."),
     click.option("--component", type=click.IntRange(min=1), default=None, help="Which of several components."),
     click.option("--gcp", type=NamedPath(), metavar="FILE",
                  help="Control: gcp_list.txt, cameras.xml with markers, or a table with images."),
@@ -25,19 +25,21 @@ _import_options = options_of(
     click.option("--tide", type=NamedPath(), metavar="CSV", help="Tide: time and level."),
     click.option("--tide-datum", default="", metavar="H|GRID",
                  help="Height of the tide's zero above the ellipsoid, or a grid of such heights."),
-    click.option("--tide-zone", default="", metavar="ZONE", help="Zone of times of the tide that state none."),
+    click.option("--tide-sigma", type=POSITIVE, metavar="M", help="Of readings whose table has none."),
+    click.option("--tide-zone", default="", metavar="ZONE", help="Zone of its times that state none."),
     click.option("--level", type=float, metavar="M", help="Height of the water, where there is no tide."),
     click.option("--level-sigma", type=POSITIVE, metavar="M", help="Its standard deviation. Default 0.05."),
-    click.option("--water", type=NamedPath(), metavar="FILE", help="Areas of water, or a shoreline: GeoJSON or GIS."),
+    click.option("--water", type=NamedPath(), metavar="FILE", help="Areas of water, or a shoreline (GeoJSON)."),
     click.option("--water-side", type=click.Choice(["left", "right"]), help="Side of a shoreline that is water."),
     click.option("--wet", "flags", type=NamedPath(), metavar="CSV", help="Table with id and wet of points."),
     click.option("--per-photo", type=click.IntRange(min=0), default=120, show_default=True,
                  help="Images of a photo that are kept at least; 0: all."),
     click.option("--camera", type=click.Choice(["estimated", "held"]), default="estimated", show_default=True,
                  help="Whether the adjustment estimates the lens anew."),
-    click.option("--pixel-size", type=POSITIVE, default=2.4, show_default=True, metavar="UM", help="Of the sensor."),
+    click.option("--pixel-size", type=POSITIVE, default=2.4, show_default=True, metavar="UM",
+                 help="Of the sensor."),
     click.option("--image-sigma", type=POSITIVE, default=0.5, show_default=True, metavar="PX",
-                 help="Standard deviation of an image coordinate."),
+                 help="Sigma of an image coordinate."),
     click.option("--index", type=POSITIVE, default=1.34, show_default=True, help="Refractive index of the water."),
     click.option("--index-sigma", type=POSITIVE, help="Its standard deviation."),
     quiet_option,
@@ -58,8 +60,6 @@ def import_command(form: str, path: Path, out: Path, quiet: bool, **given: Any) 
 
     Exit status: 0 written, 1 the model cannot be used.
     """
-    import numpy as np
-
     from musatpy.files import write_files
     from musatpy.formats.job_folder import job_files
     from musatpy.sfm.importing import Asked, imported
@@ -71,19 +71,9 @@ def import_command(form: str, path: Path, out: Path, quiet: bool, **given: Any) 
         raise click.UsageError("--tide needs --tide-datum, the height of its zero")
     photos = out.with_name(f"{out.stem}.photos.csv")
     refuse_overwriting([photos], [path, *(given[name] for name in ("gcp", "gnss", "tide", "flags") if given[name])])
-    numbers = {name: np.nan if given[name] is None else given[name] for name in ("level", "level_sigma")}
-    texts = ("gcp", "gnss", "heights", "crs", "time_zone", "tide", "tide_datum", "tide_zone", "water", "flags")
-    plain = {name: given[name] for name in (*texts, "per_photo", "image_sigma", "index", "index_sigma")}
-    asked = Asked(
-        form=form,
-        path=path,
-        component=given["component"] or 0,
-        side=given["water_side"] or "",
-        held=given["camera"] == "held",
-        pixel_size=given["pixel_size"] * MICROMETRE,
-        **plain,
-        **numbers,
-    )
+    said: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    said |= {"side": said.pop("water_side", ""), "held": said.pop("camera") == "held"}
+    asked = Asked(form=form, path=path, **said | {"pixel_size": said["pixel_size"] * MICROMETRE})
     done = imported(asked, out.stem.upper()[:68])
     for warning in done.warnings:
         complain(f"{name_of(path)}: warning: {warning}")

@@ -22,12 +22,13 @@ from musatpy.adjustment.sightings import residuals, straight_rays
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in, of_record
 from musatpy.compilation.true_points import at_rest, in_parts, network_of_plates
-from musatpy.correction.methods import REASON, CorrectedPoints, Method, ResultColumn
+from musatpy.correction.methods import REASON, CorrectedPoints, Method, ResultColumn, Tally
 from musatpy.errors import DepthError, Problem, ProblemsError
+from musatpy.formats.job_folder import read_job
 from musatpy.geometry.geodesy import surface, water_heights
-from musatpy.geometry.systems import System
 from musatpy.model import PlateMeasurements, Points
 from musatpy.model.tables import finite_rows
+from musatpy.records import run_tables
 from musatpy.records.json_files import read_record
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.refraction.apparent import Fault
@@ -70,10 +71,16 @@ class ByFileCameras(Method):
         return _COLUMNS
 
     def placed_in(self, source: Path, stated: pyproj.CRS | None, crs: str | None, geoid: str | None) -> Self:
-        """Return the method for the points of a file; `model` is the system of the model itself."""
-        if crs == MODEL:
-            return replace(self, in_model=True)
-        return super().placed_in(source, stated, crs, geoid)
+        """Return the method for the points of a file, those in the coordinates of the model as they are."""
+        return self if self.in_model else super().placed_in(source, stated, crs, geoid)
+
+    def rejection(self, tally: Tally) -> str:
+        """Return why the result is of no use; empty where a point is corrected."""
+        if tally.corrected:
+            return ""
+        return (
+            "no point is corrected: are they in the system of the job? Those of the model itself need --crs model"
+        )
 
     def corrected(self, points: FloatArray, covariance: FloatArray) -> CorrectedPoints:
         """Return what comes of finite points (n, 3); their own covariances have no part in it."""
@@ -178,14 +185,14 @@ class ByFileCameras(Method):
 
 
 def by_file_cameras(
-    record: Path, cameras: FileCameras, system: System, *, image_sigma: float | None, most: int
+    record: Path, job: Path, *, image_sigma: float | None, most: int, in_model: bool = False
 ) -> ByFileCameras:
     """Return the method of a run of an imported job. `image_sigma` in pixels; None: that of the run's plates.
 
     Raises `CompilationError`, `RecordError` and `DepthError` where the run does not go with the cameras.
     """
-    run = of_record(record, ideal=True)
-    tables = read_record(record, ("adjusted_parameters", "cameras"))
+    cameras, run = FileCameras.read(read_job(job).source, str(job)), of_record(record, ideal=True)
+    tables = read_record(record, ("adjusted_parameters", "cameras", *run_tables.SYSTEM))
     rows, known = links(cameras.photos.tolist(), run.block.photos.ids.tolist())
     if not known.any():
         message = "none of its photos is one of the cameras of the job: it is the run of another job"
@@ -194,11 +201,12 @@ def by_file_cameras(
     centred = replace(block.cameras, principal_point=np.zeros_like(block.cameras.principal_point))
     sigma = block.options.plate_sigma * run.unit_sigma if image_sigma is None else image_sigma * cameras.size
     return ByFileCameras(
-        system=system,
+        system=run_tables.job_system(tables),
         cameras=cameras,
         run=replace(run, block=replace(block, cameras=centred)),
         lenses=adjusted_lenses(tables, cameras),
         rows=rows,
         sigma=sigma,
         most=most,
+        in_model=in_model,
     )

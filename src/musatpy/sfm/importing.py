@@ -14,6 +14,7 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import Problem
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block
+from musatpy.model.tables import finite_rows
 from musatpy.sfm import colmap, metashape, opensfm
 from musatpy.sfm.block import Beside, Placement, block_of
 from musatpy.sfm.control import Control, read_control
@@ -45,6 +46,7 @@ class Asked:
     tide: Path | None = None
     tide_datum: str = ""
     tide_zone: str = ""
+    tide_sigma: float = np.nan
     level: float = np.nan
     level_sigma: float = np.nan
     water: Path | None = None
@@ -87,7 +89,7 @@ def read_model(asked: Asked) -> Model:
 
 
 def imported(asked: Asked, title: str) -> Imported:
-    """Return the job of a model. Raises `ModelError`, `DeckError`, `SystemsError` with what cannot be; `OSError`."""
+    """Return the job of a model. Raises `ModelError`, `DeckError`, `SystemsError` and `OSError`."""
     model = read_model(asked)
     lines, warnings = [_size(model)], list(model.notes)
     proof = prove(model, str(asked.path))
@@ -198,7 +200,7 @@ def _levels(asked: Asked, model: Model, placement: Placement, exposures: Exposur
         message = "a tide needs the times of the photos: --gnss with a table of exiftool"
         raise ModelError([Problem(message=message, file=str(asked.tide))])
     datum = datum_heights(asked.tide_datum, placement.positions(model.centre))
-    return tide_levels(read_tide(asked.tide, asked.tide_zone), model.photos.tolist(), time, datum)
+    return tide_levels(read_tide(asked.tide, asked.tide_zone, asked.tide_sigma), model.photos.tolist(), time, datum)
 
 
 def _wetness(asked: Asked, model: Model, geo: Georeference, levels: PhotoLevels | None) -> Wetness:
@@ -234,20 +236,18 @@ def _beside(
     beside = Beside.nothing(len(model.photos), len(model.points))
     beside = replace(beside, wet=wet.code == Wet.WET)
     if exposures is not None:
-        known = np.isfinite(exposures.sigma).all(axis=1, keepdims=True)
+        observed = np.isfinite(exposures.sigma).all(axis=1, keepdims=True)
         beside = replace(
             beside,
             position=exposures.position,
-            position_sigma=np.where(known, exposures.sigma, np.nan),
-            time=exposures.time - np.nanmin(exposures.time, initial=0.0)
-            if np.isfinite(exposures.time).any()
-            else beside.time,
+            position_sigma=np.where(observed, exposures.sigma, np.nan),
+            time=exposures.time - np.nanmin(np.append(exposures.time, np.inf)),
         )
     if levels is not None:
         beside = replace(beside, tide=levels.level, tide_sigma=levels.sigma, tide_group=levels.group)
     if control is None:
         return beside
-    known = np.flatnonzero(np.isfinite(control_level).all(axis=1))
+    known = np.flatnonzero(finite_rows(control_level))
     number: IntArray = np.full(len(control.ids), -1)
     number[known] = np.arange(len(known))
     images = np.flatnonzero(number[control.point] >= 0)
