@@ -227,12 +227,12 @@ def _by_job(
     from musatpy.correction.files import correct_file
     from musatpy.runs import ExitStatus
 
-    out = given["out"]
+    out, in_model = given["out"], given["crs"] == "model"
     refuse_overwriting([out], [points, run])
     with progress_through(points, given["quiet"]) as progress:
-        method = by_file_cameras(run, job, image_sigma=cloud_sigma, most=rays)
+        method = by_file_cameras(run, job, image_sigma=cloud_sigma, most=rays, in_model=in_model)
         method, tally = correct_file(
-            points, out, method, crs=given["crs"], geoid=given["geoid"],
+            points, out, method, crs=None if in_model else given["crs"], geoid=given["geoid"],
             columns=columns_of(points, given["columns"]), layer=given["layer"], band=given["band"],
             surface=given["surface"], jobs=given["processes"] or _cores(), progress=progress,
         )  # fmt: skip

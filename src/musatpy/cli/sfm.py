@@ -54,9 +54,9 @@ def import_command(form: str, path: Path, out: Path, quiet: bool, **given: Any) 
     """Import the model PATH, a folder or file, as a job: FORMAT is colmap, opensfm or metashape.
 
     The file proves its convention by the residuals of its own images; where it does not, the convention that fits
-    is named, and nothing is written. The model is put in place by control (--gcp) and positions (--gnss); points are
-    wet by --wet, --water, or their heights and the level of the water. NAME.photos.csv has the time and the level of
-    the water of every photo. Go on with 'musat run NAME.job'.
+    is named, and nothing is written. The model is put in place by control (--gcp) and positions (--gnss). Points
+    are wet by --wet, --water, or their heights and the level of the water. NAME.photos.csv has the time and the
+    level of the water of every photo. Go on with 'musat run NAME.job'.
 
     Exit status: 0 written, 1 the model cannot be used.
     """
