@@ -11,7 +11,7 @@ import pytest
 from musatpy.errors import SystemsError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.sfm import metashape, opensfm
-from musatpy.sfm.control import Control, read_control
+from musatpy.sfm.control import ImagedControl, read_control
 from musatpy.sfm.georeference import Georeference, file_placement, georeferenced, level_positions
 from musatpy.sfm.model import Model, ModelError
 from sfm.written_models import LATITUDE, LONGITUDE, Scene, geocentric, scene, write_metashape, write_opensfm
@@ -85,7 +85,7 @@ def markers(path: Path, of: Scene) -> Path:
     return write_metashape(path, of, markers=more)
 
 
-def placed(model: Model, control: Control, **options: bool) -> Georeference:
+def placed(model: Model, control: ImagedControl, **options: bool) -> Georeference:
     level, ellipsoid = level_positions(control.position, control.system, UTM)
     return georeferenced(model, ellipsoid, control, level, **options)
 

@@ -10,6 +10,7 @@ import pytest
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.sfm import colmap, metashape, opensfm
 from musatpy.sfm.conventions import prove
+from musatpy.sfm.georeference import level_positions
 
 CASES = Path(__file__).resolve().parents[3] / "shared" / "cases" / "sfm"
 pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason="the real models stand beside the project, not in it")
@@ -53,6 +54,8 @@ def test_cameras_of_metashape_stand_where_their_references_are() -> None:
     assert len(model.photos) == 915 and model.notes == ("7 of 922 photos are not aligned: they are left out",)
     assert len({name.rpartition("/")[2] for name in model.photos.tolist()}) < 622 + 1
     assert np.isnan(model.reference).all()  # none is enabled
+    level, ellipsoid = level_positions(np.array([[-120.0, 39.0, 2000.0]]), model.reference_system)
+    assert ellipsoid is not None and np.degrees(level[0, :2]) == pytest.approx([39.0, -120.0])
     stated = {
         camera.get("label"): [float(camera.find("reference").get(axis)) for axis in "yxz"]
         for camera in ElementTree.parse(path).iter("camera")

@@ -165,14 +165,14 @@ def _lens(path: Path, line: int | None, name: str, size: tuple[int, int], values
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Points:
+class _Points3D:
     ids: IntArray  # (p,)
     position: FloatArray  # (p, 3)
     colour: IntArray  # (p, 3)
     error: FloatArray  # (p,) px
 
 
-def _assembled(paths: list[Path], lenses: dict[int, PixelLens], every: list[_Image], points: _Points) -> Model:
+def _assembled(paths: list[Path], lenses: dict[int, PixelLens], every: list[_Image], points: _Points3D) -> Model:
     """Return the model of what files say. Raises `ModelError` where they contradict each other."""
     problems = [
         Problem(message=f"image {image.name}: there is no camera {image.camera}", file=str(paths[1]))
@@ -265,7 +265,7 @@ def _text_images(path: Path) -> Iterator[_Image]:
         yield _Image(name=name, camera=camera, pose=pose, pixel=features[:, :2], point=point)
 
 
-def _text_points(path: Path) -> _Points:
+def _text_points(path: Path) -> _Points3D:
     """Return the points of points3D.txt."""
     table: list[list[float]] = []
     for number, line in _rows(path):
@@ -280,7 +280,7 @@ def _text_points(path: Path) -> _Points:
             raise _wrong(path, number, line, "POINT3D_ID X Y Z R G B ERROR TRACK[]") from None
     values = np.array(table).reshape(-1, 8)
     ids, colour = values[:, 0].astype(np.int64), values[:, 4:7].astype(np.int64)
-    return _Points(ids=ids, position=values[:, 1:4], colour=colour, error=values[:, 7])
+    return _Points3D(ids=ids, position=values[:, 1:4], colour=colour, error=values[:, 7])
 
 
 @dataclass
@@ -341,7 +341,7 @@ def _binary_images(path: Path) -> Iterator[_Image]:
         yield _Image(name=name, camera=int(camera), pose=pose, pixel=rows["xy"], point=rows["point"])
 
 
-def _binary_points(path: Path) -> _Points:
+def _binary_points(path: Path) -> _Points3D:
     """Return the points of points3D.bin, each of which has a track of another length behind it."""
     file, count = _Bytes.of(path, _POINT.itemsize)
     length, places = struct.Struct("<Q").unpack_from, list[int]()
@@ -353,7 +353,7 @@ def _binary_points(path: Path) -> _Points:
     file.need(_POINT.itemsize * (count - len(places)))
     entries = np.lib.stride_tricks.sliding_window_view(np.frombuffer(file.data, np.uint8), _POINT.itemsize)
     rows = entries[places].view(_POINT)[:, 0] if count else np.zeros(0, _POINT)
-    return _Points(
+    return _Points3D(
         ids=rows["id"].astype(np.int64),
         position=rows["xyz"].copy(),
         colour=rows["colour"].astype(np.int64),

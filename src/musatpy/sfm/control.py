@@ -21,14 +21,12 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import Problem
 from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, FileColumn, Wanted, number
 from musatpy.pointfiles.point_tables import read_table
-from musatpy.sfm.metashape import chunk_of
+from musatpy.sfm.metashape import chunk_of, stated_system
 from musatpy.sfm.model import Model, ModelError, refused
 from musatpy.sfm.times import matched
 
-LOCAL = "local"  # in the place of a system: metres, Z up
 _UTM = re.compile(r"WGS ?84 UTM ?(\d{1,2}) ?([NS])", re.IGNORECASE)
 _SYSTEM = re.compile(r"EPSG:|\+?proj=|\+init=|\w+\[|WGS ?84", re.IGNORECASE)
-_NO_SHIFT = re.compile(r",\s*TOWGS84\[[0.,\s]*\]", re.IGNORECASE)  # of zeros: what Metashape writes
 _ROW = "x y z px py photo [name], between tabs or blanks"
 _IMAGES = ("photo", "px", "py")
 _PLACES = ((*PLAN, "z"), (*LON_LAT, "z"))
@@ -55,7 +53,7 @@ _WANTED = Wanted(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Control:
+class ImagedControl:
     """k points and c images of them on photos of a model."""
 
     source: str
@@ -71,7 +69,7 @@ class Control:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Row:
+class _Stated:
     """What one line or element states of a point."""
 
     id: str
@@ -83,7 +81,7 @@ class _Row:
     pixel: tuple[float, ...] = ()
 
 
-def read_control(path: Path, model: Model) -> Control:
+def read_control(path: Path, model: Model) -> ImagedControl:
     """Return the control points of a file, their images on photos of a model by whole names, else by unique tails.
 
     Images on photos that the model does not have are left out, and said. Raises `ModelError` with file and line or
@@ -96,14 +94,6 @@ def read_control(path: Path, model: Model) -> Control:
     else:
         system, rows = _of_table(path)
     return _assembled(str(path), system, rows, model)
-
-
-def stated_system(text: str) -> str:
-    """Return the definition of a system that a file states in words of OpenDroneMap or Metashape."""
-    utm = _UTM.fullmatch(text.strip())
-    if utm:
-        return f"EPSG:{32600 + int(utm[1]) + 100 * (utm[2].upper() == 'S')}"
-    return LOCAL if text.lstrip().startswith("LOCAL_CS") else _NO_SHIFT.sub("", text.strip())
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
@@ -126,7 +116,7 @@ def _is_list(path: Path) -> bool:
     return bool(_SYSTEM.match(text)) or pixels
 
 
-def _of_list(path: Path) -> tuple[str, list[_Row]]:
+def _of_list(path: Path) -> tuple[str, list[_Stated]]:
     """Return the system and the rows of a gcp_list.txt; points without names are told apart by their places."""
     lines = list(_lines(path))
     if not _SYSTEM.match(lines[0][1]):
@@ -135,7 +125,7 @@ def _of_list(path: Path) -> tuple[str, list[_Row]]:
         if len(_words(text)) == 3:
             expected += "; images without coordinates or names belong to no point"
         raise ModelError([Problem(file=str(path), line=line, found=text[:60], expected=expected)])
-    rows, problems, names = list[_Row](), list[Problem](), dict[tuple[float, ...], str]()
+    rows, problems, names = list[_Stated](), list[Problem](), dict[tuple[float, ...], str]()
     for line, text in lines[1:]:
         words = _words(text)
         with_image = len(words) >= 6
@@ -146,14 +136,15 @@ def _of_list(path: Path) -> tuple[str, list[_Row]]:
             place = values[:3]
             name = words[6] if words[6:] and words[6] else names.setdefault(place, f"gcp{len(names) + 1}")
             pixel = (values[3] + 0.5, values[4] + 0.5)
-            rows.append(_Row(id=name, line=line, position=place, photo=words[5], pixel=pixel))
+            rows.append(_Stated(id=name, line=line, position=place, photo=words[5], pixel=pixel))
         else:
-            rows.append(_Row(id=words[0], line=line, position=values))
+            rows.append(_Stated(id=words[0], line=line, position=values))
     refused(problems)
-    return stated_system(lines[0][1]), rows
+    utm = _UTM.fullmatch(system := lines[0][1])
+    return f"EPSG:{32600 + int(utm[1]) + 100 * (utm[2].upper() == 'S')}" if utm else system, rows
 
 
-def _of_table(path: Path) -> tuple[str, list[_Row]]:
+def _of_table(path: Path) -> tuple[str, list[_Stated]]:
     """Return the rows of a table; places by latitude and longitude are of WGS 84."""
     table = read_table(path, _WANTED)
     table.require(ModelError, "it has no control point")
@@ -171,7 +162,7 @@ def _of_table(path: Path) -> tuple[str, list[_Row]]:
             table.refuse("a point has three coordinates or none", row, "id")
     table.require(ModelError)
     rows = [
-        _Row(
+        _Stated(
             id=name,
             line=table.lines[row],
             position=() if np.isnan(position[row]).any() else tuple(position[row].tolist()),
@@ -185,7 +176,7 @@ def _of_table(path: Path) -> tuple[str, list[_Row]]:
     return "EPSG:4326" if lonlat else "", rows
 
 
-def _of_metashape(path: Path) -> tuple[str, list[_Row]]:
+def _of_metashape(path: Path) -> tuple[str, list[_Stated]]:
     """Return the system and the markers of a file: a row for each, and one for each of its pinned projections."""
     chunk = chunk_of(path)
     labels = {camera.get("id"): camera.get("label", "") for camera in chunk.iterfind("./cameras//camera")}
@@ -199,19 +190,19 @@ def _of_metashape(path: Path) -> tuple[str, list[_Row]]:
             if at.get("pinned") in ("true", "1") and marker.get("marker_id") in names:
                 pixel = (number(at.get("x", "")), number(at.get("y", "")))
                 photo = labels.get(at.get("camera_id"), "")
-                rows.append(_Row(id=names[marker.get("marker_id")], photo=photo, pixel=pixel))
+                rows.append(_Stated(id=names[marker.get("marker_id")], photo=photo, pixel=pixel))
     if not rows:
         raise ModelError([Problem(message="it has no markers", file=str(path))])
-    return stated_system(chunk.findtext("marker_reference") or chunk.findtext("reference") or ""), rows
+    return stated_system(chunk.findtext("marker_reference") or chunk.findtext("reference")), rows
 
 
-def _marker(name: str, reference: Element | None, default: float) -> _Row:
+def _marker(name: str, reference: Element | None, default: float) -> _Stated:
     """Return the row of a marker: its reference and its accuracies, else the usual one of markers."""
     of = {} if reference is None else reference.attrib
     position = tuple(number(of.get(axis, "")) for axis in "xyz")
     shared = (of.get("sxy", of.get("sxyz")), of.get("sxy", of.get("sxyz")), of.get("sxyz"))
     stated = [of.get(f"s{axis}") or usual for axis, usual in zip("xyz", shared, strict=True)]
-    return _Row(
+    return _Stated(
         id=name,
         position=position if np.isfinite(position).all() else (),
         sigma=tuple(default if text is None else number(text) for text in stated),
@@ -219,7 +210,7 @@ def _marker(name: str, reference: Element | None, default: float) -> _Row:
     )
 
 
-def _assembled(source: str, system: str, rows: Sequence[_Row], model: Model) -> Control:
+def _assembled(source: str, system: str, rows: Sequence[_Stated], model: Model) -> ImagedControl:
     """Return the points of rows. Raises `ModelError` where they contradict each other or the model."""
     ids = list(dict.fromkeys(row.id for row in rows))
     position, sigma = np.full((2, len(ids), 3), np.nan)
@@ -229,7 +220,7 @@ def _assembled(source: str, system: str, rows: Sequence[_Row], model: Model) -> 
     photos = model.photos.tolist()
     fits = dict(zip(names := sorted({row.photo for row in rows if row.photo}), matched(names, photos), strict=True))
 
-    def refuse(row: _Row, message: str) -> None:
+    def refuse(row: _Stated, message: str) -> None:
         problems.append(Problem(message=f"control point {row.id}: {message}", file=source, line=row.line))
 
     for row in rows:
@@ -257,7 +248,7 @@ def _assembled(source: str, system: str, rows: Sequence[_Row], model: Model) -> 
     notes = [f"photos of control that the model does not have: {' '.join(sorted(off))}"] * bool(off)
     if off and not images:
         raise ModelError([Problem(message=f"{notes[0]}; expected: names as {photos[0]}", file=source)])
-    return Control(
+    return ImagedControl(
         source=source,
         ids=np.array(ids, dtype=np.str_),
         position=position,

@@ -17,9 +17,9 @@ from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.similarity import Similarity, by_change, cauchy, fit, fit_robust, small, spread
 from musatpy.geometry.systems import geographic
 from musatpy.sfm.block import Placement
-from musatpy.sfm.control import LOCAL, Control
+from musatpy.sfm.control import ImagedControl
 from musatpy.sfm.intersection import intersections
-from musatpy.sfm.model import Model, ModelError
+from musatpy.sfm.model import LOCAL, Model, ModelError
 
 CONTROL_SIGMA = 0.05  # m, where none is stated
 _STEPS, _AT_REST = 50, 1e-9
@@ -74,10 +74,9 @@ def file_placement(model: Model) -> Placement | None:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Known:
+class _Places:
     """k places in the model and in east, north, up about their middle."""
 
-    names: list[str]
     x: FloatArray  # (k, 3)
     y: FloatArray  # (k, 3) m
     sigma: FloatArray  # (k, 3) m
@@ -87,7 +86,7 @@ class _Known:
 def georeferenced(
     model: Model,
     ellipsoid: Ellipsoid | None,
-    control: Control | None = None,
+    control: ImagedControl | None = None,
     control_level: FloatArray | None = None,
     station_level: FloatArray | None = None,
     station_sigma: FloatArray | None = None,
@@ -100,45 +99,34 @@ def georeferenced(
     north, up; NaN where not known. A model that is `metric` keeps its scale. Raises `ModelError` where fewer than
     three places are known or where these leave a turn of the model free.
     """
-    photos, count = len(model.photos), 0 if control is None else len(control.ids)
-    place, notes, wrong = np.zeros((0, 3)), list[str](), list[str]()
-    if control is not None:
-        place, notes, wrong = _intersected(model, control)
-    level = np.full((count, 3), np.nan) if control_level is None else control_level
-    stations = np.full((photos, 3), np.nan) if station_level is None else station_level
-    given = np.concatenate([level, stations])
-    metres = given if ellipsoid is None else ellipsoid.geocentric(given)
+    count = 0 if control is None else len(control.ids)
+    place, notes, wrong = _intersected(model, control)
     x = np.concatenate([place, model.centre])
-    sigma = np.full((len(x), 3), np.nan)
+    none = np.full(x.shape, np.nan)
+    level, sigma = none.copy(), none.copy()
+    level[:count] = none[:count] if control_level is None else control_level
+    level[count:] = none[count:] if station_level is None else station_level
+    sigma[count:] = none[count:] if station_sigma is None else station_sigma
+    check, ids = np.zeros(len(x), dtype=bool), list[str]()
     if control is not None:
         sigma[:count] = np.where(np.isnan(control.sigma), CONTROL_SIGMA, control.sigma)
-    if station_sigma is not None:
-        sigma[count:] = station_sigma
+        check[:count], ids = control.check, control.ids.tolist()
+    names = [f"control point {name}" for name in ids] + [f"photo {name}" for name in model.photos.tolist()]
+    metres = level if ellipsoid is None else ellipsoid.geocentric(level)
     known = np.isfinite(metres).all(axis=1) & np.isfinite(x).all(axis=1)
-    used = known & np.isfinite(sigma).all(axis=1)
-    if control is not None:
-        used[:count] &= ~control.check
-    if used.sum() < 3:
-        raise ModelError([Problem(message=_too_few(int(used[:count].sum()), int(used[count:].sum())))])
-    middle = metres[used].mean(axis=0)
+    rows = np.flatnonzero(known & np.isfinite(sigma).all(axis=1) & ~check)
+    if len(rows) < 3:
+        raise ModelError([Problem(message=_too_few(int((rows < count).sum()), int((rows >= count).sum())))])
+    middle = metres[rows].mean(axis=0)
     axes = np.eye(3) if ellipsoid is None else ellipsoid.frame(geographic(ellipsoid, middle))
-    names = [f"control point {name}" for name in ([] if control is None else control.ids.tolist())]
-    names += [f"photo {name}" for name in model.photos.tolist()]
-    rows = np.flatnonzero(used)
-    of = _Known(
-        names=[names[row] for row in rows.tolist()],
-        x=x[rows],
-        y=(metres[rows] - middle) @ axes.T,
-        sigma=sigma[rows],
-        group=(rows >= count).astype(np.int64),
+    y = (metres - middle) @ axes.T
+    similarity, gross = _solved(
+        _Places(x=x[rows], y=y[rows], sigma=sigma[rows], group=(rows >= count).astype(np.int64)), metric
     )
-    similarity, gross = _solved(of, metric)
-    placed = similarity.apply(x) - (metres - middle) @ axes.T
-    placed[~known] = np.nan
+    placed = np.where(known[:, None], similarity.apply(x) - y, np.nan)
     wrong += [
-        f"{name} is {', '.join(f'{value:.2f}' for value in placed[row].tolist())} m off, east, north, up"
-        for name, row, bad in zip(of.names, rows.tolist(), gross.tolist(), strict=True)
-        if bad
+        f"{names[row]} is {', '.join(f'{value:.2f}' for value in placed[row].tolist())} m off, east, north, up"
+        for row in rows[gross].tolist()
     ]
     if len(rows) == 3:
         notes.append("three places fix the model, and do not check one another")
@@ -160,8 +148,10 @@ def _too_few(control: int, photos: int) -> str:
     )
 
 
-def _intersected(model: Model, control: Control) -> tuple[FloatArray, list[str], list[str]]:
+def _intersected(model: Model, control: ImagedControl | None) -> tuple[FloatArray, list[str], list[str]]:
     """Return control points (k, 3) in the model, what is to be said of them, and images that are wrong."""
+    if control is None:
+        return np.zeros((0, 3)), [], []
     place = intersections(model, control.photo, control.point, control.pixel, len(control.ids))
     rays = np.bincount(control.point, minlength=len(control.ids))
     notes = [
@@ -181,7 +171,7 @@ def _intersected(model: Model, control: Control) -> tuple[FloatArray, list[str],
     return place, notes, wrong
 
 
-def _solved(of: _Known, metric: bool) -> tuple[Similarity, BoolArray]:
+def _solved(of: _Places, metric: bool) -> tuple[Similarity, BoolArray]:
     """Return the similarity of known places, and which (k,) are gross errors. Raises `ModelError`.
 
     Least squares with Cauchy's weights, in plan and in height apart, whose scales are those of control and of
@@ -220,7 +210,7 @@ def _unscaled(at: Similarity, x: FloatArray, y: FloatArray, weight: FloatArray) 
     return Similarity(scale=1.0, rotation=rotation, shift=shift)
 
 
-def _relative(error: FloatArray, of: _Known) -> tuple[FloatArray, FloatArray]:
+def _relative(error: FloatArray, of: _Places) -> tuple[FloatArray, FloatArray]:
     """Return errors (k, 3) over sigmas, that in plan in both of its columns, and their robust scales (k, 3)."""
     off = np.abs(error) / of.sigma
     off[:, :2] = np.hypot(off[:, 0], off[:, 1])[:, None]
@@ -232,7 +222,7 @@ def _relative(error: FloatArray, of: _Known) -> tuple[FloatArray, FloatArray]:
     return off, scale
 
 
-def _require_turns(of: _Known, J: FloatArray, good: BoolArray, first: int) -> None:
+def _require_turns(of: _Places, J: FloatArray, good: BoolArray, first: int) -> None:
     """Raise `ModelError` where places without gross errors leave a turn free; J (3 k, 7 - first) over sigmas."""
     rows = J.reshape(len(good), 3, -1)[good].reshape(-1, J.shape[1])
     size = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)

@@ -17,7 +17,7 @@ from musatpy.model import Block
 from musatpy.model.tables import finite_rows
 from musatpy.sfm import colmap, metashape, opensfm
 from musatpy.sfm.block import Beside, Placement, block_of
-from musatpy.sfm.control import Control, read_control
+from musatpy.sfm.control import ImagedControl, read_control
 from musatpy.sfm.conventions import prove
 from musatpy.sfm.georeference import Georeference, file_placement, georeferenced, level_positions
 from musatpy.sfm.model import Model, ModelError
@@ -157,7 +157,7 @@ def _exposures(asked: Asked, model: Model) -> Exposures | None:
 
 
 def _placed(
-    asked: Asked, model: Model, control: Control | None, exposures: Exposures | None
+    asked: Asked, model: Model, control: ImagedControl | None, exposures: Exposures | None
 ) -> tuple[Georeference, FloatArray]:
     """Return where the model stands, and the positions (k, 3) of control as the block has them."""
     level, ellipsoid = np.zeros((0, 3)), cast("Ellipsoid | None", Ellipsoid("WGS84"))
@@ -170,8 +170,8 @@ def _placed(
     stations, sigma = None, None
     if exposures is not None:
         stations, sigma = exposures.position, exposures.sigma
-    elif np.isfinite(model.reference).any() and asked.crs:
-        stations, _ = level_positions(model.reference, asked.crs)
+    elif np.isfinite(model.reference).any():
+        stations, _ = level_positions(model.reference, model.reference_system, asked.crs)
         sigma = np.where(np.isfinite(stations), 10.0, np.nan)
     own = file_placement(model)
     if control is None and stations is None and own is not None:
@@ -229,7 +229,7 @@ def _beside(
     exposures: Exposures | None,
     levels: PhotoLevels | None,
     wet: Wetness,
-    control: Control | None,
+    control: ImagedControl | None,
     control_level: FloatArray,
 ) -> Beside:
     """Return what is known besides the model."""

@@ -18,9 +18,10 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem
 from musatpy.reduction.pixel_lens import PixelLens
-from musatpy.sfm.model import NO_TURN, Model, ModelError, checked, refused
+from musatpy.sfm.model import LOCAL, NO_TURN, Model, ModelError, checked, refused
 
 _K = ("k1", "k2", "k3", "k4")
+_NO_SHIFT = re.compile(r",\s*TOWGS84\[[0.,\s]*\]", re.IGNORECASE)  # of zeros, which shift nothing
 _DECLARED = re.compile(rb"<!(DOCTYPE|ENTITY)")
 
 
@@ -65,6 +66,7 @@ def read_model(path: Path, component: int = 0) -> Model:
         pixel=np.zeros((0, 2)),
         to_geocentric=transform,
         reference=np.array([reference for *_, reference in placed]).reshape(-1, 3),
+        reference_system=stated_system(chunk.findtext("reference")),
         notes=(f"{left} of {len(every)} photos are not aligned: they are left out",) if left else (),
     )
     return checked(model, str(path))
@@ -83,6 +85,11 @@ def chunk_of(path: Path) -> Element:
     if chunk is None:
         raise ModelError([Problem(message="it has no chunk: it is no export of cameras", file=str(path))])
     return chunk
+
+
+def stated_system(wkt: str | None) -> str:
+    """Return the system of a reference, `local` for local coordinates, empty where none is stated."""
+    return LOCAL if (wkt or "").lstrip().startswith("LOCAL_CS") else _NO_SHIFT.sub("", (wkt or "").strip())
 
 
 def _lenses(path: Path, chunk: Element) -> Iterator[tuple[str, PixelLens]]:

@@ -16,6 +16,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import Problem, ProblemsError
 from musatpy.reduction.pixel_lens import PixelLens
 
+LOCAL = "local"  # in the place of a system: metres, Z up
 LONGEST = 128  # bytes of the name of a photo
 NO_TURN = 1e-6  # by which the determinant of a rotation may miss 1
 
@@ -42,6 +43,7 @@ class Model:
     pixel: FloatArray  # (m, 2)
     to_geocentric: FloatArray | None = None  # (4, 4) from the coordinates to geocentric metres; None: no scale
     reference: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) given, as stated
+    reference_system: str = ""  # of these; empty: not stated
     colour: IntArray | None = None  # (p, 3)
     notes: tuple[str, ...] = ()  # what was left out: photos that are not placed, ...
     stored: FloatArray = field(default_factory=lambda: np.zeros(0))  # (p,) px, mean residual as the file has it
