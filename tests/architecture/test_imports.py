@@ -176,6 +176,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "as11_comparisons",
         "as11_runs",
         "correction",
+        "sfm",
         "compilation",
         "soundings",
         "simulation",

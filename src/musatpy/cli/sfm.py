@@ -96,14 +96,10 @@ def export_command(form: str, run: Path, job: Path, out: Path, points: str, quie
 
     Exit status: 0 written, 1 the run does not go with the job.
     """
-    from musatpy.formats.job_folder import read_job
-    from musatpy.records.json_files import read_record
     from musatpy.sfm import colmap
-    from musatpy.sfm.export import TABLES, adjusted_model, write_cameras
-    from musatpy.sfm.source import FileCameras
+    from musatpy.sfm.export import model_of_run, write_cameras
 
-    cameras = FileCameras.read(read_job(job).source, str(job))
-    model = adjusted_model(read_record(run, TABLES), cameras, apparent=points == "apparent")
+    model = model_of_run(run, job, apparent=points == "apparent")
     if form == "colmap":
         colmap.write_model(model, out)
     else:

@@ -24,7 +24,6 @@ from musatpy.compilation.triangulation import AdjustedRun, covariances_in, of_re
 from musatpy.compilation.true_points import at_rest, in_parts, network_of_plates
 from musatpy.correction.methods import REASON, CorrectedPoints, Method, ResultColumn, Tally
 from musatpy.errors import DepthError, Problem, ProblemsError
-from musatpy.formats.job_folder import read_job
 from musatpy.geometry.geodesy import surface, water_heights
 from musatpy.model import PlateMeasurements, Points
 from musatpy.model.tables import finite_rows
@@ -34,7 +33,7 @@ from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.refraction.apparent import Fault
 from musatpy.sfm.export import adjusted_lenses
 from musatpy.sfm.model import links
-from musatpy.sfm.source import FileCameras, spread_over
+from musatpy.sfm.source import FileCameras, cameras_of_job, spread_over
 from musatpy.units import DEGREE, MICROMETRE
 
 MODEL = "model"  # the system of points in the coordinates of the model itself
@@ -191,7 +190,7 @@ def by_file_cameras(
 
     Raises `CompilationError`, `RecordError` and `DepthError` where the run does not go with the cameras.
     """
-    cameras, run = FileCameras.read(read_job(job).source, str(job)), of_record(record, ideal=True)
+    cameras, run = cameras_of_job(job), of_record(record, ideal=True)
     tables = read_record(record, ("adjusted_parameters", "cameras", *run_tables.SYSTEM))
     rows, known = links(cameras.photos.tolist(), run.block.photos.ids.tolist())
     if not known.any():

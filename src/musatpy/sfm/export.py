@@ -14,11 +14,12 @@ from musatpy.errors import Problem
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model import ObservationKind
 from musatpy.records import run_tables
+from musatpy.records.json_files import read_record
 from musatpy.records.tables import Tables, flags, numbers, rows_of, texts
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.block import TURN, pixels_of
 from musatpy.sfm.model import Model, ModelError
-from musatpy.sfm.source import FileCameras
+from musatpy.sfm.source import FileCameras, cameras_of_job
 
 TABLES = (*run_tables.BLOCK, "bathymetric_points")
 
@@ -34,6 +35,11 @@ def adjusted_lenses(tables: Tables, cameras: FileCameras) -> tuple[PixelLens, ..
         of = owner == camera
         lenses.append(cameras.adjusted(number, dict(zip(name[of].tolist(), value[of].tolist(), strict=True))))
     return tuple(lenses)
+
+
+def model_of_run(run: Path, job: Path, *, apparent: bool = False) -> Model:
+    """Return `adjusted_model` of the record of a run of a job. Raises `RecordError`, `DeckError`, `ModelError`."""
+    return adjusted_model(read_record(run, TABLES), cameras_of_job(job), apparent=apparent)
 
 
 def adjusted_model(tables: Tables, cameras: FileCameras, *, apparent: bool = False) -> Model:

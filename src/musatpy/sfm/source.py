@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import Problem
+from musatpy.formats.job_folder import read_job
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.block import Placement, ideal_coordinates, lens_of, lens_parameters
@@ -122,6 +124,11 @@ class FileCameras:
             of = camera == number
             out[of] = ideal_coordinates(lens, pixels[of], self.size)
         return out
+
+
+def cameras_of_job(job: Path) -> FileCameras:
+    """Return the cameras in a job folder. Raises `DeckError` where it is none, `ModelError` where it has none."""
+    return FileCameras.read(read_job(job).source, str(job))
 
 
 def spread_over(rows: IntArray, photo: IntArray, azimuth: FloatArray, most: int) -> BoolArray:

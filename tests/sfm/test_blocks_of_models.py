@@ -1,0 +1,138 @@
+"""Models as blocks, jobs and models again: nothing of an image changes on the way."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from musatpy.adjustment import sightings
+from musatpy.adjustment.job import prepared
+from musatpy.arrays import FloatArray
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.reduction.pixel_lens import PixelLens
+from musatpy.sfm.block import Beside, Placement, block_of, lens_of, lens_parameters
+from musatpy.sfm.model import Model, ModelError
+from musatpy.sfm.source import FileCameras, spread_over
+
+SIZE = 0.0024
+LENS = PixelLens(
+    width=4864, height=3648, focal=(3665.6, 3661.1), centre=(2406.5, 1846.2), shear=0.7, k=(0.0069, -0.0171, 0.019),
+    p=(0.00064, -0.00157),
+)  # fmt: skip
+LENSES = (
+    LENS,
+    replace(LENS, k=(0.07, -0.17, 0.19, -0.02), d=(0.01, 0.02, -0.01)),
+    PixelLens(
+        width=4000, height=3000, focal=(2500.0, 2510.0), centre=(2010.0, 1490.0), k=(0.02, -0.01, 0.003, -0.001),
+        fisheye=True,
+    ),
+)  # fmt: skip
+
+
+def pixels(lens: PixelLens) -> FloatArray:
+    """Pixels all over a format."""
+    x, y = np.meshgrid(np.linspace(0.0, lens.width, 40), np.linspace(0.0, lens.height, 30))
+    return np.stack([x, y], axis=-1)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_a_lens_and_its_inverse_agree_and_partials_are_those_of_differences(lens: PixelLens) -> None:
+    """1e-9 px all over the format; partials by central differences of 1e-6, which leave some 1e-9."""
+    rays = lens.rays(pixels(lens))
+    np.testing.assert_allclose(lens.pixels(rays), pixels(lens), atol=1e-9)
+    for axis, step in enumerate(1e-6 * np.eye(2)):
+        differences = (lens.distorted(rays + step) - lens.distorted(rays - step)) / 2e-6
+        np.testing.assert_allclose(lens.partials(rays)[..., axis], differences, atol=1e-8)
+
+
+def test_a_lens_has_no_rays_beyond_where_its_images_turn_back() -> None:
+    lens = PixelLens(width=4000, height=3000, focal=(1000.0, 1000.0), centre=(2000.0, 1500.0), k=(-0.1,))
+    assert lens.reach == pytest.approx(np.sqrt(1.0 / 0.3))  # of r - 0.1 r^3
+    rays = lens.rays(np.array([[2000.0 + 1300.0, 1500.0], [2000.0 + 1100.0, 1500.0]]))
+    assert np.isnan(rays[0]).all() and np.isfinite(rays[1]).all()
+
+
+def test_parameters_of_cards_are_those_of_a_lens_both_ways() -> None:
+    parameters = lens_parameters(LENS, SIZE)
+    again = lens_of(parameters, LENS, SIZE)
+    np.testing.assert_allclose(again.pixels(LENS.rays(pixels(LENS))), pixels(LENS), atol=1e-9)
+    for lens in LENSES[1:]:
+        with pytest.raises(ValueError, match="more than three radial coefficients"):
+            lens_parameters(lens, SIZE)
+
+
+def model(lens: PixelLens = LENS, noise: float = 1.0) -> Model:
+    """Four photos over points, images with errors of a pixel, in a gauge of its own."""
+    rng = np.random.default_rng(5)
+    ground = rng.uniform(-1.0, 1.0, (60, 3)) * [40.0, 30.0, 3.0]
+    centre = np.array([[-20.0, 0.0, 60.0], [-7.0, 1.0, 61.0], [7.0, -1.0, 59.0], [20.0, 0.0, 60.0]])
+    down = np.diag([1.0, -1.0, -1.0])
+    R = np.array([Rotation.from_rotvec(turn).as_matrix() @ down for turn in rng.normal(0.0, 0.05, (4, 3))])
+    gauge = Rotation.from_rotvec([0.4, 1.2, -0.7]).as_matrix()
+    photo, point = (part.reshape(-1) for part in np.meshgrid(np.arange(4), np.arange(60)))
+    v = np.einsum("rij,rj->ri", R[photo], ground[point] - centre[photo])
+    pixel = lens.pixels(v[:, :2] / v[:, 2:]) + noise * rng.normal(size=(240, 2))
+    return Model(
+        program="colmap", cameras=("1",), lenses=(lens,), photos=np.array([f"DCIM/{n}.JPG" for n in range(4)]),
+        camera=np.zeros(4, dtype=np.int64), rotation=R @ gauge.T, centre=0.1 * centre @ gauge.T,
+        points=np.array([f"p{n}" for n in range(60)]), position=0.1 * ground @ gauge.T,
+        photo=photo, point=point, pixel=pixel,
+    )  # fmt: skip
+
+
+GAUGE = Rotation.from_rotvec([0.4, 1.2, -0.7]).as_matrix()
+LOCAL = Placement(scale=10.0, rotation=GAUGE.T, shift=np.array([500.0, 700.0, 30.0]), ellipsoid=None)
+WGS84 = Ellipsoid("WGS84")
+
+
+def on_the_ellipsoid() -> Placement:
+    at = np.array([0.7, -1.2, 20.0])
+    return Placement(scale=10.0, rotation=WGS84.frame(at).T @ GAUGE.T, shift=WGS84.geocentric(at), ellipsoid=WGS84)
+
+
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("placement", [LOCAL, on_the_ellipsoid()], ids=["local", "geographic"])
+def test_residuals_of_a_block_are_those_of_its_model(placement: Placement, held: bool) -> None:
+    """Straight rays, to rounding of geocentric metres; ideal plates are those of images without errors."""
+    given = model(noise=0.0 if held else 1.0)
+    beside = Beside.nothing(4, 60)
+    sigma = np.full((4, 3), 0.1)
+    beside = replace(beside, position=placement.positions(given.centre), position_sigma=sigma)
+    block = block_of(
+        given, placement, beside, np.ones(60, dtype=bool), size=SIZE, image_sigma=0.5 * SIZE, index=1.34,
+        index_sigma=None, held=held, title="A MODEL",
+    )  # fmt: skip
+    job, state = prepared(block, None)
+    order = [given.points.tolist().index(name) for name in block.points.ids.tolist()]
+    state = replace(state, ground=job.network.frame.working(placement.positions(given.position[order])))
+    found = sightings.residuals(job.network, state, np.arange(len(block.plates.photo))) / [SIZE, -SIZE]
+    np.testing.assert_allclose(found, given.residuals(), atol=1e-5)
+    assert not held or block.cameras.principal_point.tolist() == [[0.0, 0.0]]
+
+
+def test_a_lens_that_cannot_be_estimated_is_refused_and_can_be_held() -> None:
+    given, beside = model(LENSES[2]), Beside.nothing(4, 60)
+    arguments = {"size": SIZE, "image_sigma": 0.001, "index": 1.34, "index_sigma": None, "title": "A MODEL"}
+    with pytest.raises(ModelError, match=r"camera 1: a fisheye lens.*--camera held"):
+        block_of(given, LOCAL, beside, np.ones(60, dtype=bool), held=False, **arguments)
+
+
+def test_the_cameras_of_a_file_are_kept_to_the_last_bit() -> None:
+    cameras = FileCameras.of(model(LENSES[1]), on_the_ellipsoid(), SIZE, held=True)
+    again = FileCameras.read(cameras.arrays(), "x.job")
+    x = model().position
+    for first, second in zip(cameras.seen(x), again.seen(x), strict=True):
+        np.testing.assert_array_equal(first, second)
+    np.testing.assert_array_equal(again.placement.positions(x), cameras.placement.positions(x))
+    with pytest.raises(ModelError, match=r"x.job: .* not imported from a model"):
+        FileCameras.read({}, "x.job")
+
+
+def test_rays_that_are_kept_lie_evenly_around_a_point() -> None:
+    azimuth = np.tile(np.linspace(-3.0, 3.0, 30), 2)
+    rows, photo = np.repeat([0, 1], 30), np.tile(np.arange(30), 2)
+    kept = spread_over(rows, photo, azimuth, 6)
+    assert np.bincount(rows[kept]).tolist() == [6, 6]
+    np.testing.assert_array_equal(np.diff(np.flatnonzero(kept[:30])), 5)
+    assert spread_over(rows, photo, azimuth, 30).all()
