@@ -231,6 +231,7 @@ def test_local_metres(tmp_path: Path, exact: Scene, chunk: Model) -> None:
     [
         ("EPSG:2227", "it is in US survey foot, and heights beside it may be too: give metres"),
         ("EPSG:32620+5703", "the grid file of its geoid model is needed"),
+        ("EPSG:26717", "EPSG:26717 stands on another ellipsoid than WGS 84 and GRS 80: no datum is shifted"),
         ("EPSG:999999", "is no coordinate system that PROJ knows"),
     ],
 )

@@ -171,6 +171,17 @@ def test_residuals_that_are_stated_otherwise_are_told(tmp_path: Path) -> None:
     assert f"{of.residual[4]:.3f} px stated, {of.residual[4] - 0.7:.3f} px computed" in proof.notes[0]
 
 
+def test_a_file_that_states_other_figures_is_still_proven(tmp_path: Path) -> None:
+    """Other figures than mean residuals: that is told, and half a pixel is seen all the same."""
+    of = scene(0.3)
+    of.residual = [7.0 * gap for gap in of.residual]
+    proof = prove(colmap.read_model(write_colmap(tmp_path / "right", of)), "the file")
+    assert proof is not None and "are not those of its images" in proof.notes[0]
+    assert names_in(refusal(colmap.read_model(write_colmap(tmp_path / "wrong", of, "first at 1")))) == [
+        "first at 1"
+    ]
+
+
 def test_two_wrong_conventions_are_named_together(tmp_path: Path) -> None:
     """A camera with y up and z backward, and pixels that count upward from the lower edge."""
     of = scene(0.3)

@@ -58,18 +58,16 @@ def prove(model: Model, source: str, own_points: bool = True) -> Proof | None:
     agreement = _agreement(sample)
     if median > MOST or behind > _BEHIND:
         raise _refusal(sample, source, own_points, median, behind)
-    if agreement is not None and agreement >= _AGREEING:
-        return Proof(images=len(size), median=median, notes=_differences(model))
-    if agreement is not None:
+    if agreement is not None and agreement < _AGREEING:
         fitting = [name for name, other in _others(sample, 1) if (_agreement(other) or 0.0) >= _AGREEING]
         if fitting:
             message = "the residuals that the file states are not those of its images, but they are if "
             raise ModelError([Problem(message=message + " or ".join(fitting), file=source)])
-        return Proof(images=len(size), median=median, notes=_differences(model))
-    small = _small(sample, error, median, own_points)
-    if small:
-        raise ModelError([Problem(message=small, file=source)])
-    return Proof(images=len(size), median=median)
+    if agreement is None or agreement < _AGREEING:
+        small = _small(sample, error, median, own_points)
+        if small:
+            raise ModelError([Problem(message=small, file=source)])
+    return Proof(images=len(size), median=median, notes=_differences(model))
 
 
 def _small(sample: Model, error: FloatArray, median: float, own_points: bool) -> str:
@@ -247,12 +245,11 @@ def _focal(factor: Callable[[PixelLens], float]) -> Callable[[Model], Model | No
 def _corrected(model: Model) -> Model:
     """Return the model if polynomials lead from images to rays: images without distortion, and such lenses."""
     pixel, camera = model.pixel.copy(), model.camera[model.photo]
+    bare = tuple(replace(lens, k=(), d=(), p=(0.0, 0.0), fisheye=False) for lens in model.lenses)
     for number, lens in enumerate(model.lenses):
         of = np.flatnonzero(camera == number)
-        bare = replace(lens, k=(), d=(), p=(0.0, 0.0), fisheye=False)
-        pixel[of] = lens.pixels(bare.rays(pixel[of]))
-    lenses = tuple(replace(lens, k=(), d=(), p=(0.0, 0.0), fisheye=False) for lens in model.lenses)
-    return replace(model, pixel=pixel, lenses=lenses)
+        pixel[of] = lens.pixels(bare[number].rays(pixel[of]))
+    return replace(model, pixel=pixel, lenses=bare)
 
 
 def _shift(model: Model) -> FloatArray:
@@ -265,10 +262,6 @@ def _turned(model: Model, R: FloatArray) -> Model:
     if model.program == "metashape":
         return replace(model, rotation=R)
     return replace(model, rotation=R, centre=-np.einsum("nji,nj->ni", R, _shift(model)))
-
-
-def _transposed(model: Model) -> FloatArray:
-    return np.swapaxes(model.rotation, 1, 2)
 
 
 def _exchanged(model: Model) -> Model:
@@ -311,14 +304,10 @@ _CONVENTIONS: tuple[tuple[str, Callable[[Model], Model | None]], ...] = (
     ),
     ("p1 and p2 are exchanged", _lenses(lambda lens: replace(lens, p=lens.p[::-1]) if any(lens.p) else None)),
     ("the distortion leads from images to rays", _corrected),
-    (
-        "the distortion has the opposite sign",
-        _lenses(lambda lens: replace(lens, k=tuple(-k for k in lens.k), p=(-lens.p[0], -lens.p[1]))),
-    ),
-    ("rotations are transposed", lambda model: _turned(model, _transposed(model))),
+    ("rotations are transposed", lambda model: _turned(model, np.swapaxes(model.rotation, 1, 2))),
     (
         "rotations and places are those of the inverse",
-        lambda model: replace(model, rotation=_transposed(model), centre=_shift(model)),
+        lambda model: replace(model, rotation=np.swapaxes(model.rotation, 1, 2), centre=_shift(model)),
     ),
     ("t and C stand for each other", _exchanged),
     ("quaternions have their scalar last", _quaternions),

@@ -22,6 +22,7 @@ from musatpy.sfm.intersection import intersections
 from musatpy.sfm.model import LOCAL, Model, ModelError
 
 CONTROL_SIGMA = 0.05  # m, where none is stated
+_SAME_EARTH = 1e-3  # m, of semi-axes
 _STEPS, _AT_REST = 50, 1e-9
 _GROSS = 5.0  # robust scales
 _LEAST_WRONG = 5.0  # px, of the image of a control point
@@ -46,7 +47,8 @@ def level_positions(
 
     The system is the one that the file has stated, else `crs`: a code EPSG[+vertical], PROJ string or WKT, or
     `local` for metres with Z up, which stay as they are on no ellipsoid (None). `geoid` is the grid of heights.
-    Raises `SystemsError` where no system is stated, where it is in feet, and where `geometry.crs` refuses it.
+    Raises `SystemsError` where no system is stated, where it is in feet or stands on another ellipsoid than WGS 84
+    and GRS 80, and where `geometry.crs` refuses it.
     """
     definition = stated or crs
     if not definition:
@@ -54,7 +56,10 @@ def level_positions(
         raise SystemsError([Problem(message=message)])
     if definition == LOCAL:
         return np.array(position), None
-    ellipsoid = own_ellipsoid(definition)
+    ellipsoid, a_b = own_ellipsoid(definition), Ellipsoid("WGS84").axes
+    if np.abs(np.subtract(ellipsoid.axes, a_b)).max() > _SAME_EARTH:
+        message = f"{definition[:60]} stands on another ellipsoid than WGS 84 and GRS 80: no datum is shifted"
+        raise SystemsError([Problem(message=message)])
     system = system_of(definition, ellipsoid, geoid)
     if system.plane and system.units[0] != "m":
         message = f"{system.text}: it is in {system.units[0]}, and heights beside it may be too: give metres"
