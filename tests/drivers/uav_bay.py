@@ -73,11 +73,11 @@ class Bay:
     cloud_wet: np.ndarray  # (c,)
 
 
-def bay(seed: int, folder: Path, cloud: int = 3000) -> Bay:
+def bay(seed: int, folder: Path, cloud: int = 3000, points: int = 900) -> Bay:
     """Simulate a bay; its spec is written into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     spec = folder / "bay.toml"
-    spec.write_text(toml_of(SPEC), encoding="utf-8")
+    spec.write_text(toml_of(SPEC | {"points": {"extra": [{"number": points}]}}), encoding="utf-8")
     simulated = simulate(spec, seed=seed)
     block = simulated.block
     solution = adjust(blind(block))
@@ -200,7 +200,7 @@ def _is_table(value: object) -> bool:
 def files_of(bay: Bay, folder: Path) -> None:
     """Write the folder that its owner has: model, control, positions and times, tide, shoreline, cloud."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_model(bay.model, folder / "sparse")
+    write_model(bay.model, folder)
     block, lens = bay.block, bay.model.lenses[0]
     ids, control = block.points.ids, block.control
     import pyproj
@@ -234,6 +234,10 @@ def files_of(bay: Bay, folder: Path) -> None:
     with (folder / "cloud.csv").open("w", encoding="utf-8") as file:
         file.write("x,y,z\n")
         file.writelines(f"{x:.6f},{y:.6f},{z:.6f}\n" for x, y, z in bay.cloud.tolist())
+    with (folder / "truth.csv").open("w", encoding="utf-8") as file:
+        file.write("longitude,latitude,height,wet\n")
+        for (lat, lon, height), wet in zip(bay.cloud_truth.tolist(), bay.cloud_wet.tolist(), strict=True):
+            file.write(f"{np.degrees(lon):.9f},{np.degrees(lat):.9f},{height:.4f},{int(wet)}\n")
 
 
 def main() -> None:
@@ -241,8 +245,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--cloud", type=int, default=3000, help="points of the cloud")
+    parser.add_argument("--points", type=int, default=900, help="points of the model")
     given = parser.parse_args()
-    files_of(bay(given.seed, given.folder), given.folder)
+    files_of(bay(given.seed, given.folder, given.cloud, given.points), given.folder)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,138 @@
+"""A drone block over a bay by the commands of its owner: import, run, correct, export; errors and sigmas."""
+
+import csv
+import json
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from drivers.uav_bay import Bay, bay, files_of
+from musatpy.arrays import FloatArray
+from musatpy.cli.main import main
+from musatpy.sfm.block import Placement
+
+SEEDS = range(1, 7)
+
+
+@lru_cache(maxsize=2)
+def simulated(seed: int, folder: Path) -> tuple[Bay, Path]:
+    """The files of a bay, and what is true of it."""
+    made = bay(seed, folder, cloud=700)
+    files_of(made, folder)
+    return made, folder
+
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bay, Path]:
+    return simulated(1, tmp_path_factory.mktemp("bay"))
+
+
+def musat(*words: object) -> Result:
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def imported(folder: Path, *more: str, status: int = 0) -> str:
+    """Import the model of a folder as its owner does, with more options; the last of an option counts."""
+    words = ("import", "colmap", folder, "-o", folder / "bay.job", "--gcp", folder / "gcp_list.txt", "--gnss",
+             folder / "exif.csv", "--tide", folder / "tide.csv", "--tide-datum", "0", "--tide-sigma", "0.02")  # fmt: skip
+    result = musat(*words, *more)
+    assert result.exit_code == status, result.output
+    return result.output
+
+
+def corrected(folder: Path) -> dict[str, FloatArray]:
+    """The cloud of a bay through its job and its run."""
+    assert musat("run", "-q", folder / "bay.job", "-o", folder / "out").exit_code == 0
+    result = musat("correct", "-q", folder / "cloud.csv", "--run", folder / "out" / "bay.json", "--job",
+                   folder / "bay.job", "--crs", "model", "-o", folder / "true.csv", "--cloud-sigma", "0.5")  # fmt: skip
+    assert result.exit_code == 0, result.output
+    with (folder / "true.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    names = [name for name in rows[0] if name != "reason"]
+    return {name: np.array([float(row[name] or "nan") for row in rows]) for name in names}
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_cloud_of_a_blind_model_comes_right_through_its_own_cameras(seed: int, tmp_path: Path) -> None:
+    """Errors over sigmas of the wet points of one draw, whose stations are common; blind ones are off by .8 m."""
+    made, folder = simulated(seed, tmp_path)
+    output = imported(folder)
+    assert "its focal length comes out short" in output
+    found = corrected(folder)
+    error = found["true_z"] - made.cloud_truth[:, 2]
+    wet, known = made.cloud_wet, np.isfinite(error)
+    assert known.mean() > 0.99
+    rms = float(np.sqrt(np.mean(np.square(error[wet & known]))))
+    record = json.loads((folder / "out" / "bay.json").read_text())
+    sigma = np.array(record["bathymetric_points"]["depth_sigma"], dtype=float)
+    assert rms < 1.6 * np.sqrt(np.mean(np.square(sigma)))
+    assert 0.8 < np.sqrt(np.mean(np.square(error / found["sigma_z"])[wet & known])) < 1.25
+    table = record["adjusted_parameters"]
+    row = table["parameter"].index("F")
+    assert (
+        abs(table["adjusted"][row] - 8.8412) < 2.5 * table["sigma"][row]
+    )  # of the truth; blind it is .02 mm short
+
+
+def test_the_commands_of_a_drone_surveyor(files: tuple[Bay, Path]) -> None:
+    made, folder = files
+    output = imported(folder)
+    assert "points wet by height" in output and "placed by 6 control" in output and "UTCAtExposure" in output
+    found = corrected(folder)
+    wet = made.cloud_wet
+    error = found["true_z"] - made.cloud_truth[:, 2]
+    assert np.sqrt(np.nanmean(np.square(error[wet]))) < 0.05
+    assert np.sqrt(np.nanmean(np.square(error[~wet]))) < 0.05  # no step at the shore
+    for form in ("colmap", "metashape"):
+        result = musat("export", form, "--run", folder / "out" / "bay.json", "--job", folder / "bay.job", "-o",
+                       folder / "export", "--points", "apparent")  # fmt: skip
+        assert result.exit_code == 0, result.output
+    again = musat("import", "colmap", folder / "export", "-o", folder / "again.job", "--gnss", folder / "exif.csv")
+    assert again.exit_code == 0, again.output  # whose residuals prove its convention
+    photos = (folder / "bay.photos.csv").read_text().splitlines()
+    assert photos[1] == '"DCIM/DJI_20260109000001.JPG",2026-01-09 14:10:00 UTC,UTCAtExposure,1.3000,0.0200,FLIGHT1'
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--crs", "local"), ""),
+        (("--tide-datum", "nonsense"), "neither a height in metres nor a grid"),
+        (("-o", "bay.crd"), "a job folder is called NAME.job"),
+        (("--gcp", "missing.txt"), "missing.txt"),
+    ],
+)
+def test_what_cannot_be_imported_is_refused_with_a_reason(
+    files: tuple[Bay, Path], options: tuple[str, ...], message: str
+) -> None:
+    if not message:
+        imported(files[1], *options)  # the list states its own system
+        return
+    status = 2 if options[0] == "-o" else 1
+    assert message in imported(files[1], *options, status=status)
+
+
+def test_a_run_of_another_job_is_refused(files: tuple[Bay, Path], tmp_path: Path) -> None:
+    folder = files[1]
+    imported(folder)
+    deck = Path(__file__).parents[2] / "fixtures" / "st_thomas" / "st_thomas.crd"
+    assert musat("run", "-q", deck, "-o", tmp_path).exit_code == 0
+    result = musat("correct", folder / "cloud.csv", "--run", tmp_path / "st_thomas.json", "--job", folder / "bay.job",
+                   "-o", tmp_path / "x.csv")  # fmt: skip
+    assert result.exit_code == 1 and "none of its photos is one of the cameras of the job" in result.output
+
+
+def test_a_placement_on_the_ellipsoid_states_its_system() -> None:
+    from musatpy.geometry.geodesy import Ellipsoid
+
+    placement = Placement(
+        scale=1.0, rotation=np.eye(3), shift=np.zeros(3), ellipsoid=Ellipsoid("", 6378000.0, 300.0)
+    )
+    spec = placement.ellipsoid_spec
+    assert spec is not None and (spec.semi_major_axis, spec.inverse_flattening) == (6378000.0, 300.0)
