@@ -282,6 +282,25 @@ def _depths(errors: ErrorSources, block: Block, points: FloatArray) -> FloatArra
     return depths
 
 
+def mean_depth(block: Block, network: Network, state: State, known: Covariances) -> FloatArray | None:
+    """Return the cofactors (u + 1,) of the mean depth of submerged points with all unknowns, then its own.
+
+    None where no such point takes part. No motion of the datum is free.
+    """
+    partials, own, count = np.zeros(network.pattern.order + network.border.size), 0.0, 0
+    for group in network.groups:
+        part = group.part(block.points.bathymetric[group.point])
+        for _, piece in pieces(network, state, part, known.cofactors):
+            columns, by_unknowns, by_point = propagation.depth_partials(network, state, piece)
+            np.add.at(partials, network.unknowns(piece.group, columns), by_unknowns)
+            own += float(np.einsum("ki,kij,kj->", by_point, piece.E.inverse, by_point))
+            count += len(by_point)
+    if not count:
+        return None
+    cofactors = known.full.solve(partials / count)
+    return np.append(cofactors, partials @ cofactors / count + own / count**2)
+
+
 def _pieces(errors: ErrorSources, group: PointGroup) -> Iterator[tuple[slice, propagation.Piece]]:
     for rows, piece in pieces(errors.network, errors.state, group, errors.cofactors):
         if errors.of_parameters:

@@ -256,7 +256,7 @@ def depth_cofactors(
     The water is that of the mean tide of the photos that give the point its position.
     """
     group, E = piece.group, piece.E
-    columns, a, by_point = _depth_partials(network, state, piece)
+    columns, a, by_point = depth_partials(network, state, piece)
     variance = cofactors.cofactors_of(network.photo[group.rays], columns, a[:, None])[:, 0, 0]
     variance += np.einsum("ki,kij,kj->k", by_point, E.inverse, by_point)
     if inner is None:
@@ -274,7 +274,7 @@ def covariances_with_depths(
     `point_covariances` and `depth_cofactors` of points that are not kept, without constraints, at once. Neighbours
     in the piece that have the same photos share the cofactors of these.
     """
-    columns, a, by_point = _depth_partials(network, state, piece)
+    columns, a, by_point = depth_partials(network, state, piece)
     partials = np.zeros((len(a), 4, a.shape[1]))
     partials[:, :3, : piece.F.shape[2]], partials[:, 3] = -piece.F, a
     Q, depends = np.empty((len(a), 4, 4)), np.concatenate([piece.photo, columns], axis=1)
@@ -288,7 +288,7 @@ def covariances_with_depths(
     return _turned(piece.axes, inverse + Q[:, :3, :3]), depth
 
 
-def _depth_partials(network: Network, state: State, piece: Piece) -> tuple[IntArray, FloatArray, FloatArray]:
+def depth_partials(network: Network, state: State, piece: Piece) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return border columns (k, X), and partials of depths by stations and these (k, m q + X) and by points (k, 3).
 
     The points follow the stations.

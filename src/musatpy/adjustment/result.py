@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from musatpy.adjustment.precision import (
     dependence,
     factor_of,
     limits_of_water,
+    mean_depth,
     precision,
     reach_of,
     undetermined_points,
@@ -43,7 +44,6 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.collinearity import nearest_point, widest_angle
 from musatpy.geometry.geodesy import surface, water_heights
 from musatpy.model import (
-    AdjustedParameters,
     AdjustedStations,
     AdjustedWater,
     AdjustedWaves,
@@ -128,7 +128,7 @@ def solution(
         considered=known.considered,
         kernels=kernels.name_of(network.photos),
         dependence=dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name),
-        parameters=_parameters(refracted, state, known, name),
+        **_parameters(block, refracted, state, known, name, free),
         held=None if reason else held_parameters(block, refracted, state, part, known, free),
     )
     return found if refracted is network else with_departure(found, refracted, line, factor, state)
@@ -177,13 +177,19 @@ def _group_sigmas(network: Network, state: State, known: Covariances) -> FloatAr
 
 
 def _parameters(
-    network: Network, state: State, known: Covariances, name: Callable[[int], str]
-) -> AdjustedParameters | None:
-    """Return the further parameters that were unknown, None without any."""
+    block: Block,
+    network: Network,
+    state: State,
+    known: Covariances,
+    name: Callable[[int], str],
+    free: Freedom | None,
+) -> dict[str, Any]:
+    """Return the further parameters that were unknown, and what those of lenses do; nothing without any."""
     if not network.parameters:
-        return None
-    depends = dependence(network, known.diagonal, known.cofactors, known.unknowns, name)
-    return adjusted_parameters(network, state, known.cofactors, known.unknowns, depends)
+        return {}
+    depth = None if free and free.count else mean_depth(block, network, state, known)
+    parameters = adjusted_parameters(network, state, known, name, depth)
+    return {"parameters": parameters, "grid": network.lenses and parameters and network.lenses.grid(parameters)}
 
 
 def _water(

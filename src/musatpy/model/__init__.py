@@ -40,7 +40,7 @@ from musatpy.model.options import (
     WaterLevel,
     Weights,
 )
-from musatpy.model.parameters import AdjustedParameters
+from musatpy.model.parameters import GRID_PLACES, TIES, AdjustedParameters, DistortionGrid
 from musatpy.model.reduction import (
     Atmosphere,
     ComparatorSpec,

@@ -16,7 +16,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.block import Block
 from musatpy.model.findings import Cause, Finding
 from musatpy.model.kinds import ObservationKind
-from musatpy.model.parameters import AdjustedParameters
+from musatpy.model.parameters import AdjustedParameters, DistortionGrid
 from musatpy.model.tables import Table, freeze, per_row
 from musatpy.units import DEGREE
 
@@ -402,6 +402,7 @@ class Solution:
     observed: Observations | None = None  # None: the solution was not built by an adjustment
     dependence: Dependence | None = None  # likewise
     parameters: AdjustedParameters | None = None  # None: none of lenses or the like was unknown
+    grid: DistortionGrid | None = None  # None: no distortion was unknown
     departure: Departure | None = None  # None: its rays are refracted, or there are none, or it has not converged
     held: HeldParameters | None = None  # None: not converged, or likewise
     findings: tuple[Finding, ...] = ()  # of the search for blunders, where one was asked for

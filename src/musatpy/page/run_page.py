@@ -104,6 +104,8 @@ _ACCURACY = (
 _CAMERA = (
     _open(echo.card("CAM")),
     _open(parameters.REPORT),
+    PageReport(parameters.TIED),
+    PageReport(parameters.DISTORTION),
     *(PageReport(echo.card(card)) for card in ("DST", "LNS", "FID", "FDS")),
 )
 _WATER = (

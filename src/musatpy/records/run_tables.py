@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.errors import Problem, RecordError
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.systems import Geographic, System, geographic
 from musatpy.model import (
@@ -108,16 +107,24 @@ def water_fault(tables: Tables) -> str:
     return fault and f"{fault} on the card of its deck"
 
 
+def lens_fault(tables: Tables) -> str:
+    """Return why images of the run are not ideal, empty where they are."""
+    adjusted = tables["adjusted_parameters"]
+    lens = texts(adjusted, "kind") == ObservationKind.LENS.label
+    bent = lens & ~np.isin(texts(adjusted, "parameter"), _INTERIOR)
+    cameras = ", ".join(sorted(set(texts(adjusted, "of")[bent].tolist())))
+    return (
+        cameras and f"the distortion of camera {cameras} was adjusted: this command does not correct images for it"
+    )
+
+
 def cameras_of(tables: Tables) -> Cameras:
-    """Return the cameras of a record, as adjusted. Raises `RecordError` where a distortion was: images need it."""
+    """Return the cameras of a record, as adjusted; of an adjusted distortion they know nothing."""
     cameras, adjusted = tables["cameras"], tables["adjusted_parameters"]
     lens = texts(adjusted, "kind") == ObservationKind.LENS.label
     ids, parameter = texts(cameras, "camera"), texts(adjusted, "parameter")[lens]
     focal_length, principal_point = numbers(cameras, "focal_length"), numbers(cameras, "principal_point", 2)
     row, value = rows_of(ids, texts(adjusted, "of")[lens]), numbers(adjusted, "adjusted")[lens]
-    if distorted := sorted({str(ids[camera]) for camera in row[~np.isin(parameter, _INTERIOR)].tolist()}):
-        what = f"the distortion of camera {', '.join(distorted)} was adjusted"
-        raise RecordError([Problem(message=f"{what}: this command does not correct images for it")])
     focal_length[row[parameter == "F"]] = value[parameter == "F"]
     for axis, name in enumerate(("XP", "YP")):
         principal_point[row[parameter == name], axis] = value[parameter == name]
