@@ -20,6 +20,7 @@ import numpy as np
 import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import extensions
+from musatpy.model.gnss import AntennaCovariances, AntennaLines, AntennaPositions, ExposureTimes, LeverArms
 from musatpy.model.lenses import LensUnknowns
 from musatpy.model.options import EllipsoidSpec, Options, OrientationSpec, SystemSpec
 from musatpy.model.reduction import (
@@ -269,7 +270,12 @@ class Block:
     distortion: Distortion = field(default_factory=partial(empty, Distortion))
     lens_unknowns: LensUnknowns = field(default_factory=partial(empty, LensUnknowns))
     fiducials: Fiducials = field(default_factory=partial(empty, Fiducials))
+    lever_arms: LeverArms = field(default_factory=partial(empty, LeverArms))
+    antenna_lines: AntennaLines = field(default_factory=partial(empty, AntennaLines))
     photos: Photos
+    antenna_positions: AntennaPositions = field(default_factory=partial(empty, AntennaPositions))
+    antenna_covariances: AntennaCovariances = field(default_factory=partial(empty, AntennaCovariances))
+    exposure_times: ExposureTimes = field(default_factory=partial(empty, ExposureTimes))
     fiducial_measurements: FiducialMeasurements = field(default_factory=partial(empty, FiducialMeasurements))
     points: Points
     plates: PlateMeasurements = field(default_factory=partial(empty, PlateMeasurements))

@@ -81,6 +81,9 @@ class CauseKind(StrEnum):
     AIR_BASE = (
         "air base", "air base", Action.DROPPED, "BAS", "", "m", "",
         "read the air base card again: photos and digits")
+    ANTENNA = (
+        "antenna position", "antenna position", "dropped", "GNS/GNX", "position", "m", _POSITION,
+        "read the card of the antenna position again: digits, the name of the photo; was the receiver locked?")
     ATTITUDE = (
         "attitude card", "station attitude", Action.NOT_KNOWN, "ATT", "angles", "arc sec", "omega phi kappa",
         "read the attitude card again: digits, signs, sigmas")

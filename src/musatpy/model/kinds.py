@@ -42,7 +42,11 @@ class ObservationKind(IntEnum):
     HEIGHT_DIFFERENCE = 10, "height differences", "height", "height_differences", ("diff.",), "m"
     WAVE = 11, "waves", "wave", "", ("height", "length", "azim.", "crest"), "m,rd"  # AdjustedWaves
     LENS = 12, "lens parameters", "lens", "", ("value",), ""  # AdjustedParameters
-    for number, (name, statement) in enumerate(extensions.stated("OBSERVATIONS").items(), 13):
+    ANTENNA = 13, "antenna positions", "antenna", "antenna_positions", ENU, "m"
+    LEVER_ARM = 14, "lever arms", "lever", "", ("value",), ""  # AdjustedParameters
+    ANTENNA_SHIFT = 15, "antenna shifts", "shift", "", ("value",), ""
+    ANTENNA_DRIFT = 16, "antenna drifts", "drift", "", ("value",), ""
+    for number, (name, statement) in enumerate(extensions.stated("OBSERVATIONS").items(), 20):
         locals()[name] = number, *statement
 
     noun: str

@@ -14,6 +14,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model.tables import empty
+from musatpy.simulation.antennas import GivenAntennas, state_antennas
 from musatpy.simulation.compiled_models import CompiledTruth, compile_models
 from musatpy.simulation.flight import fly, plan_flight
 from musatpy.simulation.measure import (
@@ -93,6 +94,7 @@ class Given:
     bases: Ties
     distances: Ties
     height_differences: Ties
+    antennas: GivenAntennas
     rows: IntArray
     links: IntArray
 
@@ -146,6 +148,7 @@ def _stated(scene: Scene, images: TrueImages) -> Given:
         bases=air_bases(scene),
         distances=distances(scene, control.names, usable),
         height_differences=height_differences(scene, control.names, usable),
+        antennas=state_antennas(scene),
         rows=rows,
         links=links,
     )
@@ -222,6 +225,7 @@ def _block(scene: Scene, given: Given) -> model.Block:
         ),
         waves=flight.waves.cards,
         wave_origin=flight.waves.origin,
+        **given.antennas.tables,
     )
 
 

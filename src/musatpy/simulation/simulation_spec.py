@@ -22,6 +22,7 @@ from musatpy.model import (
     WaterLevel,
     Weights,
 )
+from musatpy.simulation.antennas import AntennaKeys
 from musatpy.simulation.scene_keys import (
     AREA,
     CameraKeys,
@@ -234,6 +235,7 @@ class SimulationSpec:
     air_base: tuple[AirBaseKeys, ...] = key(())
     distance: tuple[DistanceKeys, ...] = key((), quiet=True)
     height_difference: tuple[HeightDifferenceKeys, ...] = key((), quiet=True)
+    antenna: AntennaKeys | None = key(None, quiet=True)
     options: OptionKeys = key(OptionKeys)
     compilation: CompilationKeys | None = key(None, quiet=True)
 
