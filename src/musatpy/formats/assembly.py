@@ -109,7 +109,8 @@ def cards_of_tables(
     unit = AngleUnit.DMS if given_in is None else given_in.unit
     matrices = given_in is not None and given_in.angles == system_rows.MATRICES
     geographic = (system if given_in is None else given_in.kind) == model.CoordinateSystem.GEOGRAPHIC
-    angular = {"stations": geographic, "control": geographic, "wave_origin": geographic, "attitudes": not matrices}
+    places = ("stations", "control", "antenna_positions", "wave_origin")
+    angular = {**dict.fromkeys(places, geographic), "attitudes": not matrices}
     role_of = {spec: role for role, specs in roles_of(family).items() for spec in specs}
     for spec in family.cards.values():
         role = role_of.get(spec, "")

@@ -108,12 +108,9 @@ def _true(
 ) -> tuple[tuple[model.ObservationKind, str, str, float], ...]:
     kinds = model.ObservationKind
     rows = [
-        (kinds.LEVER_ARM, camera, f"ARM {axis}", value)
-        for axis, value in zip(AXES, keys.lever_arm, strict=True)
+        (kinds.LEVER_ARM, camera, f"ARM {axis}", value) for axis, value in zip(AXES, keys.lever_arm, strict=True)
     ]
     for kind, what, of_lines in ((kinds.ANTENNA_SHIFT, "SHIFT", shift), (kinds.ANTENNA_DRIFT, "DRIFT", drift)):
         for name, values in zip(names, of_lines.tolist(), strict=True):
-            rows += [
-                (kind, name, f"{what} {axis}", value) for axis, value in zip(DIRECTIONS, values, strict=True)
-            ]
+            rows += [(kind, name, f"{what} {axis}", value) for axis, value in zip(DIRECTIONS, values, strict=True)]
     return tuple(rows)

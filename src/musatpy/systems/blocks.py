@@ -132,12 +132,13 @@ def entered(given: Stated, statement: Statement) -> tuple[Block, tuple[Problem, 
     if statement.sigmas is Sigmas.SYSTEM:
         by_station, by_mark = (np.asarray(np.linalg.inv(rates_at(system, at)), float) for at in (station, mark))
         sigmas = _restated(block, system, by_station, turned.partials, by_mark, findings)
-    findings.stop()
     tide = photos.tide + np.where(np.isnan(photos.tide), np.nan, system.undulation(station))
     known = CoordinateSystem.LOCAL if system.ellipsoid is None else CoordinateSystem.GEOGRAPHIC
     job = _with(block, known, (station, turned.angles, mark, tide), sigmas)
     job = _with_origin(job, lambda place: level_of(system, place))
+    job = _with_antennas(job, statement, lambda place: level_of(system, place), True, findings)
     job = replace(job, reduction=_with_ground(block, system, station - photos.position))
+    findings.stop()
     return job, tuple(findings.warnings)
 
 
@@ -163,7 +164,6 @@ def stated(block: Block, statement: Statement) -> Stated:
     if statement.sigmas is Sigmas.SYSTEM:
         rates = rates_at(system, station), turned.partials, rates_at(system, mark)
         sigmas = _restated(block, system, *rates, findings)
-    findings.stop()
     places = coordinates_of(system, station), coordinates_of(system, mark)
     tide = photos.tide - np.where(np.isnan(photos.tide), np.nan, system.undulation(station))
     known = CoordinateSystem.GEOCENTRIC if isinstance(system, Geocentric) else CoordinateSystem.GEOGRAPHIC
@@ -171,6 +171,10 @@ def stated(block: Block, statement: Statement) -> Stated:
         known = CoordinateSystem.LOCAL
     out = _with(block, known, (places[0], turned.angles, places[1], tide), sigmas)
     out = _with_origin(out, lambda place: coordinates_of(system, level_of(job_system, place)))
+    out = _with_antennas(
+        out, statement, lambda place: coordinates_of(system, level_of(job_system, place)), False, findings
+    )
+    findings.stop()
     out = replace(out, reduction=_with_ground(block, system, places[0] - station))
     matrices = turned.matrix if statement.form is None else None
     return Stated(block=out, matrices=matrices, warnings=tuple(findings.warnings))
@@ -200,6 +204,29 @@ def _with_origin(block: Block, restated: Callable[[FloatArray], FloatArray]) -> 
         return block
     x, y, z = restated(np.array([block.wave_origin.position]))[0].tolist()
     return replace(block, wave_origin=WaveOrigin(position=(x, y, z)))
+
+
+def _with_antennas(
+    block: Block,
+    statement: Statement,
+    restated: Callable[[FloatArray], FloatArray],
+    to_level: bool,
+    findings: Findings,
+) -> Block:
+    """Return a block with its antenna positions in other coordinates, `to_level` ones or those of a statement."""
+    given, covariances, system = block.antenna_positions, block.antenna_covariances, statement.system
+    if not given.count:
+        return block
+    table = replace(given, position=restated(given.position))
+    if statement.sigmas is Sigmas.SYSTEM:
+        partials = rates_at(system, table.position if to_level else level_of(system, table.position))
+        partials = np.asarray(np.linalg.inv(partials)) if to_level else partials
+        owners = Owners(kind="photo", ids=block.photos.ids[given.photo], what="antenna positions")
+        table = replace(table, sigma=propagated(given.sigma, partials, owners, system.plane_alone, findings))
+        row = np.zeros(block.photos.count, dtype=int)
+        row[given.photo] = np.arange(given.count)
+        covariances = covariances.of_what_depends(partials[row[covariances.photo]])
+    return replace(block, antenna_positions=table, antenna_covariances=covariances)
 
 
 def _require_complete(system: System, places: FloatArray, kind: str, ids: TextArray, findings: Findings) -> None:

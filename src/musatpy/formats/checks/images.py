@@ -13,6 +13,7 @@ from musatpy.formats.checks.check import check
 from musatpy.formats.checks.places import far_places
 from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
+from musatpy.formats.job_tables import ROLES
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.model.block import other_focal_length
 from musatpy.units import DEGREE, length_unit
@@ -144,6 +145,16 @@ def plan(draft: Draft, position: FloatArray) -> ComplexArray:
     latitude, longitude = good[0] if len(good) else np.zeros(2)
     east = np.angle(np.exp(1j * (position[:, 1] - longitude)))  # across the date line as well
     return _EARTH * (east * np.cos(latitude) + 1j * position[:, 0])
+
+
+def metric(draft: Draft, role: str, position: FloatArray) -> FloatArray:
+    """Return positions (k, 3) on cards of a role as east, north, up in m, good from one to another near by."""
+    geocentric = draft.system is CoordinateSystem.GEOCENTRIC
+    if not geocentric and not draft.is_angular(role, ROLES[role]).all():
+        return position
+    level = plan(draft, position)
+    height = np.linalg.norm(position, axis=1) if geocentric else position[:, 2]
+    return np.stack([level.real, level.imag, height], axis=1)
 
 
 @check(of_job=True, of_run=True, follows=("stations", "attitudes", "plates", "control"), raw=False)
