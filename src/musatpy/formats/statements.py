@@ -16,6 +16,8 @@ from musatpy.errors import Problem, SystemsError
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.job_tables import Tables
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, SystemSpec
+from musatpy.model.block import with_tables
+from musatpy.model.tables import Table
 from musatpy.units import ARC_SECOND
 
 if TYPE_CHECKING:
@@ -139,7 +141,7 @@ def _with_sigmas(block: Block, spec: SystemSpec, scaled: Callable[[FloatArray, F
         return block
     unit = np.array([1e-3 * ARC_SECOND, 1e-3 * ARC_SECOND, 1.0])  # 1 m would be .03 arc seconds
     photos = replace(block.photos, position_sigma=scaled(block.photos.position_sigma, unit))
-    tables = {
+    tables: dict[str, Table] = {
         name: replace(table, sigma=scaled(table.sigma, unit))
         for name, table in (
             ("control", block.control),
@@ -147,7 +149,7 @@ def _with_sigmas(block: Block, spec: SystemSpec, scaled: Callable[[FloatArray, F
             ("antenna_covariances", block.antenna_covariances),
         )
     }
-    return replace(block, photos=photos, **tables)
+    return with_tables(block, tables | {"photos": photos})
 
 
 def _unreached(draft: Draft, block: Block, reach: Callable[[FloatArray], object]) -> tuple[Problem, ...]:

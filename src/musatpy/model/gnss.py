@@ -82,7 +82,7 @@ class LeverArms(Table):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AntennaLines(Table):
-    """g flight lines whose antenna positions have a common shift, and a drift linear in time, both zero as given."""
+    """g flight lines whose antenna positions have a shift and a drift linear in time, both zero as given."""
 
     line: TextArray = per_row(key=True, sort=True)  # (g,)
     shift_sigma: FloatArray = per_row(3, unit="m", blank=np.nan)  # (g, 3) NaN: held, or free

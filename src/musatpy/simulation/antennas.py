@@ -1,9 +1,8 @@
-"""Antenna positions of a satellite receiver on board: lever arm, shifts and drifts of strips, times; with errors."""
+"""Antenna positions of a satellite receiver on board: lever arm, shifts and drifts of strips, times."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,44 +10,22 @@ from musatpy import model
 from musatpy.arrays import FloatArray
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model.gnss import AXES, DIRECTIONS
-from musatpy.specs import Triple, key
+from musatpy.model.tables import Table
+from musatpy.simulation.scene_keys import AntennaKeys
+from musatpy.simulation.terrain import Scene
+from musatpy.simulation.true_lens import TrueParameter
 
-if TYPE_CHECKING:
-    from musatpy.simulation.terrain import Scene
-
-_ZERO, _NONE = (0.0, 0.0, 0.0), (np.nan, np.nan, np.nan)
+_NONE = (np.nan, np.nan, np.nan)
 _TURN = 10  # exposures that a turn from strip to strip takes as long as
 _ARM, _SHIFT, _DRIFT, _TIME = 4, 4, 6, 4  # decimals on the cards
 
 
-@dataclass(frozen=True, kw_only=True)
-class AntennaKeys:
-    """[antenna]: positions of a satellite antenna at the exposures, each strip a line; without it there are none."""
-
-    error: Triple = key(_ZERO, "actual error east, north, up, 1 sigma", unit="m", low=0.0)
-    sigma: Triple = key((0.05, 0.05, 0.1), "on the cards", unit="m", low=0.0001)
-    correlation: Triple = key(
-        _ZERO, "of the errors, east-north, east-up, north-up: then on GNC cards", low=-0.99, high=0.99, quiet=True
-    )
-    lever_arm: Triple = key(_ZERO, "true, along the axes of the photo", unit="m")
-    lever_arm_error: Triple = key(_ZERO, "actual error on its card, 1 sigma", unit="m", low=0.0)
-    lever_arm_sigma: Triple | None = key(None, "on its card; absent: held, or free", unit="m", low=0.0001)
-    lever_arm_free: bool = key(False, "free, where it has no sigma")
-    shift: Triple = key(_ZERO, "actual shift of each strip, 1 sigma", unit="m", low=0.0)
-    shift_sigma: Triple | None = key(None, "on its card; absent: held, or free", unit="m", low=0.0001)
-    shift_free: bool = key(False, "free, where it has no sigma")
-    drift: Triple = key(_ZERO, "actual drift of each strip, 1 sigma", unit="m/s", low=0.0)
-    drift_sigma: Triple | None = key(None, "on its card; absent: held, or free", unit="m/s", low=0.000001)
-    drift_free: bool = key(False, "free, where it has no sigma")
-    interval: float = key(5.0, "from exposure to exposure", unit="s", low=0.001)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GivenAntennas:
-    """Tables of the block, by name, and true values of what runs may adjust: kind, owner, parameter, value."""
+    """Tables of the block, by name, and the truth of what runs may adjust."""
 
-    tables: dict[str, model.Table]
-    parameters: tuple[tuple[model.ObservationKind, str, str, float], ...]
+    tables: dict[str, Table]
+    parameters: tuple[TrueParameter, ...]
 
 
 def state_antennas(scene: Scene) -> GivenAntennas:
@@ -72,7 +49,7 @@ def state_antennas(scene: Scene) -> GivenAntennas:
     local += np.einsum("nji,j->ni", attitude_matrix(scene.flight.attitude), np.array(keys.lever_arm))
     places = scene.world.at_xyz(stations.xyz + np.einsum("nji,nj->ni", stations.vertical, local))
     correlated = any(keys.correlation)
-    tables: dict[str, model.Table] = {
+    tables: dict[str, Table] = {
         "antenna_positions": model.AntennaPositions(
             photo=np.arange(n),
             line=np.array(names)[line],
@@ -105,12 +82,15 @@ def state_antennas(scene: Scene) -> GivenAntennas:
 
 def _true(
     camera: str, names: list[str], keys: AntennaKeys, shift: FloatArray, drift: FloatArray
-) -> tuple[tuple[model.ObservationKind, str, str, float], ...]:
+) -> tuple[TrueParameter, ...]:
     kinds = model.ObservationKind
-    rows = [
-        (kinds.LEVER_ARM, camera, f"ARM {axis}", value) for axis, value in zip(AXES, keys.lever_arm, strict=True)
-    ]
+    owned = [(kinds.LEVER_ARM, camera, "ARM", AXES, keys.lever_arm)]
     for kind, what, of_lines in ((kinds.ANTENNA_SHIFT, "SHIFT", shift), (kinds.ANTENNA_DRIFT, "DRIFT", drift)):
-        for name, values in zip(names, of_lines.tolist(), strict=True):
-            rows += [(kind, name, f"{what} {axis}", value) for axis, value in zip(DIRECTIONS, values, strict=True)]
-    return tuple(rows)
+        owned += [
+            (kind, name, what, DIRECTIONS, tuple(row)) for name, row in zip(names, of_lines.tolist(), strict=True)
+        ]
+    return tuple(
+        TrueParameter(kind=kind, owner=owner, name=f"{what} {axis}", value=value)
+        for kind, owner, what, axes, values in owned
+        for axis, value in zip(axes, values, strict=True)
+    )

@@ -13,6 +13,7 @@ from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
+from musatpy.model.block import with_tables
 from musatpy.model.tables import empty
 from musatpy.simulation.antennas import GivenAntennas, state_antennas
 from musatpy.simulation.compiled_models import CompiledTruth, compile_models
@@ -179,7 +180,7 @@ def _truth(scene: Scene, images: TrueImages, given: Given) -> Truth:
         base_lengths=given.bases.true,
         distances=given.distances.true,
         height_differences=given.height_differences.true,
-        parameters=true_parameters(scene.spec),
+        parameters=(*true_parameters(scene.spec), *given.antennas.parameters),
     )
 
 
@@ -188,7 +189,7 @@ def _block(scene: Scene, given: Given) -> model.Block:
     camera, flight, rows, links = scene.spec.camera, scene.flight, given.rows, given.links
     bases, distances, heights = given.bases, given.distances, given.height_differences
     lens_unknowns, reduction = state_lens(scene.spec, scene.draws)
-    return model.Block(
+    block = model.Block(
         titles=scene.spec.title,
         options=_options(scene.spec),
         ellipsoid=scene.world.ellipsoid,
@@ -225,8 +226,8 @@ def _block(scene: Scene, given: Given) -> model.Block:
         ),
         waves=flight.waves.cards,
         wave_origin=flight.waves.origin,
-        **given.antennas.tables,
     )
+    return with_tables(block, given.antennas.tables)
 
 
 def _options(spec: SimulationSpec) -> model.Options:

@@ -22,9 +22,9 @@ from musatpy.model import (
     WaterLevel,
     Weights,
 )
-from musatpy.simulation.antennas import AntennaKeys
 from musatpy.simulation.scene_keys import (
     AREA,
+    AntennaKeys,
     CameraKeys,
     CompilationKeys,
     FlightKeys,

@@ -41,14 +41,13 @@ def antenna_sigmas(draft: Draft) -> Iterator[Problem]:
         (~covered & ~given.all(axis=1), f"its three standard deviations are needed, or a {card} card"),
     ):
         yield from draft.problems(role, rows, message, path=path)
-    role, rows = "antenna_covariances", draft.rows["antenna_covariances"]
+    role = "antenna_covariances"
     alone = ~np.isin(draft.photo[role], photo)
     message = "photo {} has a covariance, and no antenna position"
     yield from draft.problems(role, alone, message, draft.names("photos", role), path=f"{role}.photo")
-    sigma, correlation = rows[f"{role}.sigma"], rows[f"{role}.correlation"]
-    matrices = AntennaCovariances(
-        photo=draft.photo[role], sigma=np.ones_like(sigma), correlation=correlation
-    ).matrices
+    correlation = draft.rows[role][f"{role}.correlation"]
+    ones = np.ones_like(correlation)
+    matrices = AntennaCovariances(photo=draft.photo[role], sigma=ones, correlation=correlation).matrices
     known = np.isfinite(matrices).all(axis=(1, 2)) & (np.abs(correlation) <= 1.0).all(axis=1)
     known[known] = np.linalg.eigvalsh(matrices[known])[:, 0] <= 0.0
     message = "no three errors have these correlations: their matrix is not positive definite"
