@@ -18,12 +18,52 @@ from musatpy.adjustment.network import Network, kept_axes
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.formats.musat import read_deck
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
-from musatpy.model import AirBases, Block, Grade, LensUnknowns, ObservationKind, Program, Solution
+from musatpy.model import (
+    AirBases,
+    AntennaCovariances,
+    AntennaLines,
+    AntennaPositions,
+    Block,
+    ExposureTimes,
+    Grade,
+    LensUnknowns,
+    LeverArms,
+    ObservationKind,
+    Program,
+    Solution,
+)
+from musatpy.model.tables import Table
 from musatpy.units import DEGREE
 from reference.rays import rotation
 
 STEP = 1e-3  # m, rad; lengths bend by step / length, a millionth here
 CASES = ("all by days", "all by photos", "unknown waves")
+
+
+def antennas(block: Block) -> dict[str, Table]:
+    """Antenna positions of a line with covariances and of photos of none; all that can be unknown of them is."""
+    n = block.photos.count
+    some, sigma = np.arange(n), np.full((n, 3), 0.1)
+    sigma[0] = np.nan
+    return {
+        "antenna_positions": AntennaPositions(
+            photo=some,
+            line=np.where(some < n - 1, "A", ""),
+            position=block.photos.position + [1e-7, 2e-7, 3.0],
+            sigma=sigma,
+        ),
+        "antenna_covariances": AntennaCovariances(
+            photo=[0], sigma=[[0.1, 0.2, 0.3]], correlation=[[0.5, -0.3, 0.6]]
+        ),
+        "exposure_times": ExposureTimes(photo=some, time=5.0 * some**1.1),
+        "lever_arms": LeverArms(
+            camera=[0], offset=[[0.3, -0.2, 1.4]], sigma=[[0.1, np.nan, np.nan]], free=np.array([True])
+        ),
+        "antenna_lines": AntennaLines(
+            line=np.array(["A"]), shift_sigma=np.array([[np.nan, 0.2, 0.3]]), drift_sigma=np.full((1, 3), 0.01),
+            shift_free=np.array([True]),
+        ),
+    }  # fmt: skip
 
 
 @lru_cache
@@ -38,6 +78,7 @@ def at_start(name: str) -> tuple[Network, State]:
             camera=np.zeros(2, dtype=int), parameter=np.array(["F", "B1"]), value=sigma + 152.0, sigma=sigma
         )
         block = altered(block, air_bases=bases, photos={"attitude_sigma": attitude}, lens_unknowns=lens)
+        block = replace(block, **antennas(block))
     else:
         block = read_deck(FIXTURES / "waves" / "unknown.crd")
     job, state = prepared(block, None)
@@ -97,7 +138,7 @@ def test_the_normal_equations_are_those_of_the_dense_matrix(name: str) -> None:
     np.fill_diagonal(matrix, np.where(np.diagonal(matrix) == 0.0, 1.0, np.diagonal(matrix)))
     found, right = normals.finished()
     # rounding of sums of a few terms
-    np.testing.assert_allclose(found.times(np.eye(size(network))), matrix, rtol=1e-12)
+    np.testing.assert_allclose(found.times(np.eye(size(network))), matrix, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(right, rhs, rtol=1e-12, atol=1e-9)
     assert direct_squares(network, state) == pytest.approx(squares, rel=1e-12)
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 _DECIMALS = 6  # of correlations, beyond which rounding errors order them
 
+_MOVED = 1e-6  # of the largest change of an unknown by a free motion
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Parameters:
@@ -51,12 +53,17 @@ class Parameters:
 
 
 def adjusted_parameters(
-    network: Network, state: State, known: Covariances, name: Callable[[int], str], mean_depth: FloatArray | None
+    network: Network,
+    state: State,
+    known: Covariances,
+    name: Callable[[int], str],
+    mean_depth: FloatArray | None,
+    motions: FloatArray,
 ) -> AdjustedParameters | None:
     """Return the further parameters of a solution, None where there are none.
 
     `name` names the unknowns of the normal equations; `mean_depth` (u + 1,) has their cofactors with the mean depth
-    of submerged points, then its own.
+    of submerged points, then its own. What the free `motions` (u, d) of a block change is as arbitrary as its place.
     """
     kinds = [kind for kind in network.parameters if network.border.count(kind)]
     if not kinds:
@@ -70,6 +77,7 @@ def adjusted_parameters(
         known.unknowns.corner[np.ix_(columns, columns)],
     )
     inflation = cofactor * known.diagonal.border[columns]
+    moved = np.abs(motions[network.pattern.order + columns]) > _MOVED * np.abs(motions).max(axis=0, initial=0.0)
     tied, correlation = _ties(network, known.cofactors, columns, name, mean_depth)
     with np.errstate(divide="ignore"):
         prior_sigma = np.where(weight > 0.0, 1.0 / np.sqrt(weight), np.nan)
@@ -82,7 +90,7 @@ def adjusted_parameters(
         given=np.concatenate([of.given for of in every]),
         prior_sigma=prior_sigma,
         value=np.concatenate([state.parameters[kind] for kind in kinds]),
-        spread=np.sqrt(np.diagonal(covariance)),
+        spread=np.where(moved.any(axis=1), np.inf, np.sqrt(np.diagonal(covariance))),
         kept=np.sqrt(cofactor) / prior_sigma,
         inflation=np.where(inflation > 0.0, inflation, np.nan),
         most=np.concatenate([of.most for of in every]) / effect,

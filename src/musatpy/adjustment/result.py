@@ -188,7 +188,8 @@ def _parameters(
     if not network.parameters:
         return {}
     depth = None if free and free.count else mean_depth(block, network, state, known)
-    parameters = adjusted_parameters(network, state, known, name, depth)
+    motions = free.directions if free and free.count else np.zeros((network.pattern.order + network.border.size, 0))
+    parameters = adjusted_parameters(network, state, known, name, depth, motions)
     return {"parameters": parameters, "grid": network.lenses and parameters and network.lenses.grid(parameters)}
 
 

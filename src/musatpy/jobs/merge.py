@@ -93,6 +93,10 @@ class _Merger:
             photos=self._photos(),
             fiducial_measurements=self._on_photos("fiducial_measurements", "fiducial mark"),
             cross_measurements=self._on_photos("cross_measurements", "reseau cross"),
+            antenna_positions=self._of_photos("antenna_positions", "antenna position"),
+            antenna_covariances=self._of_photos("antenna_covariances", "covariance of the antenna position"),
+            exposure_times=self._of_photos("exposure_times", "time"),
+            antenna_lines=self._antenna_lines(),
             points=self._points(),
             plates=self._plates(),
             control=self._control(),
@@ -159,6 +163,15 @@ class _Merger:
         what = [f"{mark} of photo {photos[photo]}" for mark, photo in zip(table.ids, table.photo, strict=True)]
         key = self._nth(name, np.stack([table.photo, _ranks(table.ids)], axis=1))
         return self._once(name, label, table, key, what, ("photo", "ids"))
+
+    def _of_photos(self, name: str, label: str) -> Any:
+        """Return what a card for each photo says."""
+        table, photos = self.names.table(name), self.names.ids(NamedKind.PHOTO)
+        return self._once(name, label, table, table.photo[:, None], photos[table.photo].tolist(), ("photo",))
+
+    def _antenna_lines(self) -> Any:
+        table = self.names.table("antenna_lines")
+        return self._once("antenna_lines", "line", table, _ranks(table.line)[:, None], table.line, ("line",))
 
     def _air_bases(self) -> Any:
         table, photos = self.names.table("air_bases"), self.names.ids(NamedKind.PHOTO)

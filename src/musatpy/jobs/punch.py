@@ -17,14 +17,19 @@ from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix,
 from musatpy.jobs.plan_positions import frame_of
 from musatpy.model import (
     AirBases,
+    AntennaCovariances,
+    AntennaLines,
+    AntennaPositions,
     Block,
     Control,
     ControlKind,
     Distances,
     Editing,
     EqualElevations,
+    ExposureTimes,
     HeightDifferences,
     Initial,
+    LeverArms,
     Options,
     Photos,
     PlateMeasurements,
@@ -232,6 +237,8 @@ def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tupl
     used = len(groups.ids) + sum(len(table.sigma) for table in between)
     if used:
         notes.append(f"groups, air bases, distances and height differences are left out: {used}")
+    if number := block.antenna_positions.count:
+        notes.append(f"antenna positions, and what their cards say besides, are left out: {number}")
     punched = replace(
         block,
         options=_options(block),
@@ -240,6 +247,11 @@ def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tupl
         photos=_photos_found(solution),
         control=_control_found(solution, points, kind),
         equal_elevations=empty(EqualElevations),
+        lever_arms=empty(LeverArms),
+        antenna_lines=empty(AntennaLines),
+        antenna_positions=empty(AntennaPositions),
+        antenna_covariances=empty(AntennaCovariances),
+        exposure_times=empty(ExposureTimes),
         air_bases=empty(AirBases),
         distances=empty(Distances),
         height_differences=empty(HeightDifferences),

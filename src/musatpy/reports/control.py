@@ -116,6 +116,38 @@ HEIGHT_DIFFERENCES = _between(
     "height_differences", "one row per measured height difference, second point minus first", "points",
     "difference", _K.HEIGHT_DIFFERENCE,
 )  # fmt: skip
+
+
+def _antenna_sigmas(statistics: Statistics) -> FloatArray:
+    """Return the a priori standard deviations (a, 3) of antenna positions, those of covariances too."""
+    table, covariances = statistics.block.antenna_positions, statistics.block.antenna_covariances
+    sigma = np.full((statistics.block.photos.count, 3), np.nan)
+    sigma[table.photo] = table.sigma
+    sigma[covariances.photo] = covariances.sigma
+    return sigma[table.photo]
+
+
+def _antenna_times(statistics: Statistics) -> FloatArray:
+    times = statistics.block.exposure_times
+    time = np.full(statistics.block.photos.count, np.nan)
+    time[times.photo] = times.time
+    return time[statistics.block.antenna_positions.photo]
+
+
+ANTENNAS = Table(
+    "antenna_positions", "one row per antenna position", (
+        identity("photo", lambda s: s.block.photos.ids[s.block.antenna_positions.photo]),
+        Field("line", "string", "flight line, empty for none", "block.antenna_positions.line", "Line", "A4",
+              is_id=True),
+        Field("time", "number?", "of the exposure", _antenna_times, "Time\ns", "F12.3", unit="s"),
+        Field("difference", "3 number?", f"adjusted minus observed, {ENU}",
+              lambda s: s.solution.measured[_K.ANTENNA], along_axes()),
+        Field("sigma", "3 number", f"of the deck, {ENU}", _antenna_sigmas, along_axes("Sigma ", edit="F8.3")),
+        Field("test", "3 number?", f"test values of the components, {ENU}, as `normal_test` of the observations: "
+              "with a covariance, of the principal axes nearest to these", "antenna_tests",
+              along_axes("Test\n", edit="F6.1", unit="")),
+    ),
+)  # fmt: skip
 _COUNT = unrecorded("Points", "I6", lambda t: [len(points) for points in t["points"]])
 
 
@@ -137,6 +169,12 @@ CONSTRAINTS: tuple[Report[Statistics], ...] = (
     _adjusted("Air Bases", AIR_BASES),
     _adjusted("Distances", DISTANCES),
     _adjusted("Height Differences", HEIGHT_DIFFERENCES),
+    Report(
+        "Antenna Positions: Adjusted Minus Observed",
+        ANTENNAS,
+        ("photo line time difference sigma test", unrecorded("Fails", "A5", lambda t: _stars(t["test"]))),
+        worst=lambda t: np.nan_to_num(np.abs(t["test"]), nan=-1.0).max(axis=1),
+    ),
 )
 STATED = (RESIDUALS, DIFFERENCES, CHECK_POINTS, *CONSTRAINTS)
 

@@ -27,7 +27,7 @@ PARAMETERS = Rows[Statistics, AdjustedParameters](
         Field("kind", "enum", "what the parameter belongs to",
               lambda w: [ObservationKind(kind).label for kind in w.kind.tolist()], choices=_KINDS, is_id=True),
         Field("of", "string", "id of the camera or line", "owner", "Of", "A8", is_id=True),
-        Field("parameter", "string", "as on its card", heading="Param.", edit="A6", is_id=True),
+        Field("parameter", "string", "as on its card", heading="Param.", edit="A7", is_id=True),
         Field("unit", "string", "of values and sigmas", heading="Unit", edit="A5"),
         Field("given", "number", "of the deck", heading="Given", edit="E14.6"),
         Field("given_sigma", "number?", "of the deck; null: free", "prior_sigma", "Sigma", "E9.1"),

@@ -242,10 +242,18 @@ class Quality:
     @cached_property
     def control_tests(self) -> FloatArray:
         """(k, 3) `normal_tests` of the components of every control card, NaN where there is none."""
-        tests = np.full((len(self.block.control.point), 3), np.nan)
+        return self._tests_of(_CONTROL, self.block.control.count)
+
+    @cached_property
+    def antenna_tests(self) -> FloatArray:
+        """(a, 3) the same of the components of every antenna position."""
+        return self._tests_of(ObservationKind.ANTENNA, self.block.antenna_positions.count)
+
+    def _tests_of(self, kind: ObservationKind, rows: int) -> FloatArray:
+        tests = np.full((rows, 3), np.nan)
         if self.solution.observed is not None:
-            control = self.observed.kind == _CONTROL
-            tests[self.observed.row[control], self.observed.component[control]] = self.normal_tests[control]
+            of_kind = self.observed.kind == kind
+            tests[self.observed.row[of_kind], self.observed.component[of_kind]] = self.normal_tests[of_kind]
         return tests
 
     @cached_property

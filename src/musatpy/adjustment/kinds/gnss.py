@@ -18,7 +18,7 @@ import numpy as np
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds.parameter import ParameterUnknown
 from musatpy.adjustment.kinds.photo_vectors import Deviations, PhotoVector
-from musatpy.adjustment.network import MeasuredTies, Network
+from musatpy.adjustment.network import MeasuredTies, Network, job_frame
 from musatpy.adjustment.parameters import Parameters
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.similarity import Similarity
@@ -26,8 +26,9 @@ from musatpy.model import Block, ObservationKind
 from musatpy.model.gnss import AXES, DIRECTIONS
 
 _REST = 1e-4  # m at an antenna
-_MOST = 0.1  # of the length of a line, or of what its photos see: beyond such a sigma nothing is determined
-_FREE = (ObservationKind.LEVER_ARM, ObservationKind.ANTENNA_SHIFT, ObservationKind.ANTENNA_DRIFT)
+_MOST = 0.01  # of the extent of the antenna positions: beyond such a sigma nothing is determined
+_NAMES = ("east", "north", "up")
+_UNKNOWN = (ObservationKind.LEVER_ARM, ObservationKind.ANTENNA_SHIFT, ObservationKind.ANTENNA_DRIFT)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,7 +108,7 @@ class Antenna(PhotoVector):
     def deviations(self, network: Network, state: State) -> Deviations:
         """Return adjusted minus observed, along the principal axes of each."""
         of = _ties(network)
-        photo, first = of.photo[:, 0], [network.border.at(kind).start for kind in _FREE]
+        photo, first = of.photo[:, 0], [network.border.at(kind).start for kind in _UNKNOWN]
         observed = network.frame.working(of.value)
         to_components = of.principal @ network.frame.axes(observed)
         arm, shift, drift = np.split(_values(of, state), 3, axis=1)
@@ -137,10 +138,7 @@ class Antenna(PhotoVector):
     def misfit(self, block: Block, network: Network, row: int, component: int, size: float) -> str:
         """Return in words that a component is off by `size` m."""
         photo = block.photos.ids[block.antenna_positions.photo[row]]
-        return f"the antenna position of photo {photo} is {size:.2f} m off in {DIRECTION_NAMES[component]}"
-
-
-DIRECTION_NAMES = ("east", "north", "up")
+        return f"the antenna position of photo {photo} is {size:.2f} m off in {_NAMES[component]}"
 
 
 class AntennaParameter(ParameterUnknown):
@@ -236,8 +234,9 @@ def _parameters(
 
 
 def _extent(block: Block) -> float:
-    """Return ..."""
-    return 1e3
+    """Return the distance, m, of the farthest antenna position from their middle."""
+    places = job_frame(block).working(block.antenna_positions.position)
+    return float(np.linalg.norm(places - places.mean(axis=0), axis=1).max()) or 1.0
 
 
 def _numbers(unknown: BoolArray, row: IntArray) -> IntArray:
@@ -267,7 +266,7 @@ def _known_columns(of: AntennaTies) -> FloatArray:
 def _values(of: AntennaTies, state: State) -> FloatArray:
     """Return lever arm, shift and drift (d, 9) of antenna positions at `state`."""
     out = np.concatenate([of.arm, np.zeros((len(of.row), 6))], axis=1)
-    for number, kind in enumerate(_FREE):
+    for number, kind in enumerate(_UNKNOWN):
         part = slice(3 * number, 3 * number + 3)
         known, values = of.numbers[:, part] >= 0, state.parameters.get(kind)
         if values is not None:
@@ -292,14 +291,14 @@ def _following(network: Network, state: State, moved: FloatArray) -> dict[Observ
     J = np.zeros((d, 3, g))
     np.add.at(J, (np.arange(d)[:, None, None], np.arange(3)[:, None], part.column[:, None]), part.by_parameters)
     free = np.zeros(g, dtype=bool)
-    for kind in _FREE:
+    for kind in _UNKNOWN:
         if kind in network.parameters:
             free[network.border.at(kind)] = network.parameters[kind].weight == 0.0
     root = np.sqrt(of.weight).reshape(-1, 1)
     out = np.zeros((g, moved.shape[2]))
     left = root * J.reshape(3 * d, g)[:, free]
     out[free] = -np.linalg.lstsq(left, root * change.reshape(3 * d, -1), rcond=None)[0]
-    return {kind: out[network.border.at(kind)] for kind in _FREE}
+    return {kind: out[network.border.at(kind)] for kind in _UNKNOWN}
 
 
 ANTENNA = Antenna()

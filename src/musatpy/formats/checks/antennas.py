@@ -48,8 +48,8 @@ def antenna_sigmas(draft: Draft) -> Iterator[Problem]:
     correlation = draft.rows[role][f"{role}.correlation"]
     ones = np.ones_like(correlation)
     matrices = AntennaCovariances(photo=draft.photo[role], sigma=ones, correlation=correlation).matrices
-    known = np.isfinite(matrices).all(axis=(1, 2)) & (np.abs(correlation) <= 1.0).all(axis=1)
-    known[known] = np.linalg.eigvalsh(matrices[known])[:, 0] <= 0.0
+    known = np.flatnonzero(np.isfinite(correlation).all(axis=1) & (np.abs(correlation) <= 1.0).all(axis=1))
+    known = known[np.linalg.eigvalsh(matrices[known])[:, 0] <= 0.0]
     message = "no three errors have these correlations: their matrix is not positive definite"
     yield from draft.problems(role, known, message, path=f"{role}.correlation")
 
