@@ -167,7 +167,8 @@ class _Merger:
     def _of_photos(self, name: str, label: str) -> Any:
         """Return what a card for each photo says."""
         table, photos = self.names.table(name), self.names.ids(NamedKind.PHOTO)
-        return self._once(name, label, table, table.photo[:, None], photos[table.photo].tolist(), ("photo",))
+        what = (photos[photo] for photo in table.photo)
+        return self._once(name, label, table, table.photo[:, None], what, ("photo",))
 
     def _antenna_lines(self) -> Any:
         table = self.names.table("antenna_lines")

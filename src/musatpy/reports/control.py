@@ -141,7 +141,7 @@ ANTENNAS = Table(
               is_id=True),
         Field("time", "number?", "of the exposure", _antenna_times, "Time\ns", "F12.3", unit="s"),
         Field("difference", "3 number?", f"adjusted minus observed, {ENU}",
-              lambda s: s.solution.measured[_K.ANTENNA], along_axes()),
+              "antenna_difference", along_axes()),
         Field("sigma", "3 number", f"of the deck, {ENU}", _antenna_sigmas, along_axes("Sigma ", edit="F8.3")),
         Field("test", "3 number?", f"test values of the components, {ENU}, as `normal_test` of the observations: "
               "with a covariance, of the principal axes nearest to these", "antenna_tests",

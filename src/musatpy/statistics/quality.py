@@ -249,6 +249,12 @@ class Quality:
         """(a, 3) the same of the components of every antenna position."""
         return self._tests_of(ObservationKind.ANTENNA, self.block.antenna_positions.count)
 
+    @property
+    def antenna_difference(self) -> FloatArray:
+        """(a, 3) m, adjusted minus observed of antenna positions along east, north, up; NaN where not adjusted."""
+        rows = self.block.antenna_positions.count
+        return self.solution.measured.get(ObservationKind.ANTENNA, np.full((rows, 3), np.nan)).reshape(rows, 3)
+
     def _tests_of(self, kind: ObservationKind, rows: int) -> FloatArray:
         tests = np.full((rows, 3), np.nan)
         if self.solution.observed is not None:

@@ -73,6 +73,26 @@ def principal_axes(block: Block) -> tuple[FloatArray, FloatArray]:
     return axes, sigma
 
 
+def unknown_arms(block: Block) -> BoolArray:
+    """Return which components (l, 3) of lever arms are unknowns: of cameras with antenna positions."""
+    seen = block.photos.camera[block.antenna_positions.photo]
+    return block.lever_arms.unknown & np.isin(block.lever_arms.camera, seen)[:, None]
+
+
+def unknown_shifts(block: Block) -> BoolArray:
+    """Return which components (g, 3) of shifts are unknowns: of lines with antenna positions."""
+    lines = block.antenna_lines
+    return lines.shifted & np.isin(lines.line, block.antenna_positions.line)[:, None]
+
+
+def unknown_drifts(block: Block) -> tuple[BoolArray, FloatArray]:
+    """Return which components (g, 3) of drifts are unknowns, and the longest time (g,) s from the mean."""
+    (row, since), span = flight_lines(block), np.zeros(block.antenna_lines.count)
+    timed = (row >= 0) & np.isfinite(since)
+    np.maximum.at(span, row[timed], np.abs(since[timed]))
+    return block.antenna_lines.drifting & (span > 0.0)[:, None], span
+
+
 class Antenna(PhotoVector):
     """Antenna positions."""
 
@@ -85,13 +105,13 @@ class Antenna(PhotoVector):
         axes, sigma = principal_axes(block)
         line, since = flight_lines(block)
         camera = block.photos.camera[table.photo]
-        arms, lines = block.lever_arms, block.antenna_lines
-        arm = np.zeros((block.cameras.count + 1, 3))
-        arm[arms.camera] = arms.offset
+        arm, arms = np.zeros((block.cameras.count, 3)), np.full(block.cameras.count, -1)
+        arm[block.lever_arms.camera] = block.lever_arms.offset
+        arms[block.lever_arms.camera] = np.arange(block.lever_arms.count)
         numbers = [
-            _numbers(arms.unknown, _rows(arms.camera, block.cameras.count)[camera]),
-            _numbers(lines.shifted, line),
-            _numbers(lines.drifting, line),
+            _numbers(unknown_arms(block), arms[camera]),
+            _numbers(unknown_shifts(block), line),
+            _numbers(unknown_drifts(block)[0], line),
         ]
         return AntennaTies(
             row=np.flatnonzero(used),
@@ -174,9 +194,8 @@ class LeverArm(AntennaParameter):
 
     def parameters(self, block: Block) -> Parameters | None:
         """Return the unknown components of LVR cards, of cameras with antenna positions."""
-        arms, seen = block.lever_arms, block.photos.camera[block.antenna_positions.photo]
-        unknown = arms.unknown & np.isin(arms.camera, seen)[:, None]
-        ids = block.cameras.ids[arms.camera]
+        arms = block.lever_arms
+        ids, unknown = block.cameras.ids[arms.camera], unknown_arms(block)
         return _parameters("camera", ids, "ARM", AXES, "m", unknown, arms.offset, arms.sigma, block)
 
 
@@ -187,8 +206,7 @@ class AntennaShift(AntennaParameter):
 
     def parameters(self, block: Block) -> Parameters | None:
         """Return the unknown components of GNL cards, of lines with antenna positions."""
-        lines = block.antenna_lines
-        unknown = lines.shifted & np.isin(lines.line, block.antenna_positions.line)[:, None]
+        lines, unknown = block.antenna_lines, unknown_shifts(block)
         zero = np.zeros(unknown.shape)
         return _parameters("line", lines.line, "SHIFT", DIRECTIONS, "m", unknown, zero, lines.shift_sigma, block)
 
@@ -200,11 +218,8 @@ class AntennaDrift(AntennaParameter):
 
     def parameters(self, block: Block) -> Parameters | None:
         """Return the unknown components of GNL cards, of lines with times."""
-        lines, (row, since) = block.antenna_lines, flight_lines(block)
-        span = np.zeros(lines.count)
-        timed = (row >= 0) & np.isfinite(since)
-        np.maximum.at(span, row[timed], np.abs(since[timed]))
-        unknown, zero = lines.drifting & (span > 0.0)[:, None], np.zeros((lines.count, 3))
+        lines, (unknown, span) = block.antenna_lines, unknown_drifts(block)
+        zero = np.zeros(unknown.shape)
         known = _parameters("line", lines.line, "DRIFT", DIRECTIONS, "m/s", unknown, zero, lines.drift_sigma, block)
         return known and replace(known, effect=np.repeat(span, unknown.sum(axis=1)))
 
@@ -243,13 +258,6 @@ def _numbers(unknown: BoolArray, row: IntArray) -> IntArray:
     """Return the numbers (d, 3) of components, of the rows (d,) of a table (k, 3) or -1, among the unknown ones."""
     number = np.where(unknown, np.cumsum(unknown.reshape(-1)).reshape(unknown.shape) - 1, -1)
     return np.concatenate([number, np.full((1, 3), -1)])[row]
-
-
-def _rows(link: IntArray, count: int) -> IntArray:
-    """Return the row (count,) of a table that links to each of so many, -1 for none."""
-    row = np.full(count, -1)
-    row[link] = np.arange(len(link))
-    return row
 
 
 def _ties(network: Network) -> AntennaTies:
