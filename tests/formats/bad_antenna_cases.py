@@ -32,12 +32,18 @@ _NEEDS = "antenna positions need program IIIA"
 _END = len(_LINES)
 CASES: list[Case] = [
     case(_with((2, 5, "IIA ")), f"{_LVR} LVR [] {_NEEDS}", f"{_GNL} GNL [] {_NEEDS}", f"{_GNX} GNX [] {_NEEDS}"),
-    case(_with((_GNT + 1, 14, "     22.0000")), f"{_GNT + 1} GNT.time [22.0000] along line L1 photo 2 is beside photo 1"),
+    case(
+        _with((_GNT + 1, 14, "     22.0000")),
+        f"{_GNT + 1} GNT.time [22.0000] along line L1 photo 2 is beside photo 1",
+    ),
     case(
         _with((_LVR, 10, "  300.0000 -200.0000 1400.0000")),
         f"{_LVR} LVR [300.0000 -200.0000 1400.0000] 1.45 m if these are millimetres (1000 times)",
     ),
-    case(_with((_GNX + 1, 5, "77"), (_GNT + 1, 5, "77")), f"{_GNX + 1} GNX.photo [77] photo 77 has no station card"),
+    case(
+        _with((_GNX + 1, 5, "77"), (_GNT + 1, 5, "77")),
+        f"{_GNX + 1} GNX.photo [77] photo 77 has no station card",
+    ),
     case(_with((_GNL, 5, "L7")), f"{_GNL} GNL.line [L7] no antenna position is of line L7"),
     case(_with(drop=(_GNT + 1,)), f"{_GNX + 1} GNX [] line L1 has a drift, and this photo no time (GNT card)"),
     case(

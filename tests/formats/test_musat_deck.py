@@ -68,13 +68,16 @@ def full(system: CoordinateSystem) -> model.Block:
         lens_unknowns=model.LensUnknowns(
             camera=[0, 0], parameter=["F", "K1"], value=[152.1, np.nan], sigma=[np.nan, 1e-9]
         ),
-        lever_arms=model.LeverArms(camera=[0], offset=[[0.25, -0.5, 1.5]], sigma=[[0.01, np.nan, 0.02]], free=[True]),
+        lever_arms=model.LeverArms(
+            camera=[0], offset=[[0.25, -0.5, 1.5]], sigma=[[0.01, np.nan, 0.02]], free=[True]
+        ),
         antenna_lines=model.AntennaLines(
             line=["L1"], shift_sigma=[[0.5, np.nan, 0.25]], shift_free=[True],
             drift_sigma=[[np.nan, 0.001, 0.002]], drift_free=[True],
         ),
         antenna_positions=model.AntennaPositions(
-            photo=[0, 1], line=["L1", ""], position=block.photos.position[:2], sigma=[[np.nan] * 3, [0.05, 0.06, 0.07]]
+            photo=[0, 1], line=["L1", ""], position=block.photos.position[:2],
+            sigma=[[np.nan] * 3, [0.05, 0.06, 0.07]],
         ),
         antenna_covariances=model.AntennaCovariances(
             photo=[0], sigma=[[0.05, 0.06, 0.07]], correlation=[[0.25, -0.125, 0.5]]
