@@ -173,7 +173,7 @@ def headings(draft: Draft) -> Iterator[Problem]:
     pairs, heading = photo_pairs(draft, rays_of(draft).sound), np.exp(1j * attitude[:, 2])
     seen = _by_stations(draft, pairs, attitude)
     off = seen * np.conj(heading)
-    wrong = np.abs(np.angle(off)) > _LIMIT  # False where nothing is seen
+    wrong = (np.abs(np.angle(off)) > _LIMIT) & (off != 0)  # of a negative zero the angle is half a turn
     contradicted = wrong & (np.abs(np.angle(_by_neighbours(pairs, heading))) > _LIMIT)
     known = off[off != 0]
     if known.size > 1 and wrong[off != 0].all() and abs(known.sum()) > _AGREEMENT * np.abs(known).sum():

@@ -23,6 +23,7 @@ from musatpy.units import DEGREE
 _WITHIN = {">": np.greater, ">=": np.greater_equal}
 _LARGEST = {"": 1e9, "m": 1e8, "mm": 1e8, "um": 1e9, "m/s": 1e4}  # by the unit of a field, whatever it means
 _SMALLEST_SIGMA = 1e-9  # in any unit: what is as good as that can only be a slip
+_DOWN = 30.0 * DEGREE  # largest tilts of photos that look down
 _ROUNDING = 1e-9  # of limits: they are not beyond themselves, whatever their unit
 
 
@@ -90,15 +91,28 @@ def _numbers(draft: Draft) -> Iterator[tuple[str, int, mapping.Slot, FloatArray]
                     yield role, kind, slot, values if slot.component is None else values[:, slot.component]
 
 
-@check(of_card=True, of_job=True)
+@check(of_card=True)
 def attitudes(draft: Draft) -> Iterator[Problem]:
-    """Yield tilts beyond 90 degrees and headings beyond 360."""
+    """Yield angles of attitudes beyond a whole turn."""
     role, path = "attitudes", "photos.attitude"
-    for component, (limit, name) in enumerate(((90, "tilt"), (90, "tilt"), (360, "heading"))):
-        angle = draft.rows[role][path][:, component] / DEGREE
-        beyond = draft.is_angular(role, path) & (np.abs(angle) > limit + _ROUNDING)
-        message = f"a {name} of {{:.4f}} degrees is beyond {limit}"
+    for component, angle in enumerate(draft.rows[role][path].T / DEGREE):
+        message = "an angle of {:.4f} degrees is beyond 360"
+        beyond = np.abs(angle) > 360.0 + _ROUNDING
         yield from draft.problems(role, beyond, message, angle, path=path, component=component)
+
+
+@check(of_card=True, of_job=True)
+def tilts(draft: Draft) -> Iterator[Problem]:
+    """Yield the photos that look above the horizon by their cards, where most look down."""
+    role, path = "attitudes", "photos.attitude"
+    attitude = draft.rows[role][path]
+    down = (np.abs(attitude[:, :2]) < _DOWN).all(axis=1)
+    if 2 * np.count_nonzero(down) <= len(down):
+        return
+    for component, angle in enumerate(attitude.T[:2]):
+        up = (np.cos(attitude[:, :2]).prod(axis=1) < 0.0) & (np.cos(angle) < 0.0)
+        message = f"a tilt of {{:.4f}} degrees, where most photos have less than {_DOWN / DEGREE:.0f}"
+        yield from draft.problems(role, up, message, angle / DEGREE, path=path, component=component, severity="warning")
 
 
 @check(of_card=True)
