@@ -1,7 +1,7 @@
 """Simulated blocks of close-range photographs round a monument, by formulas of this file alone.
 
-Photos look horizontally, down from a lift and up from the ground, cameras turned about their axes by anything. All
-of it may be turned as a whole, so that nothing hangs on where up is; `python tests/monuments.py DECK` writes a deck.
+Photos look horizontally, down from a lift and up from the ground, cameras turned about their axes by anything. The
+block may be turned as a whole, so that nothing hangs on what is up. `python tests/monuments.py DECK` writes a deck.
 """
 
 import sys
@@ -27,15 +27,12 @@ def rotation(omega: float, phi: float, kappa: float) -> np.ndarray:
 
 
 def angles(M: np.ndarray) -> np.ndarray:
-    """Omega, phi, kappa (n, 3) rad of rotations (n, 3, 3); phi within a quarter turn."""
-    return np.stack(
-        [
-            np.arctan2(-M[:, 2, 1], M[:, 2, 2]),
-            np.arcsin(np.clip(M[:, 2, 0], -1.0, 1.0)),
-            np.arctan2(-M[:, 1, 0], M[:, 0, 0]),
-        ],
-        axis=1,
-    )
+    """Omega, phi, kappa (n, 3) rad of rotations (n, 3, 3); phi within a quarter turn, kappa what omega leaves."""
+    omega = np.arctan2(-M[:, 2, 1], M[:, 2, 2])
+    phi = np.arctan2(M[:, 2, 0], np.hypot(M[:, 2, 1], M[:, 2, 2]))
+    so, co = np.sin(omega), np.cos(omega)
+    kappa = np.arctan2(co * M[:, 0, 1] + so * M[:, 0, 2], co * M[:, 1, 1] + so * M[:, 1, 2])
+    return np.stack([omega, phi, kappa], axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,39 +96,32 @@ def monument(
     fixed: bool = False,
     noise: float = 0.002,
     off: tuple[float, float] | None = (0.0, 0.0),
-    turned: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    lens: bool = False,
-    pitch: float = 25.0,
+    turned: np.ndarray | None = None,
+    attitude: np.ndarray | None = None,
     **options: object,
 ) -> Monument:
     """A block; `off` are the errors of the given stations, m and degrees, None of those that are not given.
 
-    All of it is `turned` by omega, phi, kappa (degrees). With a `lens` the camera has a distortion and is out by
-    0.1 mm, as unknowns of the block. Noise is in mm.
+    All of it is `turned` by a rotation; `attitude` (n, 3) rad stands on the cards where it is given.
+    `control_sigma` m, `noise` mm.
     """
     rng = np.random.default_rng(seed)
+    A = np.eye(3) if turned is None else turned
     X, normal = surface(rng, points, 12.0, 18.0)
-    azimuth = 2.0 * np.pi * np.arange(photos) / photos + rng.uniform(-0.03, 0.03, photos)
-    radius = 6.0 + rng.uniform(10.0, 26.0, photos)
-    height = np.where(np.arange(photos) % 3 == 0, rng.uniform(12.0, 28.0, photos), rng.uniform(1.2, 3.0, photos))
-    C = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), height], axis=1)
-    target = np.stack([*rng.uniform(-1.5, 1.5, (2, photos)), rng.uniform(6.0, 12.0, photos)], axis=1)
-    roll = rng.choice([0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi], photos) + rng.normal(0.0, 0.1, photos)
-    M = looking(C, target, roll)
-    A = rotation(*np.radians(turned))
+    C, M = photographed(rng, photos)
     X, normal, C, M = X @ A.T, normal @ A.T, C @ A.T, M @ A.T
     names = np.array([f"P{number:04d}" for number in range(points)])
-    tags = np.array([f"R{number:02d}" for number in range(photos)])
-    at, measured, pairs = C.copy(), M.copy(), [0.0, 0.0]
+    at, measured = C, M
     if off is not None:
-        at = C + rng.normal(0.0, max(off[0], 1e-12), C.shape)
-        measured = np.array([rotation(*turn) @ m for turn, m in zip(rng.normal(0.0, np.radians(off[1]), C.shape), M, strict=True)])
-    builder = BlockBuilder(
-        "A monument", program=options.pop("program", "IIIA"), system="LOCL", refraction="RIGOROUS", plate_sigma=max(noise, 1e-4), **options
-    )
+        at = C + rng.normal(0.0, 1.0, C.shape) * off[0]
+        slips = rng.normal(0.0, 1.0, C.shape) * np.radians(off[1])
+        measured = np.array([rotation(*slip) @ m for slip, m in zip(slips, M, strict=True)])
+    given = {"program": "IIIA", "system": "LOCL", "refraction": "RIGOROUS", "plate_sigma": max(noise, 1e-4)}
+    builder = BlockBuilder("A monument", **{**given, **options})
     builder.add_camera("C35", FOCAL_LENGTH, format_size=FORMAT)
-    attitude = angles(measured)
-    for row, tag in enumerate(tags.tolist()):
+    stated = angles(measured) if attitude is None else attitude
+    for row, station in enumerate(at):
+        tag = f"R{row:02d}"
         v = X - C[row]
         UVS = v @ M[row].T
         xy = -FOCAL_LENGTH * UVS[:, :2] / UVS[:, 2:]
@@ -140,13 +130,25 @@ def monument(
         if off is None:
             builder.add_photo(tag, "C35")
         else:
-            builder.add_photo(tag, "C35", position=at[row], attitude=attitude[row])
+            builder.add_photo(tag, "C35", position=station, attitude=stated[row])
         builder.add_images(tag, names[seen], xy[seen] + rng.normal(0.0, 1.0, (len(seen), 2)) * noise)
-    spread = rng.choice(points, control, replace=False)
-    for row in spread.tolist():
-        wrong = np.zeros(3) if fixed else rng.normal(0.0, control_sigma, 3)
-        builder.add_control(names[row], X[row] + wrong, fixed=fixed, sigma=None if fixed else np.full(3, control_sigma))
+    for row in rng.choice(points, control, replace=False).tolist():
+        wrong = 0.0 if fixed else A @ rng.normal(0.0, control_sigma, 3)
+        sigma = None if fixed else np.full(3, control_sigma)
+        builder.add_control(names[row], X[row] + wrong, fixed=fixed, sigma=sigma)
     return Monument(block=builder.build(), C=C, M=M, X=X, names=names)
+
+
+def photographed(rng: np.random.Generator, photos: int) -> tuple[np.ndarray, np.ndarray]:
+    """Stations (n, 3) and rotations (n, 3, 3) of photos round the tower: one in three from a lift."""
+    number = np.arange(photos)
+    azimuth = 2.0 * np.pi * number / photos + rng.uniform(-0.03, 0.03, photos)
+    radius = 6.0 + rng.uniform(10.0, 26.0, photos)
+    height = np.where(number % 3 == 0, rng.uniform(12.0, 28.0, photos), rng.uniform(1.2, 3.0, photos))
+    C = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), height], axis=1)
+    target = np.stack([*rng.uniform(-1.5, 1.5, (2, photos)), rng.uniform(6.0, 12.0, photos)], axis=1)
+    roll = rng.choice([0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi], photos) + rng.normal(0.0, 0.1, photos)
+    return C, looking(C, target, roll)
 
 
 if __name__ == "__main__":

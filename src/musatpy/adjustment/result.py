@@ -41,7 +41,7 @@ from musatpy.adjustment.precision import (
 from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.watpt import refraction_displacement, with_departure
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.geometry.collinearity import nearest_point, widest_angle
+from musatpy.geometry.collinearity import nearest_point, turn_about_one_line, widest_angle
 from musatpy.geometry.geodesy import surface, water_heights
 from musatpy.model import (
     AdjustedStations,
@@ -56,7 +56,9 @@ from musatpy.model import (
     Solution,
     WaterPass,
 )
+from musatpy.model.findings import named
 from musatpy.model.tables import finite_rows
+from musatpy.units import DEGREE
 
 if TYPE_CHECKING:
     from musatpy.adjustment.datum import Freedom
@@ -97,6 +99,8 @@ def solution(
     warnings += _what_is_odd(block.photos.ids[idle], free, dof)
     plates = _plate_residuals(network, measured, state, part)
     known = precision(block, refracted, state, factor, free, plates.residual, squares, dof)
+    stations = _stations(block, network, state, known, idle)
+    warnings += _steep(block.photos.ids[turn_about_one_line(stations.attitude, DEGREE)])
     reach = reach_of(network, state, part)
     stated, points = _points(block, refracted, state, part, known, reach)
     name = unknown_name(refracted, block)
@@ -113,7 +117,7 @@ def solution(
         sum_of_squares=squares,
         observations=counts.observations,
         unknowns=counts.unknowns,
-        stations=_stations(block, network, state, known, idle),
+        stations=stations,
         points=points,
         plates=plates,
         bathymetric=bathymetric_points(block, measured, stated, job.water_groups(), np.sqrt(known.depths)),
@@ -249,6 +253,12 @@ def _what_is_odd(idle: TextArray, free: Freedom | None, dof: int) -> tuple[str, 
     if free and free.weak:
         odd.append(f"free network: {free.weak} of its {free.count} free motions the observations hold a little")
     return tuple(odd)
+
+
+def _steep(photos: TextArray) -> tuple[str, ...]:
+    """Return a warning on the photos whose omega and kappa are only known together."""
+    why = "Y-tilt within a degree of 90: X-tilt and heading turn about nearly one line, and only together are known"
+    return (f"{named('photo', photos)}: {why} well",) if len(photos) else ()
 
 
 def _stranded(block: Block, network: Network, state: State, points: GroundPoints) -> tuple[str, ...]:

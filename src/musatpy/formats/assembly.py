@@ -15,6 +15,7 @@ from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import ROLES, Table, Tables, roles_of, size, table_of
 from musatpy.formats.statements import in_words
+from musatpy.geometry.collinearity import AngleForm, other_angles
 from musatpy.model import tables
 from musatpy.model.block import parts_of_block
 from musatpy.model.tables import columns
@@ -25,6 +26,10 @@ def block_of(draft: Draft) -> model.Block:
     """Return the block that a deck describes. The draft must have passed the cross checks."""
     by_photo = {name: about.role for name, about in columns(model.Photos).items() if about.role and not about.link}
     photos = {name: draft.by_photo(role, f"photos.{name}") for name, role in by_photo.items()}
+    if draft.given_in is None or draft.given_in.angles == AngleForm.OMEGA_PHI_KAPPA:
+        attitude = photos["attitude"]
+        beyond = np.cos(attitude[:, 1:2]) < 0.0  # of the two ways to state a rotation, phi within 90 degrees
+        photos["attitude"] = np.where(beyond, other_angles(attitude), attitude)
     parts: dict[str, Any] = {
         "options": draft.options,
         "reduction": draft.reduction,

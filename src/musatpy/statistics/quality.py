@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.geometry.collinearity import attitude_matrix, turn_about_one_line
 from musatpy.model import (
     Block,
     ControlKind,
@@ -35,6 +36,7 @@ from musatpy.probability import (
     test_limit,
 )
 from musatpy.statistics.gates import FlagTests, flag_tests, metric_differences
+from musatpy.units import DEGREE
 
 SIGMA0_LEVEL = 0.95  # of the two-sided tests of sigma0 and of variance components
 ALPHA, BETA = 0.001, 0.80  # significance and power behind the smallest detectable errors
@@ -52,6 +54,8 @@ _ROUNDING = 1e-5  # redundancy numbers of control below are rounding
 _UNCHECKED = 0.01  # redundancy numbers below: errors ten times the detectable ones of others would not show
 _CONTROL, _PLATE = ObservationKind.CONTROL, ObservationKind.PLATE
 _UP = 2
+_ONE_LINE = 1e-7  # rad from a phi of 90 degrees: nearer, the covariance has only what they have in common
+_WIDE = 0.1  # rad: sigmas of omega and kappa that are no longer those of small angles
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -152,8 +156,20 @@ class Quality:
 
     @cached_property
     def station_sigmas(self) -> FloatArray:
-        """(n, 6) a posteriori: east, north, up (m), omega, phi, kappa (rad)."""
-        return sigmas_of(self.solution.stations.covariance)
+        """(n, 6) a posteriori: east, north, up (m), omega, phi, kappa (rad).
+
+        NaN of omega and kappa where they turn about one line as far as anyone can tell: only their sum is known.
+        """
+        sigmas, attitude = sigmas_of(self.solution.stations.covariance), self.solution.stations.attitude
+        wide = np.nanmax(sigmas[:, [3, 5]], axis=1, initial=0.0) > _WIDE
+        together = turn_about_one_line(attitude, DEGREE) & wide | turn_about_one_line(attitude, _ONE_LINE)
+        sigmas[np.ix_(together, [3, 5])] = np.nan
+        return sigmas
+
+    @cached_property
+    def station_rotations(self) -> FloatArray:
+        """(n, 3, 3) M, from east, north, up at the station (X, Y, Z in local jobs) to the photo."""
+        return attitude_matrix(self.solution.stations.attitude)
 
     @cached_property
     def point_sigmas(self) -> FloatArray:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pyproj
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import Problem
 from musatpy.formats import mapping
 from musatpy.formats.cards.spec import FieldSpec
@@ -106,13 +106,15 @@ def tilts(draft: Draft) -> Iterator[Problem]:
     """Yield the photos that look above the horizon by their cards, where most look down."""
     role, path = "attitudes", "photos.attitude"
     attitude = draft.rows[role][path]
-    down = (np.abs(attitude[:, :2]) < _DOWN).all(axis=1)
+    down: BoolArray = np.asarray((np.abs(attitude[:, :2]) < _DOWN).all(axis=1))
     if 2 * np.count_nonzero(down) <= len(down):
         return
     for component, angle in enumerate(attitude.T[:2]):
         up = (np.cos(attitude[:, :2]).prod(axis=1) < 0.0) & (np.cos(angle) < 0.0)
         message = f"a tilt of {{:.4f}} degrees, where most photos have less than {_DOWN / DEGREE:.0f}"
-        yield from draft.problems(role, up, message, angle / DEGREE, path=path, component=component, severity="warning")
+        yield from draft.problems(
+            role, up, message, angle / DEGREE, path=path, component=component, severity="warning"
+        )
 
 
 @check(of_card=True)
