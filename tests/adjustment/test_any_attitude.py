@@ -133,14 +133,14 @@ def test_a_card_with_phi_beyond_90_degrees_is_the_same_attitude() -> None:
     assert (np.abs(stated.photos.attitude[:, 1]) <= 0.5 * np.pi).all()
 
 
-def test_a_model_is_placed_on_control_whichever_way_is_up() -> None:
-    rng = np.random.default_rng(7)
-    for _ in range(20):
-        x = rng.uniform(-5.0, 5.0, (5, 3))
-        R, up = rotation(*rng.uniform(-np.pi, np.pi, 3)), rng.normal(size=3)
-        targets = Targets(
-            model=x, position=3.0 * x @ R.T + 100.0, known=np.ones((5, 3), dtype=bool), weight=np.ones(5)
-        )
-        placement = absolute_orientation(targets, up / np.linalg.norm(up), 0.01)
-        assert placement is not None
-        np.testing.assert_allclose(placement[0].apply(x), targets.position, atol=1e-2)
+@pytest.mark.parametrize("seed", [30, 45, 70, 87])
+def test_a_model_is_placed_on_control_whichever_way_is_up(seed: int) -> None:
+    """Seeds of which the plane similarity as the only start ended metres off."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(-5.0, 5.0, (4, 3))
+    R, up = rotation(*rng.uniform(-np.pi, np.pi, 3)), rng.normal(size=3)
+    y = 3.0 * x @ R.T + 100.0 + rng.normal(0.0, 0.005, (4, 3))
+    targets = Targets(model=x, position=y, known=np.ones((4, 3), dtype=bool), weight=np.ones(4))
+    placement = absolute_orientation(targets, up / np.linalg.norm(up), 0.01)
+    assert placement is not None
+    np.testing.assert_allclose(placement[0].apply(x), y, atol=0.05)

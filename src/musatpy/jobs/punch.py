@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, wrapped
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, turn_about_one_line, wrapped
 from musatpy.jobs.plan_positions import frame_of
 from musatpy.model import (
     AirBases,
@@ -45,6 +45,7 @@ from musatpy.model import (
 from musatpy.model.block import in_order
 from musatpy.model.tables import empty, stacked, taken
 from musatpy.model.water import WAVE_SIGMAS, known_waves
+from musatpy.units import DEGREE
 
 
 class Content(StrEnum):
@@ -287,9 +288,13 @@ def _without_sigmas(block: Block) -> Block:
 
 
 def _photos_found(solution: Solution) -> Photos:
-    """Return the photos as adjusted; a sigma that is zero or not known leaves a value an approximation."""
+    """Return the photos as adjusted; a sigma that is zero or not known leaves a value an approximation.
+
+    Omega and kappa that are known only together are approximations too: cards cannot say what they have in common.
+    """
     photos, stations = solution.block.photos, solution.stations
     sigma = _sigmas(stations.covariance)
+    sigma[np.ix_(turn_about_one_line(stations.attitude, DEGREE), [3, 5])] = np.nan
     tide, tide_sigma = _tides_found(solution)
     return replace(
         photos,
