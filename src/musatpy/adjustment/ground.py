@@ -24,7 +24,6 @@ from musatpy.model.tables import finite_rows
 
 PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
 _FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one
-_DOWN = 0.5  # cosine of the tilt of a photo that looks down
 _REACHED = 1e-9  # m from a height
 _STEPS_TO_LEVEL = 3  # at most, along a ray
 MAX_STEPS = 25
@@ -126,12 +125,6 @@ def level_start(network: Network, state: State) -> State:
 
     _for_all(network, reach)
     return replace(state, ground=ground)
-
-
-def looks_down(network: Network, state: State) -> BoolArray:
-    """Return (n,) whether photos look down by 30 degrees at least."""
-    up = network.frame.axes(state.position)[:, 2]
-    return np.asarray(np.einsum("ni,ni->n", state.M[:, 2], up) > _DOWN)
 
 
 def _for_all(network: Network, work: Callable[[PointGroup], None]) -> None:

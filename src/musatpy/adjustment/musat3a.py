@@ -19,7 +19,7 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result, sightings
 from musatpy.adjustment.collinear import Simultaneous, sum_of_squares
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
-from musatpy.adjustment.ground import level_start, looks_down
+from musatpy.adjustment.ground import level_start
 from musatpy.adjustment.iteration import Outcome, State, not_raised
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import largest_movements, redundancy
@@ -56,7 +56,6 @@ if TYPE_CHECKING:  # most jobs have no unknown waves
 
 Adjusted = tuple[Network, Outcome, "OtherCrests | None"]
 _LEVEL, _STRAIGHT = "level ground", "the points where straight rays meet"
-_MOSTLY = 0.75  # share of photos that look down
 _FAR = 4.0  # times as far as the known points: oblique photographs show some thrice as far as others
 _UNUSUAL = 3.090232306167813  # normal quantile of .999: beyond it sigma0 is doubtful
 _FIT = 25.0  # weighted squares of an image of most points: five sigmas, where poor stations have hundreds
@@ -148,15 +147,10 @@ class _RunOfIIIA:
     def best_of_starts(self, state: State) -> tuple[Adjusted, str]:
         """Return what comes of level ground or, where that does not do, the lower one of two, and in words which.
 
-        Level ground is no start for photos that do not look down. `state` has the points where straight rays meet.
-        The record of iterations is that of the start. Raises `AdjustmentError` where no start has normal equations
-        that can be solved.
+        `state` has the points where straight rays meet. The record of iterations is that of the start. Raises
+        `AdjustmentError` where no start has normal equations that can be solved.
         """
         job, options = self.job, self.job.block.options
-        if np.mean(looks_down(job.network, state)) < _MOSTLY:
-            straight = self.attempt(straight_start(job.network, state))
-            if not isinstance(straight.adjusted, AdjustmentError) and np.isfinite(straight.squares):
-                return straight.adjusted, f"{_STRAIGHT}: many photos do not look down"
         level = self.attempt(level_start(job.network, state))
         # of a guessed plate sigma the limit of sigma0 is that of the card
         unit = 1.0 if options.plate_sigma_is is PlateSigma.KNOWN else options.sigma0_limit**2

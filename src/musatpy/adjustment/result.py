@@ -96,11 +96,9 @@ def solution(
     if factor.is_weak(ILL_DETERMINED):
         weak = describe_weakness(network, state, line.matrix, 10.0 * ILL_DETERMINED, block)
         warnings += tuple(f"ill-determined: {sentence}" for sentence in weak)
-    warnings += _what_is_odd(block.photos.ids[idle], free, dof)
+    warnings += _what_is_odd(block.photos.ids[idle], free, dof) + _steep(block, network, state)
     plates = _plate_residuals(network, measured, state, part)
     known = precision(block, refracted, state, factor, free, plates.residual, squares, dof)
-    stations = _stations(block, network, state, known, idle)
-    warnings += _steep(block.photos.ids[turn_about_one_line(stations.attitude, DEGREE)])
     reach = reach_of(network, state, part)
     stated, points = _points(block, refracted, state, part, known, reach)
     name = unknown_name(refracted, block)
@@ -117,7 +115,7 @@ def solution(
         sum_of_squares=squares,
         observations=counts.observations,
         unknowns=counts.unknowns,
-        stations=stations,
+        stations=_stations(block, network, state, known, idle),
         points=points,
         plates=plates,
         bathymetric=bathymetric_points(block, measured, stated, job.water_groups(), np.sqrt(known.depths)),
@@ -255,10 +253,12 @@ def _what_is_odd(idle: TextArray, free: Freedom | None, dof: int) -> tuple[str, 
     return tuple(odd)
 
 
-def _steep(photos: TextArray) -> tuple[str, ...]:
+def _steep(block: Block, network: Network, state: State) -> tuple[str, ...]:
     """Return a warning on the photos whose omega and kappa are only known together."""
+    attitude = attitude_in(state, network.frame.axes(state.position), np.zeros(3))
+    rows = np.flatnonzero(turn_about_one_line(attitude, DEGREE))
     why = "Y-tilt within a degree of 90: X-tilt and heading turn about nearly one line, and only together are known"
-    return (f"{named('photo', photos)}: {why} well",) if len(photos) else ()
+    return (f"{named('photo', block.photos.ids[rows])}: {why} well",) if len(rows) else ()
 
 
 def _stranded(block: Block, network: Network, state: State, points: GroundPoints) -> tuple[str, ...]:

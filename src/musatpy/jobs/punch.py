@@ -294,7 +294,8 @@ def _photos_found(solution: Solution) -> Photos:
     """
     photos, stations = solution.block.photos, solution.stations
     sigma = _sigmas(stations.covariance)
-    sigma[np.ix_(turn_about_one_line(stations.attitude, DEGREE), [3, 5])] = np.nan
+    together = turn_about_one_line(stations.attitude, DEGREE)
+    sigma[together, 3] = sigma[together, 5] = np.nan
     tide, tide_sigma = _tides_found(solution)
     return replace(
         photos,

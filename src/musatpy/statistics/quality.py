@@ -163,7 +163,7 @@ class Quality:
         sigmas, attitude = sigmas_of(self.solution.stations.covariance), self.solution.stations.attitude
         wide = np.nanmax(sigmas[:, [3, 5]], axis=1, initial=0.0) > _WIDE
         together = turn_about_one_line(attitude, DEGREE) & wide | turn_about_one_line(attitude, _ONE_LINE)
-        sigmas[np.ix_(together, [3, 5])] = np.nan
+        sigmas[together, 3] = sigmas[together, 5] = np.nan
         return sigmas
 
     @cached_property
