@@ -74,6 +74,14 @@ COMPUTE = "OP2 COMPUTE"
 IIIA = replace(2, "OPT IIA  GEOG WATPT   ", "OPT IIIA GEOG RIGOROUS")
 
 
+LOOSE = replace(42, "0.1000.1000.100", " " * 15)
+
+
+def covariances(point: str, first: str = "0.200000") -> str:
+    """Return a card of covariances."""
+    return f"CTC {point:<8}  0.015000  0.012000  0.031000 {first:>9} -0.150000  0.300000"
+
+
 def tie(mnemonic: str, first: str, second: str, value: float) -> str:
     """Return a card of a distance or a height difference."""
     return f"{mnemonic} {first:<8} {second:<8} {value:12.4f} {0.02:8.4f}"
@@ -345,6 +353,36 @@ CASES: list[Case] = [
     case(
         deck(IIIA, drop(4), add(water_options(index="ADJUST"), conditions("12.50", "35.00"))),
         "~49 WTC [] no sigma: the measurements alone have to determine this unknown",
+    ),
+    # --- covariances of control ---
+    case(
+        deck(LOOSE, add(covariances("1101"), covariances("1101"), covariances("NOWHERE"))),
+        "50 CTC.point [1101] the covariances of control point 1101 are already given on line 49",
+        "51 CTC.point [NOWHERE] control point NOWHERE has no CTG or CTX card",
+    ),
+    case(
+        deck(LOOSE, add(covariances("1101", first="1.200000"), covariances("1103"), covariances("1105"))),
+        "49 CTC.east_north [1.200000] a correlation of 1.2 is not between -1 and 1",
+        "50 CTC.point [1103] control point 1103 has the kind V on line 43, and needs its sigma there; expected F",
+        "51 CTC [0.015000  0.012000  0.031000] the sigmas are 0.015 0.012 0.031 m here and 0.1 0.1 0.1 m on line",
+    ),
+    case(
+        deck(LOOSE, add("CTC 1101      0.015000  0.012000  0.031000  0.900000 -0.900000  0.900000")),
+        "49 CTC [0.900000 -0.900000  0.900000] no positive definite matrix: its smallest eigenvalue is -0.8",
+    ),
+    case(
+        deck(LOOSE, replace(42, "1101    F ", "1101    FX"), add(covariances("1101"))),
+        "49 CTC.point [1101] control point 1101 is fixed on line 42: covariances have no effect on it",
+    ),
+    case(
+        deck(LOOSE, add("ORI SINGLE-RAY       FULL  ADJUST        841", covariances("1101"))),
+        "~50 CTC [0.200000 -0.150000  0.300000] an orientation goes by the standard deviations alone",
+    ),
+    # terrestrial survey
+    case(
+        deck(add("DIR 1101     1105       41 12 07.3   0.0005", "HOR 1101     1105       41 12 07.3")),
+        "49 - [DIR] 'DIR' is no card; angles, directions and coordinates of terrestrial survey are not",
+        "50 - [HOR] 'HOR' is no card; angles, directions and coordinates of terrestrial survey are not",
     ),
     # --- headings ---
     # all headings counted from north

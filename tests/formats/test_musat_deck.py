@@ -61,6 +61,7 @@ def full(system: CoordinateSystem) -> model.Block:
         water=model.Water(index=index_of(conditions), conditions=conditions, tilt_east=1e-5, tilt_north=-2e-5,
                           tilt_sigma=3e-6, sigma=0.002),
         photos={"attitude_sigma": np.full((n, 3), 20 * ARC_SECOND)},
+        control={"correlation": np.where(block.control.kind[:, None] == 0, [0.5, -0.25, 0.6], np.nan)},
         points={"dry": ~points.bathymetric & np.isin(np.arange(len(points.ids)), block.control.point)},
         fiducial_measurements=marks,
         orientation=otherwise(model.OrientationSpec()),
@@ -137,7 +138,8 @@ def slots_of(block: model.Block) -> dict[str, list[Slot]]:
     found: dict[str, list[Slot]] = {}
     for spec, _ in assembly.cards_of(block, card_family()):
         named = sorted(slots(spec), key=lambda slot: slot.component or 0)
-        found |= {path: [slot for slot in named if slot.path == path] for path in {slot.path for slot in named}}
+        of_card = {path: [slot for slot in named if slot.path == path] for path in {slot.path for slot in named}}
+        found = of_card | found  # of sigmas that CTC has with more decimals those of the card of control
     return found
 
 

@@ -214,7 +214,7 @@ def _has_considered(block: Block, network: Network) -> bool:
 class ErrorSources:
     """Errors that spread to points: those of unknowns with these cofactors, and of the images and priors of points.
 
-    Without the latter where they come from considered parameters alone.
+    Without the latter where they come from considered parameters alone. `alone`: see `propagation.priors`.
     """
 
     network: Network
@@ -222,6 +222,7 @@ class ErrorSources:
     cofactors: Cofactors
     inner: InnerConstraints | None = None
     of_parameters: bool = False
+    alone: bool = True
 
     @cached_property
     def loops(self) -> Loops:
@@ -251,7 +252,7 @@ def spread_to_observations(errors: ErrorSources, block: Block, residual: FloatAr
     for group in groups:
         for rows, piece in _pieces(errors, group):
             points[group.point[rows]] = point_covariances(network, piece, cofactors, errors.inner)
-            parts += [propagation.images(network, piece, residual), *propagation.priors(piece, block)]
+            parts += [propagation.images(network, piece, residual), *propagation.priors(piece, block, errors.alone)]
             diagonal.add(network, piece)
     return PropagatedCofactors(points=points, parts=parts, diagonal=diagonal)
 

@@ -12,12 +12,12 @@ from musatpy import model
 from musatpy.arrays import IntArray
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.formats.draft import Draft
+from musatpy.formats.draft import Draft, first_of_names
 from musatpy.formats.job_tables import ROLES, Table, Tables, roles_of, size, table_of
 from musatpy.formats.statements import in_words
 from musatpy.geometry.collinearity import AngleForm, other_angles
 from musatpy.model import tables
-from musatpy.model.block import parts_of_block
+from musatpy.model.block import COVARIANCES, parts_of_block
 from musatpy.model.tables import columns
 from musatpy.units import AngleUnit
 
@@ -36,6 +36,7 @@ def block_of(draft: Draft) -> model.Block:
         "water": _water(draft),
         "photos": model.Photos(ids=draft.photo_ids, camera=draft.camera_of_photo, **photos),
         "points": model.Points(ids=draft.point_ids, bathymetric=draft.bathymetric, dry=draft.flagged("points.dry")),
+        "control": _control(draft),
         "equal_elevations": _equal_elevations(draft),
         "waves": waves_of(draft),
     }
@@ -76,6 +77,15 @@ def waves_of(draft: Draft) -> model.Waves:
             values[name] = mapping.blanks(path, given, len(ids))
             values[name][row] = given[card]
     return model.Waves(**values)
+
+
+def _control(draft: Draft) -> model.Control:
+    """Return the control, with the correlations of the cards of covariances."""
+    rows, covariances = draft.rows["control"], draft.rows[COVARIANCES]
+    correlation, row = np.full((len(rows), 3), np.nan), first_of_names(rows, covariances)
+    correlation[row >= 0] = covariances["control.correlation"][row[row >= 0]]
+    of_cards = {name: rows[f"control.{name}"] for name in ("position", "kind", "fixed", "sigma")}
+    return model.Control(point=draft.point["control"], correlation=correlation, **of_cards)
 
 
 def _equal_elevations(draft: Draft) -> model.EqualElevations:
@@ -126,6 +136,8 @@ def cards_of_tables(
         values = tables.get(role, {})
         if role == "water" and "water_conditions" in role_of.values():
             values = _without_computed_index(values, tables.get("water_conditions", {}))
+        if role == "control" and COVARIANCES in tables:
+            values = _without_sigmas_of(values, tables[COVARIANCES])
         if size(values) or not spec.fields:
             yield spec, values, system_rows.radians_of(unit)
 
@@ -136,6 +148,14 @@ def _without_computed_index(water: Table, conditions: Table) -> Table:
         return water
     others = [column for path, column in water.items() if path not in ("water.index", "water.liquid")]
     return {**water, "water.index": np.full(1, np.nan)} if any((one == one).any() for one in others) else {}
+
+
+def _without_sigmas_of(control: Table, covariances: Table) -> Table:
+    """Return what the cards of control say where others have the same sigmas with their correlations."""
+    sigmas = dict(zip(covariances["control.point"].tolist(), covariances["control.sigma"].tolist(), strict=True))
+    rows = zip(control["control.point"].tolist(), control["control.sigma"].tolist(), strict=True)
+    same = np.array([sigmas.get(name) == sigma for name, sigma in rows], dtype=bool)
+    return {**control, "control.sigma": np.where(same[:, None], np.nan, control["control.sigma"])}
 
 
 def tables_of(block: model.Block, family: Family) -> Tables:
@@ -162,6 +182,8 @@ def _table_of(block: model.Block, role: str, spec: CardSpec) -> Table:
             return _equal_elevation_values(block, spec)
         case "stations" | "attitudes" | "tides":
             return _table_values(block, table, _photos_with(block.photos, role))
+        case "control_covariances":
+            return _table_values(block, table, np.flatnonzero(block.control.correlated))
         case "wave_sigmas":
             return _table_values(block, table, np.flatnonzero(block.waves.unknown))
     if isinstance(part, tables.Table):

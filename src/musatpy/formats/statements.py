@@ -16,7 +16,7 @@ from musatpy.errors import Problem, SystemsError
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.job_tables import Tables
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, SystemSpec
-from musatpy.model.block import with_tables
+from musatpy.model.block import COVARIANCES, with_tables
 from musatpy.model.tables import Table
 from musatpy.units import ARC_SECOND
 
@@ -67,6 +67,7 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Probl
 
     `block` is that of the draft, which must have passed the checks that need no coordinates.
     """
+    from musatpy.formats.draft import first_of_names
     from musatpy.systems import Stated, entered, statement_of
 
     assert draft.given_in is not None
@@ -94,6 +95,9 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Probl
         for role, table in by_photo.items()
     }
     new["control"] = {"control.position": control.position, "control.sigma": control.sigma}
+    row = first_of_names(draft.rows[COVARIANCES], draft.rows["control"])
+    restated = np.append(np.hstack([control.sigma, control.correlation]), np.full((1, 6), np.nan), axis=0)[row]
+    new[COVARIANCES] = {"control.sigma": restated[:, :3], "control.correlation": restated[:, 3:]}
     antennas, covariances = job.antenna_positions, job.antenna_covariances
     new["antenna_positions"] = {f"antenna_positions.{name}": getattr(antennas, name) for name in _OF_ANTENNAS}
     new["antenna_covariances"] = {

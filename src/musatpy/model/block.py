@@ -171,6 +171,9 @@ class ControlKind(IntEnum):
     CHECK = 3  # none: compared with the result only
 
 
+LEAST_EIGENVALUE = 1e-6  # of a matrix of correlations: a millionth is their last digit on cards
+COVARIANCES = "control_covariances"  # role of the cards with correlations
+_PAIRS = np.triu_indices(3, 1)
 _LETTERS = {
     "": ControlKind.CHECK,
     "F": ControlKind.FULL,
@@ -186,16 +189,24 @@ class Control(Table):
 
     Positions stand in the coordinate system of the job (see `Photos`), NaN in components that the card leaves
     blank; sigmas are along east, north, up (X, Y, Z in local jobs), metres. A `fixed` point holds its known
-    components without error, whatever its sigmas.
+    components without error, whatever its sigmas. A card of covariances gives sigmas and correlations.
     """
 
     point: IntArray = per_row(link="points", key=True)  # (k,) link to Points
-    kind: IntArray = per_row(sort=True, codes=_LETTERS)  # (k,) ControlKind
-    fixed: BoolArray = per_row(codes={"": False, "X": True}, noun="fixed flag", blank=False)  # (k,)
-    position: FloatArray = per_row(3, sort=True, unit=POSITION_UNIT)  # (k, 3) in the job's system
+    position: FloatArray = per_row(3, sort=True, role="control", unit=POSITION_UNIT)  # (k, 3) in the job's system
+    kind: IntArray = per_row(sort=True, role="control", codes=_LETTERS)  # (k,) ControlKind
+    fixed: BoolArray = per_row(role="control", codes={"": False, "X": True}, noun="fixed flag", blank=False)  # (k,)
     sigma: FloatArray = per_row(  # (k, 3) east north up, or NaN
         3, noun="standard deviations", unit="m", blank=np.nan
     )
+    correlation: FloatArray = per_row(  # (k, 3) east north, east up, north up; NaN without a card of covariances
+        3, role=COVARIANCES, noun="correlations", blank=np.nan
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (smallest_eigenvalues(self.correlation[self.correlated]) < LEAST_EIGENVALUE).any():
+            raise ValueError("correlations of control that make no positive definite matrix")
 
     @property
     def known(self) -> BoolArray:
@@ -203,6 +214,30 @@ class Control(Table):
         horizontal = (self.kind == ControlKind.FULL) | (self.kind == ControlKind.HORIZONTAL)
         vertical = (self.kind == ControlKind.FULL) | (self.kind == ControlKind.VERTICAL)
         return np.stack([horizontal, horizontal, vertical], axis=-1)
+
+    @property
+    def correlated(self) -> BoolArray:
+        """(k,) True where correlations count: not of what is fixed, nor where the height alone is known."""
+        given = np.isfinite(self.correlation).all(axis=1) & np.isfinite(self.sigma).all(axis=1)
+        return np.asarray(given & ~self.fixed & (self.kind != ControlKind.VERTICAL))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(k, 3, 3) m2, of east, north, up; zero for a sigma that is not given."""
+        sigma, R = np.nan_to_num(self.sigma), np.where(self.correlated[:, None], self.correlation, 0.0)
+        return sigma[:, :, None] * sigma[:, None, :] * correlations_of(R)
+
+
+def correlations_of(values: FloatArray) -> FloatArray:
+    """Return the matrices (k, 3, 3) of correlations (k, 3): of the first two, the first and third, the last two."""
+    matrix = np.tile(np.eye(3), (len(values), 1, 1))
+    matrix[:, _PAIRS[0], _PAIRS[1]] = matrix[:, _PAIRS[1], _PAIRS[0]] = values
+    return matrix
+
+
+def smallest_eigenvalues(values: FloatArray) -> FloatArray:
+    """Return those (k,) of the matrices of correlations (k, 3)."""
+    return np.asarray(np.linalg.eigvalsh(correlations_of(values))[:, 0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

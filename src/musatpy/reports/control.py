@@ -14,6 +14,7 @@ from musatpy.reports.analyses import CHECK_POINTS, analysis_section
 from musatpy.reports.editing import along_axes
 from musatpy.reports.fields import ENU, Field, Rows, flag, identity, unrecorded
 from musatpy.reports.pages import Section
+from musatpy.reports.residuals import CORRELATED
 from musatpy.reports.table import Report, filled, worst_first
 from musatpy.reports.values import names, plain
 from musatpy.statistics import Statistics
@@ -29,6 +30,8 @@ CONTROL = Table(
         Field("given_position", "3 number?", "of the deck, null where blank", "block.control.position",
               unit=POSITION_UNIT),
         Field("given_sigma", "3 number?", f"of the deck, {ENU}", "block.control.sigma", along_axes("Sigma ")),
+        Field("given_correlation", "3 number?", "of the deck: east and north, east and up, north and up",
+              "block.control.correlation", seldom=True),
         Field("difference", "3 number?", f"adjusted minus given, {ENU}", "control_difference", along_axes()),
         Field("used", "3 boolean", "the component took part in the adjustment", "block.control.known"),
         Field("adjusted_sigma", "3 number?", f"of the adjusted position, {ENU}",
@@ -184,7 +187,8 @@ def sections(statistics: Statistics) -> list[Section]:
     is_check = statistics.block.control.kind == ControlKind.CHECK
     sections = []
     if not is_check.all():
-        sections.append(RESIDUALS.section(statistics, NOTE, new_page=True))
+        note = NOTE + CORRELATED if statistics.block.control.correlated.any() else NOTE
+        sections.append(RESIDUALS.section(statistics, note, new_page=True))
     if is_check.any():
         worst = worst_first(statistics.check_test.squares).tolist()
         sections += [DIFFERENCES.section(statistics, worst=worst), analysis_section(CHECK_POINTS, statistics)]

@@ -42,7 +42,7 @@ _CALLED = {
     **{
         f"{table}.{name}": f"given_{name}"
         for table in ("control", "antenna_positions")
-        for name in ("position", "sigma")
+        for name in ("position", "sigma", "correlation")
     },
     **{f"waves.{name}": f"given_{name}" for name in ("period", "length", "speed")},
     **{f"{table}.length": "given_length" for table in ("air_bases", "distances")},

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from musatpy.errors import Problem, SpecError
 from musatpy.files import real_path
 from musatpy.model import (
@@ -22,6 +24,7 @@ from musatpy.model import (
     WaterLevel,
     Weights,
 )
+from musatpy.model.block import LEAST_EIGENVALUE, smallest_eigenvalues
 from musatpy.simulation.scene_keys import (
     AREA,
     AntennaKeys,
@@ -37,7 +40,7 @@ from musatpy.simulation.scene_keys import (
     TerrainKeys,
     WaveTrain,
 )
-from musatpy.specs import Area, Pair, Triple, key, spec_of, spec_table
+from musatpy.specs import Area, Pair, Triple, key, require, spec_of, spec_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +53,9 @@ class ControlKeys:
     points: tuple[str, ...] = key((), "these points")
     sigma: Triple | None = key(None, "on the cards, of the known components: east, north, up", unit="m", low=0.0)
     error: Triple = key((0.0, 0.0, 0.0), "actual error of the given coordinates, 1 sigma", unit="m", low=0.0)
+    correlation: Triple | None = key(
+        None, "of sigma, and of the errors: east north, east up, north up", low=-1.0, high=1.0, quiet=True
+    )
     fixed: bool = key(False, "held without error")
     bathymetric: bool = key(False, "number and ids take submerged points, else points on land")
     area: Area | None = key(None, AREA, unit="m")
@@ -60,6 +66,11 @@ class ControlKeys:
         known = {"full": (0, 1, 2), "horizontal": (0, 1), "vertical": (2,)}.get(self.kind, ())
         if not self.fixed and not all(self.sigma and self.sigma[component] > 0.0 for component in known):
             raise ValueError("control that is neither fixed nor a check point needs a sigma above zero")
+        if self.correlation:
+            require(self.kind == "full" and not self.fixed, "correlation is for full control that is not fixed")
+            smallest = float(smallest_eigenvalues(np.array([self.correlation]))[0])
+            what = f"correlation: no positive definite matrix, smallest eigenvalue {smallest:.3g}"
+            require(smallest > LEAST_EIGENVALUE, what)
 
 
 @dataclass(frozen=True, kw_only=True)

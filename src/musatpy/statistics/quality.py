@@ -407,10 +407,9 @@ class Quality:
         """The check points against their own covariance by `check_sigma0`, that of their cards included."""
         control, unit_sigma = self.block.control, self.solution.unit_sigma
         rows = np.flatnonzero(control.kind == ControlKind.CHECK)
-        given = np.where(np.isnan(control.sigma[rows]), 0.0, control.sigma[rows])
         scale = (self.check_sigma0 / unit_sigma) ** 2 if unit_sigma > 0.0 else 1.0
         covariance = self.solution.points.covariance[control.point[rows]] * scale
-        covariance = covariance + np.square(given)[:, :, None] * np.eye(3)
+        covariance = covariance + control.covariance[rows]
         return check_test(rows, self.control_difference[rows], covariance)
 
 

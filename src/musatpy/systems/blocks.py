@@ -84,7 +84,8 @@ def propagated(
     scale = out[:, :, None] * out[:, None, :]
     correlation = np.divide(covariance, scale, out=np.zeros_like(covariance), where=scale > 0.0)
     largest = np.abs(correlation - correlation * np.eye(3)).max(axis=(1, 2), initial=0.0)
-    why = f"the sigmas of its {owners.what} would be correlated by more than {MOST}, which no job can hold"
+    what = "has to be stated (CTC)" if owners.what == "coordinates" else "no job can hold"
+    why = f"the sigmas of its {owners.what} would be correlated by more than {MOST}, which {what}"
     findings.refuse(np.asarray(largest > MOST), owners.kind, owners.ids, why)
     most = float(largest.max(initial=0.0))
     if _WORTH_SAYING < most <= MOST:
@@ -128,7 +129,7 @@ def entered(given: Stated, statement: Statement) -> tuple[Block, tuple[Problem, 
     _tell_outside(system, np.concatenate([station, mark]), findings)
     turned = attitudes_in(statement, station, angles)
     _tell_lost(turned.lost, photos.ids, "omega and kappa", findings)
-    sigmas = photos.position_sigma, photos.attitude_sigma, control.sigma
+    sigmas = photos.position_sigma, photos.attitude_sigma, control.sigma, control.correlation
     if statement.sigmas is Sigmas.SYSTEM:
         by_station, by_mark = (np.asarray(np.linalg.inv(rates_at(system, at)), float) for at in (station, mark))
         sigmas = _restated(block, system, by_station, turned.partials, by_mark, findings)
@@ -160,7 +161,7 @@ def stated(block: Block, statement: Statement) -> Stated:
     _tell_outside(system, np.concatenate([station, mark]), findings)
     turned = attitudes_out(statement, station, photos.attitude)
     _tell_lost(turned.lost, photos.ids, "first and third angle", findings)
-    sigmas = photos.position_sigma, photos.attitude_sigma, control.sigma
+    sigmas = photos.position_sigma, photos.attitude_sigma, control.sigma, control.correlation
     if statement.sigmas is Sigmas.SYSTEM:
         rates = rates_at(system, station), turned.partials, rates_at(system, mark)
         sigmas = _restated(block, system, *rates, findings)
@@ -329,17 +330,27 @@ def _restated(
     by_angle: FloatArray,
     by_mark: FloatArray,
     findings: Findings,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the sigmas of station positions, attitudes and control by partials (., 3, 3)."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return the sigmas of station positions, attitudes and control by partials (., 3, 3), and its correlations.
+
+    Those of control with covariances stay whole.
+    """
     photos, control = block.photos, block.control
     station = Owners(kind="photo", ids=photos.ids, what="positions")
     turn = Owners(kind="photo", ids=photos.ids, what="attitudes")
     mark = Owners(kind="control point", ids=block.points.ids[control.point], what="coordinates")
-    alone = system.plane_alone
+    alone, whole = system.plane_alone, control.correlated[:, None]
+    covariance = by_mark @ control.covariance @ np.swapaxes(by_mark, 1, 2)
+    size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    first, second = np.triu_indices(3, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = covariance[:, first, second] / (size[:, first] * size[:, second])
+    sigma = propagated(np.where(whole, np.nan, control.sigma), by_mark, mark, alone, findings)
     return (
         propagated(photos.position_sigma, by_station, station, alone, findings),
         propagated(photos.attitude_sigma, by_angle, turn, False, findings),
-        propagated(control.sigma, by_mark, mark, alone, findings),
+        np.where(whole, size, sigma),
+        np.where(whole, correlation, control.correlation),
     )
 
 
@@ -347,16 +358,16 @@ def _with(
     block: Block,
     known: CoordinateSystem,
     values: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    sigmas: tuple[FloatArray, FloatArray, FloatArray],
+    sigmas: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
 ) -> Block:
-    """Return a block with other stations, attitudes, control and tides, and sigmas of the first three."""
+    """Return a block with other stations, attitudes, control and tides, their sigmas, and correlations."""
     station, angles, mark, tide = values
     photos = replace(block.photos, position=station, attitude=angles, tide=tide)
     return replace(
         block,
         options=replace(block.options, system=known),
         photos=replace(photos, position_sigma=sigmas[0], attitude_sigma=sigmas[1]),
-        control=replace(block.control, position=mark, sigma=sigmas[2]),
+        control=replace(block.control, position=mark, sigma=sigmas[2], correlation=sigmas[3]),
     )
 
 
