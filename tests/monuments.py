@@ -98,12 +98,13 @@ def monument(
     off: tuple[float, float] | None = (0.0, 0.0),
     turned: np.ndarray | None = None,
     attitude: np.ndarray | None = None,
+    share: float = 1.0,
     **options: object,
 ) -> Monument:
     """A block; `off` are the errors of the given stations, m and degrees, None of those that are not given.
 
     All of it is `turned` by a rotation; `attitude` (n, 3) rad stands on the cards where it is given.
-    `control_sigma` m, `noise` mm.
+    `control_sigma` m, `noise` mm; a `share` of the images is measured.
     """
     rng = np.random.default_rng(seed)
     A = np.eye(3) if turned is None else turned
@@ -131,6 +132,8 @@ def monument(
             builder.add_photo(tag, "C35")
         else:
             builder.add_photo(tag, "C35", position=station, attitude=stated[row])
+        if share < 1.0:
+            seen = rng.choice(seen, round(share * len(seen)), replace=False)
         builder.add_images(tag, names[seen], xy[seen] + rng.normal(0.0, 1.0, (len(seen), 2)) * noise)
     for row in rng.choice(points, control, replace=False).tolist():
         wrong = 0.0 if fixed else A @ rng.normal(0.0, control_sigma, 3)

@@ -229,6 +229,8 @@ def test_sigmas_are_those_without_turned_axes(monkeypatch: pytest.MonkeyPatch) -
         np.testing.assert_allclose(turned.points.covariance, plain.points.covariance, rtol=1e-4, atol=1e-12)
         for name in ("kind", "row", "component"):
             np.testing.assert_array_equal(getattr(turned.observed, name), getattr(plain.observed, name))
+        assert turned.held is not None and plain.held is not None
+        np.testing.assert_allclose(turned.held.sigmas, plain.held.sigmas, rtol=1e-3, atol=1e-6)
         for name in ("residual", "redundancy", "sigma"):
             values = getattr(turned.observed, name), getattr(plain.observed, name)
             np.testing.assert_allclose(*values, rtol=1e-4, atol=1e-7)
