@@ -99,12 +99,15 @@ def monument(
     turned: np.ndarray | None = None,
     attitude: np.ndarray | None = None,
     share: float = 1.0,
+    lens: dict[str, float] | None = None,
+    bar: bool = False,
     **options: object,
 ) -> Monument:
     """A block; `off` are the errors of the given stations, m and degrees, None of those that are not given.
 
     All of it is `turned` by a rotation; `attitude` (n, 3) rad stands on the cards where it is given.
     `control_sigma` m, `noise` mm; a `share` of the images is measured.
+    A `lens` bends the images and is unknown; a scale `bar` is a distance of 0.2 mm.
     """
     rng = np.random.default_rng(seed)
     A = np.eye(3) if turned is None else turned
@@ -132,6 +135,8 @@ def monument(
             builder.add_photo(tag, "C35")
         else:
             builder.add_photo(tag, "C35", position=station, attitude=stated[row])
+        if lens:
+            xy = bent(xy, lens)
         if share < 1.0:
             seen = rng.choice(seen, round(share * len(seen)), replace=False)
         builder.add_images(tag, names[seen], xy[seen] + rng.normal(0.0, 1.0, (len(seen), 2)) * noise)
@@ -139,7 +144,26 @@ def monument(
         wrong = 0.0 if fixed else A @ rng.normal(0.0, control_sigma, 3)
         sigma = None if fixed else np.full(3, control_sigma)
         builder.add_control(names[row], X[row] + wrong, fixed=fixed, sigma=sigma)
+    for name in lens or ():
+        builder.add("lens_unknowns", camera="C35", parameter=name)
+    if lens:
+        builder.add("reduction", side="IDEAL")
+    if bar:
+        low, high = X @ A[:, 2] < 3.0, X @ A[:, 2] > 15.0
+        ends = [int(np.flatnonzero(end)[0]) for end in (low, high)]
+        length = float(np.linalg.norm(X[ends[0]] - X[ends[1]]))
+        builder.add_distance(names[ends].tolist(), length + rng.normal(0.0, 2e-4), 2e-4)
     return Monument(block=builder.build(), C=C, M=M, X=X, names=names)
+
+
+def bent(xy: np.ndarray, lens: dict[str, float]) -> np.ndarray:
+    """Plate coordinates (k, 2) mm of ideal ones of the focal length of the card, by polynomials of these."""
+    x, y = (xy * (1.0 + lens["F"] / FOCAL_LENGTH)).T
+    r2 = x**2 + y**2
+    radial = r2 * (lens["K1"] + r2 * (lens["K2"] + r2 * lens["K3"]))
+    dx = x * radial + lens["P1"] * (r2 + 2.0 * x**2) + 2.0 * lens["P2"] * x * y + lens["XP"]
+    dy = y * radial + lens["P2"] * (r2 + 2.0 * y**2) + 2.0 * lens["P1"] * x * y + lens["YP"]
+    return np.stack([x + dx, y + dy], axis=1)
 
 
 def photographed(rng: np.random.Generator, photos: int) -> tuple[np.ndarray, np.ndarray]:

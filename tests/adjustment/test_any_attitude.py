@@ -5,13 +5,15 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from monuments import Monument, monument, rotation
+from monuments import FOCAL_LENGTH, Monument, monument, rotation
 from musatpy import adjust, adjustment, verdict
+from musatpy.adjustment.initial import initial_photos
 from musatpy.model import Grade, Program, Solution
 from musatpy.orientation.absolute import Targets, absolute_orientation
 from musatpy.statistics import Statistics
 
 SMALL = {"photos": 16, "points": 150, "control": 8}
+LENS = {"F": 0.25, "XP": 0.05, "YP": -0.08, "K1": -1.2e-4, "K2": 1.5e-7, "K3": -1e-10, "P1": 1e-5, "P2": -8e-6}
 POLE = 3  # the photo that looks along X in a block that `facing` turns
 
 
@@ -105,6 +107,44 @@ def test_sixty_photos_are_found_and_their_errors_are_those_of_their_sigmas(seed:
     assert solution.converged and verdict(solution).grade is Grade.ACCEPTED, verdict(solution)
     rms = float(np.sqrt(np.mean(np.square(errors_over_sigmas(of, solution)))))
     assert 0.8 < rms < 1.2
+
+
+def self_calibrated(**block: object) -> Monument:
+    """A free network with a scale bar, its camera wholly unknown: out by 0.25 mm, and 1 mm in the corners."""
+    given = {"points": 150, "control": 0, "noise": 0.0004, "lens": LENS, "bar": True, "datum": "FREE"}
+    return monument(1, **{**given, **block})
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        {"photos": 16, "off": (0.3, 3.0)},
+        pytest.param({"photos": 115, "off": None, "initial": "COMPUTE"}, marks=pytest.mark.slow),
+        pytest.param(
+            {"photos": 115, "off": (0.3, 3.0), "turned": rotation(1.9, 0.4, -2.0)}, marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_a_free_network_with_one_scale_bar_calibrates_its_camera(block: dict[str, object]) -> None:
+    """Sigma0 by chance within 0.9 to 1.1 from 600 observations on; eight errors within four of their sigmas."""
+    of = self_calibrated(**block)
+    solution = adjustment.adjust(of.block)
+    assert solution.converged and solution.parameters is not None
+    images, stations = solution.block.plates.count, 6 * solution.block.photos.count
+    points = 3 * len(np.flatnonzero(solution.points.rays > 1))
+    assert (
+        solution.degrees_of_freedom == 2 * int(solution.plates.triangulated.sum()) + 1 - stations - points - 8 + 6
+    )
+    assert solution.sigma0 == pytest.approx(1.0, abs=0.1) and images > 600
+    true = np.array([FOCAL_LENGTH + LENS["F"], *(LENS[name] for name in list(LENS)[1:])])
+    error = (np.asarray(solution.parameters.value) - true) / np.asarray(solution.parameters.sigma)
+    assert np.abs(error).max() < 4.0
+
+
+def test_given_attitudes_are_checked_where_omega_and_kappa_turn_about_one_line() -> None:
+    values = initial_photos(monument(1, off=(0.05, 0.5), turned=facing(POLE, 0.2), initial="CHECK", **SMALL).block)
+    assert np.abs(values.difference[POLE, 3:]).max() > np.radians(20.0)
+    assert not values.beyond.any()
 
 
 def test_omega_and_kappa_that_are_only_known_together_have_no_sigmas() -> None:
