@@ -26,8 +26,11 @@ from musatpy.model import (
     Block,
     ExposureTimes,
     Grade,
+    InertialAttitudes,
+    InertialConvention,
     LensUnknowns,
     LeverArms,
+    Misalignments,
     ObservationKind,
     Program,
     Solution,
@@ -66,6 +69,21 @@ def antennas(block: Block) -> dict[str, Table]:
     }  # fmt: skip
 
 
+def inertial(block: Block) -> dict[str, object]:
+    """An inertial unit whose attitudes are up to two radians off, its misalignment partly unknown."""
+    photos = block.photos.count
+    angles = np.random.default_rng(3).uniform(-1.0, 1.0, (photos, 3)) + block.photos.attitude
+    return {
+        "inertial_convention": InertialConvention(angles="OPK"),
+        "inertial_attitudes": InertialAttitudes(
+            photo=np.arange(photos), angles=angles, sigma=np.full((photos, 3), 1e-3)
+        ),
+        "misalignments": Misalignments(
+            camera=[0], angles=[[0.4, -0.7, 2.5]], sigma=[[0.1, np.nan, np.nan]], free=np.array([True])
+        ),
+    }
+
+
 @lru_cache
 def at_start(name: str) -> tuple[Network, State]:
     """Network and first state of a block with everything that can be observed."""
@@ -78,7 +96,7 @@ def at_start(name: str) -> tuple[Network, State]:
             camera=np.zeros(2, dtype=int), parameter=np.array(["F", "B1"]), value=sigma + 152.0, sigma=sigma
         )
         block = altered(block, air_bases=bases, photos={"attitude_sigma": attitude}, lens_unknowns=lens)
-        block = replace(block, **antennas(block))
+        block = replace(block, **antennas(block), **inertial(block))
     else:
         block = read_deck(FIXTURES / "waves" / "unknown.crd")
     job, state = prepared(block, None)

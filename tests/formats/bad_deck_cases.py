@@ -58,6 +58,19 @@ LOCAL = musat.deck_bytes(in_system(CoordinateSystem.LOCAL)).decode().splitlines(
 GEOCENTRIC = musat.deck_bytes(in_system(CoordinateSystem.GEOCENTRIC)).decode().splitlines()
 
 
+IIIA = replace(2, "IIA ", "IIIA")
+
+
+def ins(photo: str, first: float = 0.5, second: float = -1.5, third: float = 89.0, sigma: float = 10.0) -> str:
+    """Return the card of an inertial attitude, the sigma that about x."""
+    return f"INS {photo:8}{first:14.8f}{second:14.8f}{third:14.8f}{sigma:6.1f}  10.0  20.0"
+
+
+def mis(camera: str, angle: float = 0.5, sigma: str = "", free: str = "") -> str:
+    """Return the card of a misalignment, angle and sigma those of omega."""
+    return f"MIS {camera:5}{angle:14.8f}{0.25:14.8f}{-0.5:14.8f}{sigma:6}{sigma:6}{sigma:6} {free}"
+
+
 def plates_a_thousandth(lines: list[str]) -> list[str]:
     """Return the deck with its plates in metres, as if these were millimetres."""
 
@@ -125,6 +138,45 @@ CASES: list[Case] = [
         "51 CAL.parameter [F] this parameter of camera RC9 is already given on line 50",
         "52 CAL.camera [RC7] camera RC7 has no CAM card",
         "~53 LNS [] plate coordinates are taken as refined: 1 card carried and listed, not applied",
+    ),
+    # --- inertial unit ---
+    case(
+        deck(add("INO RPY", ins("841"))), "50 INS [] MUSAT-IIA knows no inertial attitudes: program IIIA (OPT) does"
+    ),
+    case(
+        deck(IIIA, add(ins("841"), ins("842"))),
+        "49 INS [] nothing says what its angles are: INO card with OPK, POK or RPY",
+    ),
+    case(deck(IIIA, add("INO OPK")), "49 INO [] it is that of INS cards, and there are none"),
+    case(
+        deck(
+            IIIA,
+            add(
+                "INO RPY",
+                ins("841", 181.0, 91.0, 361.0),
+                ins("999"),
+                ins("841"),
+                ins("842", sigma=0.0),
+                ins("843", sigma=-5.0),
+                mis("RC8", sigma="  60.0", free="F"),
+                mis("RC8", angle=180.5),
+            ),
+        ),
+        "50 INS.angle_1 [181.00000000] an angle of 181.0000 degrees is beyond 180",
+        "50 INS.angle_2 [91.00000000] a pitch of 91.0000 degrees is beyond 90",
+        "50 INS.angle_3 [361.00000000] an angle of 361.0000 degrees is beyond 360",
+        "51 INS.photo [999] photo 999 has no station card (STA or STX)",
+        "52 INS.photo [841] the inertial attitude of photo 841 is already given on line 50",
+        "53 INS.sigma_x [0.0] a standard deviation must be greater than zero",
+        "54 INS.sigma_x [-5.0] a standard deviation must be greater than zero",
+        "55 MIS.free [F] all three angles have a standard deviation: nothing is free",
+        "56 MIS.camera [RC8] the misalignment of camera RC8 is already given on line 55",
+        "56 MIS.omega [180.50000000] a misalignment of 180.5000 degrees is beyond 180",
+    ),
+    case(
+        deck(IIIA, replace(6, "RC8 ", "RC9 "), add(CAM, "INO OPK", ins("842"), mis("RC9", free="F"), mis("RC7"))),
+        "52 MIS.camera [RC9] no photo of camera RC9 has an INS card, which could determine its misalignment",
+        "53 MIS.camera [RC7] camera RC7 has no CAM card",
     ),
     # --- references ---
     case(

@@ -84,6 +84,13 @@ def full(system: CoordinateSystem) -> model.Block:
             photo=[0], sigma=[[0.05, 0.06, 0.07]], correlation=[[0.25, -0.125, 0.5]]
         ),
         exposure_times=model.ExposureTimes(photo=[0, 1], time=[1.5, 2.25]),
+        inertial_convention=model.InertialConvention(angles="OPK"),
+        inertial_attitudes=model.InertialAttitudes(
+            photo=[0, 1], angles=[[0.01, -0.02, 3.0], [0.5, 0.25, -1.0]], sigma=np.full((2, 3), 10 * ARC_SECOND)
+        ),
+        misalignments=model.Misalignments(
+            camera=[0], angles=[[0.002, -0.003, 1.5]], sigma=[[20 * ARC_SECOND, np.nan, np.nan]], free=[True]
+        ),
     )  # fmt: skip
 
 

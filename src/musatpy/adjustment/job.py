@@ -290,6 +290,10 @@ def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) ->
     notes: tuple[str, ...] = ()
     if progress:
         begin(progress, "first values")
+    if block.inertial_attitudes.count:
+        from musatpy.adjustment.body_conventions import with_inertial_starts  # most jobs have none
+
+        block = with_inertial_starts(block)
     if block.options.initial is not Initial.GIVEN:
         from musatpy.adjustment.initial import started  # costs the start of every run else
 

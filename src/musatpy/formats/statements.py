@@ -103,6 +103,7 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Probl
     new["antenna_covariances"] = {
         "antenna_covariances.sigma": covariances.sigma, "antenna_covariances.correlation": covariances.correlation
     }  # fmt: skip
+    new["inertial_attitudes"] = {"inertial_attitudes.angles": job.inertial_attitudes.angles}
     if job.wave_origin is not None:
         new["wave_origin"] = {"wave_origin.position": np.array([job.wave_origin.position])}
     changed = {role: replace(draft.rows[role], values=draft.rows[role].values | new[role]) for role in new}

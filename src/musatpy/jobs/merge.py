@@ -13,7 +13,7 @@ from musatpy.errors import DeckError, Problem
 from musatpy.jobs import agreement
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.naming import Linking, NamedKind, Once, once
-from musatpy.model import Block, EqualElevations, Photos, PlateMeasurements, Points, WaterLevel
+from musatpy.model import Block, EqualElevations, InertialConvention, Photos, PlateMeasurements, Points, WaterLevel
 from musatpy.model.block import in_order, linking
 from musatpy.model.tables import taken
 from musatpy.units import MICROMETRE
@@ -72,6 +72,7 @@ class _Merger:
         waves, origin, others = agreement.waves_of(self.parts, self.chosen)
         self.problems += [*disagree, *others]
         block = replace(self._tables(), water=water, waves=waves, wave_origin=origin)
+        block = replace(block, inertial_convention=self._inertial_convention())
         if self.problems:
             raise DeckError(self.problems)
         self._note_water(block)
@@ -101,6 +102,7 @@ class _Merger:
             plates=self._plates(),
             control=self._control(),
             equal_elevations=self._groups(),
+            inertial_attitudes=self._of_photos("inertial_attitudes", "inertial attitude"),
             air_bases=self._air_bases(),
             distances=self._measured("distances", "length", turn=1.0),
             height_differences=self._measured("height_differences", "difference", turn=-1.0),
@@ -179,6 +181,13 @@ class _Merger:
         ends = np.sort(table.photo, axis=1)
         what = [f"{photos[a]}-{photos[b]}" for a, b in ends]
         return self._once("air_bases", "air base", table, ends, what, ("photo",))
+
+    def _inertial_convention(self) -> InertialConvention | None:
+        given = {one: part.name for part in self.parts if (one := part.block.inertial_convention)}
+        if len(given) > 1:
+            angles = ", ".join(f"{one.angles} in {name}" for one, name in given.items())
+            self.problems.append(Problem(message=f"the angles of inertial attitudes are {angles}"))
+        return next(iter(given), None)
 
     # --- points ---
 

@@ -21,6 +21,7 @@ import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import extensions
 from musatpy.model.gnss import AntennaCovariances, AntennaLines, AntennaPositions, ExposureTimes, LeverArms
+from musatpy.model.inertial import InertialAttitudes, InertialConvention, Misalignments
 from musatpy.model.lenses import LensUnknowns
 from musatpy.model.options import EllipsoidSpec, Options, OrientationSpec, SystemSpec
 from musatpy.model.reduction import (
@@ -319,6 +320,9 @@ class Block:
     air_bases: AirBases = field(default_factory=partial(empty, AirBases))
     distances: Distances = field(default_factory=partial(empty, Distances))
     height_differences: HeightDifferences = field(default_factory=partial(empty, HeightDifferences))
+    inertial_convention: InertialConvention | None = None  # None: no card
+    inertial_attitudes: InertialAttitudes = field(default_factory=partial(empty, InertialAttitudes))
+    misalignments: Misalignments = field(default_factory=partial(empty, Misalignments))
     reduction: ReductionOptions | None = None  # None: no card, the plate coordinates are refined
     comparator: ComparatorSpec | None = None
     orientation: OrientationSpec | None = None  # None: no card

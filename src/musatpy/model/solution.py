@@ -414,6 +414,7 @@ class Solution:
     cards: FloatArray | None = None  # (n, 3) positions of the station cards; computed starts differ
     plate_factor: float = 1.0  # by which a guessed plate sigma was multiplied: the block has the product
     start: str = ""  # of two starts of IIIA, from which one it came, and how the other one ended; empty of one
+    misread: str = ""  # how inertial attitudes that do not fit would; empty: they fit, or there are none
     kernels: str = "numpy"  # that did the work point after point
 
     def __post_init__(self) -> None:

@@ -42,6 +42,7 @@ from musatpy.reports import (
     common_errors,
     control,
     echo,
+    inertial,
     iterations,
     job_record,
     parameters,
@@ -146,6 +147,7 @@ _RESULTS = (
     PageReport(statistical_tests.POINT_ELLIPSES, _FEW),
     _of_photos(statistical_tests.STATION_INFLATION),
     *map(_of_photos, control.CONSTRAINTS),
+    _of_photos(inertial.REPORT),
 )
 _COMPUTED = (
     PageReport(iterations.ITERATION_TABLE),

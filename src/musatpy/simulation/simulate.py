@@ -34,6 +34,7 @@ from musatpy.simulation.mistakes import Names, mixed_names
 from musatpy.simulation.simulation_spec import OptionKeys, SimulationSpec, load_spec
 from musatpy.simulation.terrain import Scene, lay_ground
 from musatpy.simulation.true_images import TrueImages, take_images
+from musatpy.simulation.true_inertial import state_inertial, true_misalignment
 from musatpy.simulation.true_lens import TrueParameter, state_lens, true_parameters
 from musatpy.simulation.true_water import GivenWater, state_water
 from musatpy.simulation.world import TruePlaces, World
@@ -180,7 +181,7 @@ def _truth(scene: Scene, images: TrueImages, given: Given) -> Truth:
         base_lengths=given.bases.true,
         distances=given.distances.true,
         height_differences=given.height_differences.true,
-        parameters=(*true_parameters(scene.spec), *given.antennas.parameters),
+        parameters=(*true_parameters(scene.spec), *given.antennas.parameters, *true_misalignment(scene.spec)),
     )
 
 
@@ -226,6 +227,7 @@ def _block(scene: Scene, given: Given) -> model.Block:
         ),
         waves=flight.waves.cards,
         wave_origin=flight.waves.origin,
+        **state_inertial(scene),
     )
     return with_tables(block, given.antennas.tables)
 

@@ -85,6 +85,19 @@ class StationKeys:
 
 
 @dataclass(frozen=True, kw_only=True)
+class InertialKeys:
+    """[inertial]: an inertial unit on the camera; errors and sigmas about x forward, y left, z up of the body."""
+
+    angles: str = key("RPY", "of the INS cards, as on INO", choices=("OPK", "POK", "RPY"))
+    error: Triple = key((0.0, 0.0, 0.0), "actual errors of attitudes, 1 sigma", unit="arcsec", low=0.0)
+    sigma: Triple = key((10.0, 10.0, 20.0), "on the INS cards", unit="arcsec", low=0.1)
+    misalignment: Triple = key((0.0, 0.0, 0.0), "true omega, phi, kappa from camera to body", unit="deg")
+    misalignment_error: Triple = key((0.0, 0.0, 0.0), "actual errors on the MIS card", unit="arcsec", low=0.0)
+    misalignment_sigma: Triple | None = key(None, "on the MIS card; absent: held, or free", unit="arcsec", low=0.1)
+    free: bool = key(False, "it is free, where it has no misalignment_sigma")
+
+
+@dataclass(frozen=True, kw_only=True)
 class MeasurementKeys:
     """[measurement]: errors of the plate coordinates."""
 
@@ -238,6 +251,7 @@ class SimulationSpec:
     point: tuple[GivenPoint, ...] = key(())
     control: tuple[ControlKeys, ...] = key(())
     stations: StationKeys = key(StationKeys)
+    inertial: InertialKeys | None = key(None, quiet=True)
     measurement: MeasurementKeys = key(MeasurementKeys)
     blunders: BlunderKeys = key(BlunderKeys)
     blunder: tuple[GivenBlunder, ...] = key(())

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
@@ -258,12 +259,12 @@ class Quality:
     @cached_property
     def control_tests(self) -> FloatArray:
         """(k, 3) `normal_tests` of the components of every control card, NaN where there is none."""
-        return self._tests_of(_CONTROL, self.block.control.count)
+        return self.of_table(_CONTROL, "normal_tests")
 
     @cached_property
     def antenna_tests(self) -> FloatArray:
         """(a, 3) the same of the components of every antenna position."""
-        return self._tests_of(ObservationKind.ANTENNA, self.block.antenna_positions.count)
+        return self.of_table(ObservationKind.ANTENNA, "normal_tests")
 
     @property
     def antenna_difference(self) -> FloatArray:
@@ -271,12 +272,13 @@ class Quality:
         rows = self.block.antenna_positions.count
         return self.solution.measured.get(ObservationKind.ANTENNA, np.full((rows, 3), np.nan)).reshape(rows, 3)
 
-    def _tests_of(self, kind: ObservationKind, rows: int) -> FloatArray:
-        tests = np.full((rows, 3), np.nan)
+    def of_table(self, kind: ObservationKind, name: str) -> FloatArray:
+        """Return (rows, components) an attribute of the observations of a kind, NaN where there is none."""
+        out = np.full((getattr(self.block, kind.attribute).count, len(kind.components)), np.nan)
         if self.solution.observed is not None:
-            of_kind = self.observed.kind == kind
-            tests[self.observed.row[of_kind], self.observed.component[of_kind]] = self.normal_tests[of_kind]
-        return tests
+            rows = self.observed.kind == kind
+            out[self.observed.row[rows], self.observed.component[rows]] = attrgetter(name)(self)[rows]
+        return out
 
     @cached_property
     def detectable(self) -> FloatArray:

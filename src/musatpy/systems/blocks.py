@@ -14,7 +14,8 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.errors import Problem, SystemsError
-from musatpy.geometry.collinearity import orthogonal
+from musatpy.geometry.body import BodyAngles, body_angles, body_matrix
+from musatpy.geometry.collinearity import in_axes, orthogonal, wrapped
 from musatpy.geometry.systems import Geocentric, MapFactors, System
 from musatpy.model import Block, CoordinateSystem, ReductionOptions, Solution, WaveOrigin
 from musatpy.systems.statement import (
@@ -140,6 +141,7 @@ def entered(given: Stated, statement: Statement) -> tuple[Block, tuple[Problem, 
     job = _with_antennas(job, statement, lambda place: level_of(system, place), True, findings)
     job = replace(job, reduction=_with_ground(block, system, station - photos.position))
     findings.stop()
+    job = _with_inertial(job, statement, np.swapaxes(statement.reference(station), 1, 2))
     return job, tuple(findings.warnings)
 
 
@@ -177,8 +179,25 @@ def stated(block: Block, statement: Statement) -> Stated:
     )
     findings.stop()
     out = replace(out, reduction=_with_ground(block, system, places[0] - station))
+    out = _with_inertial(out, statement, statement.reference(station))
     matrices = turned.matrix if statement.form is None else None
     return Stated(block=out, matrices=matrices, warnings=tuple(findings.warnings))
+
+
+def _with_inertial(block: Block, statement: Statement, axes: FloatArray) -> Block:
+    """Return a block with its inertial attitudes along other axes, rows (n, 3, 3) of each photo in the old.
+
+    Raises `SystemsError` where these need a position that is not known.
+    """
+    table, convention, findings = block.inertial_attitudes, block.inertial_convention, Findings()
+    if not (table.count and statement.turned and convention):
+        return block
+    at, form = axes[table.photo], BodyAngles(convention.angles)
+    why = "the axes of its inertial attitude need the position of the station"
+    findings.refuse(np.asarray(np.isnan(at).any(axis=(1, 2))), "photo", block.photos.ids[table.photo], why)
+    findings.stop()
+    angles = wrapped(body_angles(in_axes(body_matrix(table.angles, form), at), form), table.angles)
+    return replace(block, inertial_attitudes=replace(table, angles=angles))
 
 
 def level_of(system: System, coordinates: FloatArray) -> FloatArray:

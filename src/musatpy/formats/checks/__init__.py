@@ -16,6 +16,7 @@ from musatpy.formats.checks import (
     antennas,
     datum,
     images,
+    inertial,
     places,
     plates,
     references,
@@ -27,7 +28,7 @@ from musatpy.formats.checks import (
 from musatpy.formats.checks.check import DeckCheck
 from musatpy.formats.draft import Draft
 
-_SUBJECTS = (references, values, plates, places, systems, water, waves, antennas, datum, images)
+_SUBJECTS = (references, values, plates, places, systems, water, waves, antennas, inertial, datum, images)
 _EVERY = (one for subject in _SUBJECTS for one in vars(subject).values() if isinstance(one, DeckCheck))
 CHECKS = tuple(dict.fromkeys(_EVERY))  # some look at what others find
 
