@@ -123,6 +123,9 @@ def _causes(
 
     if causes is CauseSearch.NONE:
         return (), ()
+    if solution is not None and solution.misread:
+        kind = CauseKind.INERTIAL_CONVENTION
+        return (Cause(kind=kind, cards=tuple(kind.cards.split()), advice=kind.advice),), ()
     effort = usual_effort(block, solution, {CauseSearch.USUAL: 2.0, CauseSearch.ALL: 8.0}[causes])
     found: tuple[Cause, ...] = ()
     with suppress(AdjustmentError, *GIVEN_UP):  # nothing holds the block well enough to tell

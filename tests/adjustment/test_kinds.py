@@ -18,12 +18,70 @@ from musatpy.adjustment.network import Network, kept_axes
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.formats.musat import read_deck
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
-from musatpy.model import AirBases, Block, Grade, LensUnknowns, ObservationKind, Program, Solution
+from musatpy.model import (
+    AirBases,
+    AntennaCovariances,
+    AntennaLines,
+    AntennaPositions,
+    Block,
+    ExposureTimes,
+    Grade,
+    InertialAttitudes,
+    InertialConvention,
+    LensUnknowns,
+    LeverArms,
+    Misalignments,
+    ObservationKind,
+    Program,
+    Solution,
+)
+from musatpy.model.tables import Table
 from musatpy.units import DEGREE
 from reference.rays import rotation
 
 STEP = 1e-3  # m, rad; lengths bend by step / length, a millionth here
 CASES = ("all by days", "all by photos", "unknown waves")
+
+
+def antennas(block: Block) -> dict[str, Table]:
+    """Antenna positions of a line with covariances and of photos of none; all that can be unknown of them is."""
+    n = block.photos.count
+    some, sigma = np.arange(n), np.full((n, 3), 0.1)
+    sigma[0] = np.nan
+    return {
+        "antenna_positions": AntennaPositions(
+            photo=some,
+            line=np.where(some < n - 1, "A", ""),
+            position=block.photos.position + [1e-7, 2e-7, 3.0],
+            sigma=sigma,
+        ),
+        "antenna_covariances": AntennaCovariances(
+            photo=[0], sigma=[[0.1, 0.2, 0.3]], correlation=[[0.5, -0.3, 0.6]]
+        ),
+        "exposure_times": ExposureTimes(photo=some, time=5.0 * some**1.1),
+        "lever_arms": LeverArms(
+            camera=[0], offset=[[0.3, -0.2, 1.4]], sigma=[[0.1, np.nan, np.nan]], free=np.array([True])
+        ),
+        "antenna_lines": AntennaLines(
+            line=np.array(["A"]), shift_sigma=np.array([[np.nan, 0.2, 0.3]]), drift_sigma=np.full((1, 3), 0.01),
+            shift_free=np.array([True]),
+        ),
+    }  # fmt: skip
+
+
+def inertial(block: Block) -> dict[str, object]:
+    """An inertial unit whose attitudes are up to two radians off, its misalignment partly unknown."""
+    photos = block.photos.count
+    angles = np.random.default_rng(3).uniform(-1.0, 1.0, (photos, 3)) + block.photos.attitude
+    return {
+        "inertial_convention": InertialConvention(angles="OPK"),
+        "inertial_attitudes": InertialAttitudes(
+            photo=np.arange(photos), angles=angles, sigma=np.full((photos, 3), 1e-3)
+        ),
+        "misalignments": Misalignments(
+            camera=[0], angles=[[0.4, -0.7, 2.5]], sigma=[[0.1, np.nan, np.nan]], free=np.array([True])
+        ),
+    }
 
 
 @lru_cache
@@ -38,6 +96,7 @@ def at_start(name: str) -> tuple[Network, State]:
             camera=np.zeros(2, dtype=int), parameter=np.array(["F", "B1"]), value=sigma + 152.0, sigma=sigma
         )
         block = altered(block, air_bases=bases, photos={"attitude_sigma": attitude}, lens_unknowns=lens)
+        block = replace(block, **antennas(block), **inertial(block))
     else:
         block = read_deck(FIXTURES / "waves" / "unknown.crd")
     job, state = prepared(block, None)
@@ -97,7 +156,7 @@ def test_the_normal_equations_are_those_of_the_dense_matrix(name: str) -> None:
     np.fill_diagonal(matrix, np.where(np.diagonal(matrix) == 0.0, 1.0, np.diagonal(matrix)))
     found, right = normals.finished()
     # rounding of sums of a few terms
-    np.testing.assert_allclose(found.times(np.eye(size(network))), matrix, rtol=1e-12)
+    np.testing.assert_allclose(found.times(np.eye(size(network))), matrix, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(right, rhs, rtol=1e-12, atol=1e-9)
     assert direct_squares(network, state) == pytest.approx(squares, rel=1e-12)
 
@@ -188,6 +247,8 @@ def test_sigmas_are_those_without_turned_axes(monkeypatch: pytest.MonkeyPatch) -
         np.testing.assert_allclose(turned.points.covariance, plain.points.covariance, rtol=1e-4, atol=1e-12)
         for name in ("kind", "row", "component"):
             np.testing.assert_array_equal(getattr(turned.observed, name), getattr(plain.observed, name))
+        assert turned.held is not None and plain.held is not None
+        np.testing.assert_allclose(turned.held.sigmas, plain.held.sigmas, rtol=1e-3, atol=1e-6)
         for name in ("residual", "redundancy", "sigma"):
             values = getattr(turned.observed, name), getattr(plain.observed, name)
             np.testing.assert_allclose(*values, rtol=1e-4, atol=1e-7)

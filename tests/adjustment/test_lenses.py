@@ -55,10 +55,8 @@ def unknowns(block: Block, *names: str, sigma: float = np.nan) -> Block:
     return replace(block, lens_unknowns=table)
 
 
-def through_lens(block: Block, side: DistortionSide, true: dict[str, float]) -> Block:
-    """The block with its images, which are ideal, as a lens makes them, by formulas of this test alone."""
-    camera, of = block.cameras, {name: true.get(name, 0.0) for name in LENS_PARAMETERS}
-    ideal = (block.plates.xy - camera.principal_point[0]) * (1.0 + of["F"] / camera.focal_length[0])
+def displaced(ideal: np.ndarray, side: DistortionSide, of: dict[str, float]) -> np.ndarray:
+    """Where ideal places (k, 2) about the principal point are measured, by formulas of the tests alone."""
 
     def bent(at: np.ndarray) -> np.ndarray:
         x, y = at.T
@@ -69,14 +67,19 @@ def through_lens(block: Block, side: DistortionSide, true: dict[str, float]) -> 
         return np.column_stack([dx, dy])
 
     affine = np.array([[1.0 + of["B1"], of["B2"]], [0.0, 1.0]])
-    if side is DistortionSide.MEASURED:
-        place = ideal
-        for _ in range(30):
-            place = ideal + bent(place)
-        plate = place @ np.linalg.inv(affine).T
-    else:
-        plate = (ideal + bent(ideal)) @ affine.T
-    xy = plate + camera.principal_point[0] + [of["XP"], of["YP"]]
+    if side is DistortionSide.IDEAL:
+        return (ideal + bent(ideal)) @ affine.T
+    place = ideal
+    for _ in range(30):
+        place = ideal + bent(place)
+    return place @ np.linalg.inv(affine).T
+
+
+def through_lens(block: Block, side: DistortionSide, true: dict[str, float]) -> Block:
+    """The block with its images, which are ideal, as a lens makes them."""
+    camera, of = block.cameras, {name: true.get(name, 0.0) for name in LENS_PARAMETERS}
+    ideal = (block.plates.xy - camera.principal_point[0]) * (1.0 + of["F"] / camera.focal_length[0])
+    xy = displaced(ideal, side, of) + camera.principal_point[0] + [of["XP"], of["YP"]]
     return replace(block, plates=replace(block.plates, xy=xy), reduction=ReductionOptions(side=side))
 
 

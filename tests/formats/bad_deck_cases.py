@@ -58,6 +58,19 @@ LOCAL = musat.deck_bytes(in_system(CoordinateSystem.LOCAL)).decode().splitlines(
 GEOCENTRIC = musat.deck_bytes(in_system(CoordinateSystem.GEOCENTRIC)).decode().splitlines()
 
 
+IIIA = replace(2, "IIA ", "IIIA")
+
+
+def ins(photo: str, first: float = 0.5, second: float = -1.5, third: float = 89.0, sigma: float = 10.0) -> str:
+    """Return the card of an inertial attitude, the sigma that about x."""
+    return f"INS {photo:8}{first:14.8f}{second:14.8f}{third:14.8f}{sigma:6.1f}  10.0  20.0"
+
+
+def mis(camera: str, angle: float = 0.5, sigma: str = "", free: str = "") -> str:
+    """Return the card of a misalignment, angle and sigma those of omega."""
+    return f"MIS {camera:5}{angle:14.8f}{0.25:14.8f}{-0.5:14.8f}{sigma:6}{sigma:6}{sigma:6} {free}"
+
+
 def plates_a_thousandth(lines: list[str]) -> list[str]:
     """Return the deck with its plates in metres, as if these were millimetres."""
 
@@ -72,6 +85,14 @@ STX = "STX 844     RC8      1000.0000      100.0000    1500.0000"
 
 COMPUTE = "OP2 COMPUTE"
 IIIA = replace(2, "OPT IIA  GEOG WATPT   ", "OPT IIIA GEOG RIGOROUS")
+
+
+LOOSE = replace(42, "0.1000.1000.100", " " * 15)
+
+
+def covariances(point: str, first: str = "0.200000") -> str:
+    """Return a card of covariances."""
+    return f"CTC {point:<8}  0.015000  0.012000  0.031000 {first:>9} -0.150000  0.300000"
 
 
 def tie(mnemonic: str, first: str, second: str, value: float) -> str:
@@ -118,6 +139,45 @@ CASES: list[Case] = [
         "52 CAL.camera [RC7] camera RC7 has no CAM card",
         "~53 LNS [] plate coordinates are taken as refined: 1 card carried and listed, not applied",
     ),
+    # --- inertial unit ---
+    case(
+        deck(add("INO RPY", ins("841"))), "50 INS [] MUSAT-IIA knows no inertial attitudes: program IIIA (OPT) does"
+    ),
+    case(
+        deck(IIIA, add(ins("841"), ins("842"))),
+        "49 INS [] nothing says what its angles are: INO card with OPK, POK or RPY",
+    ),
+    case(deck(IIIA, add("INO OPK")), "49 INO [] it is that of INS cards, and there are none"),
+    case(
+        deck(
+            IIIA,
+            add(
+                "INO RPY",
+                ins("841", 181.0, 91.0, 361.0),
+                ins("999"),
+                ins("841"),
+                ins("842", sigma=0.0),
+                ins("843", sigma=-5.0),
+                mis("RC8", sigma="  60.0", free="F"),
+                mis("RC8", angle=180.5),
+            ),
+        ),
+        "50 INS.angle_1 [181.00000000] an angle of 181.0000 degrees is beyond 180",
+        "50 INS.angle_2 [91.00000000] a pitch of 91.0000 degrees is beyond 90",
+        "50 INS.angle_3 [361.00000000] an angle of 361.0000 degrees is beyond 360",
+        "51 INS.photo [999] photo 999 has no station card (STA or STX)",
+        "52 INS.photo [841] the inertial attitude of photo 841 is already given on line 50",
+        "53 INS.sigma_x [0.0] a standard deviation must be greater than zero",
+        "54 INS.sigma_x [-5.0] a standard deviation must be greater than zero",
+        "55 MIS.free [F] all three angles have a standard deviation: nothing is free",
+        "56 MIS.camera [RC8] the misalignment of camera RC8 is already given on line 55",
+        "56 MIS.omega [180.50000000] a misalignment of 180.5000 degrees is beyond 180",
+    ),
+    case(
+        deck(IIIA, replace(6, "RC8 ", "RC9 "), add(CAM, "INO OPK", ins("842"), mis("RC9", free="F"), mis("RC7"))),
+        "52 MIS.camera [RC9] no photo of camera RC9 has an INS card, which could determine its misalignment",
+        "53 MIS.camera [RC7] camera RC7 has no CAM card",
+    ),
     # --- references ---
     case(
         deck(
@@ -155,7 +215,7 @@ CASES: list[Case] = [
             replace(2, "   10.00", "  -10.00"),
             replace(3, "clrk66", "clark6"),
             replace(4, "1.340000", "1.299999"),
-            replace(9, "ATT 841        0 17 11.3240", "ATT 841      -95 17 11.3240"),
+            replace(9, "ATT 841        0 17 11.3240", "ATT 841     -395 17 11.3240"),
             replace(10, " 52.5296", " 60.0000"),
             replace(12, "    0.2000         ", "    0.2000   1.E-30"),
             replace(43, "V ", "VX"),
@@ -170,7 +230,7 @@ CASES: list[Case] = [
         "2 OPT.plate_sigma [-10.00] a standard deviation must be greater than zero",
         "3 ELL.name [clark6] 'clark6' is no ellipsoid that PROJ knows",
         "4 WTR.index [1.299999] a refractive index of 1.3 is not within 1.3 to 1.4, as that of water",
-        "9 ATT.x_tilt [-95 17 11.3240] a tilt of -95.2865 degrees is beyond 90",
+        "9 ATT.x_tilt [-395 17 11.3240] an angle of -395.2865 degrees is beyond 360",
         "10 ATT.y_tilt_sec [60.0000] 60 is not at least 0 and less than 60",
         "12 TID.sigma [1.E-30] 1e-30 is next to nothing: 1e-09 m at least, or a blank",
         "43 CTG.height [1.E300] 1e+300 is beyond 1e+08 m",
@@ -189,10 +249,12 @@ CASES: list[Case] = [
         deck(
             replace(4, "1.340000", "1.319000"),
             replace(5, "  152.00000", "    0.15200"),
+            replace(9, "ATT 841        0 17 11.3240", "ATT 841      -95 17 11.3240"),
             replace(15, " -71.9650000", "-171.9650000"),
         ),
         "~4 WTR.index [1.319000] 1.319 is out of the ordinary: that of water is 1.32 to 1.36",
         "~5 CAM.focal_length [0.15200] 0.152 mm is out of the ordinary (10 to 3000 mm)",
+        "~9 ATT.x_tilt [-95 17 11.3240] a tilt of -95.2865 degrees, where most photos have less than 30",
         "~15 PLT.y [-171.9650000] y = -171.965 mm lies outside the format of 230 mm of camera RC8",
     ),
     case(
@@ -343,6 +405,36 @@ CASES: list[Case] = [
     case(
         deck(IIIA, drop(4), add(water_options(index="ADJUST"), conditions("12.50", "35.00"))),
         "~49 WTC [] no sigma: the measurements alone have to determine this unknown",
+    ),
+    # --- covariances of control ---
+    case(
+        deck(LOOSE, add(covariances("1101"), covariances("1101"), covariances("NOWHERE"))),
+        "50 CTC.point [1101] the covariances of control point 1101 are already given on line 49",
+        "51 CTC.point [NOWHERE] control point NOWHERE has no CTG or CTX card",
+    ),
+    case(
+        deck(LOOSE, add(covariances("1101", first="1.200000"), covariances("1103"), covariances("1105"))),
+        "49 CTC.east_north [1.200000] a correlation of 1.2 is not between -1 and 1",
+        "50 CTC.point [1103] control point 1103 has the kind V on line 43, and needs its sigma there; expected F",
+        "51 CTC [0.015000  0.012000  0.031000] the sigmas are 0.015 0.012 0.031 m here and 0.1 0.1 0.1 m on line",
+    ),
+    case(
+        deck(LOOSE, add("CTC 1101      0.015000  0.012000  0.031000  0.900000 -0.900000  0.900000")),
+        "49 CTC [0.900000 -0.900000  0.900000] no positive definite matrix: its smallest eigenvalue is -0.8",
+    ),
+    case(
+        deck(LOOSE, replace(42, "1101    F ", "1101    FX"), add(covariances("1101"))),
+        "49 CTC.point [1101] control point 1101 is fixed on line 42: covariances have no effect on it",
+    ),
+    case(
+        deck(LOOSE, add("ORI SINGLE-RAY       FULL  ADJUST        841", covariances("1101"))),
+        "~50 CTC [0.200000 -0.150000  0.300000] an orientation goes by the standard deviations alone",
+    ),
+    # terrestrial survey
+    case(
+        deck(add("DIR 1101     1105       41 12 07.3   0.0005", "HOR 1101     1105       41 12 07.3")),
+        "49 - [DIR] 'DIR' is no card; angles, directions and coordinates of terrestrial survey are not",
+        "50 - [HOR] 'HOR' is no card; angles, directions and coordinates of terrestrial survey are not",
     ),
     # --- headings ---
     # all headings counted from north

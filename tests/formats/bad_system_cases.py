@@ -123,6 +123,9 @@ ENTERED: dict[str, tuple[bytes, list[Expected]]] = {
         deck(lines=changed(MATRICES, ROW_2, 16, " 0.5000000000000")),
         Expected(ROW_2 - 1, "MAT", "", "photo 841: its matrix is no rotation"),
     ),
+    "an angle beyond a whole turn": case(
+        deck(lines=changed(UTM, 11, 44, "451")), "11 ATT.heading [451 37  6.1205] an angle of 451.6184 degrees is"
+    ),
     "a heading that the images contradict": case(
         deck(lines=changed(UTM, 11, 44, " 91")), "~11 ATT.heading [91 37  6.1205] a heading of 92 degrees"
     ),

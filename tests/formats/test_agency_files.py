@@ -180,6 +180,19 @@ def test_what_cannot_be_held_is_counted(tmp_path):
     assert len((tmp_path / "image.dat").read_text().splitlines()) == 27 - 2 + 2 * 3
 
 
+def test_covariances_of_control_are_counted_and_come_from_the_deck(tmp_path):
+    """No agency's file holds them; its sigmas are those of the covariances."""
+    block = in_system(CoordinateSystem.LOCAL)
+    full = block.control.kind == ControlKind.FULL
+    whole = altered(block, control={"correlation": np.where(full[:, None], [0.5] * 3, np.nan)})
+    for name, agency in AGENCIES.items():
+        (tmp_path / name).mkdir()
+        lines = agency.dump_one(with_marks(whole, 4) if agency is jfk else whole, tmp_path / name / PLACES[name])
+        assert f"{name} holds no control covariances: {full.sum()} left out" in lines
+    again = patb.load_one(tmp_path / "patb" / "job.ori", deck_of(whole, tmp_path))
+    assert again.control.correlated.sum() == full.sum()
+
+
 def test_stations_without_attitude_are_left_out_where_one_row_says_both(tmp_path):
     block = in_system(CoordinateSystem.LOCAL)
     lines = bingo.dump_one(altered(block, photos={"attitude": put(1, np.nan)}), tmp_path)

@@ -6,7 +6,7 @@ from functools import cache
 
 import pytest
 
-from formats import bad_system_cases, bad_wave_cases
+from formats import bad_antenna_cases, bad_system_cases, bad_wave_cases
 from formats.bad_deck_cases import CASES as DECK_CASES
 from formats.bad_deck_cases import GEOCENTRIC, LOCAL, Case
 from formats.deck_edits import FOLDER, GOOD, add, deck
@@ -21,7 +21,7 @@ from musatpy.formats.draft import Draft, draft_of
 from musatpy.formats.job_tables import card_family
 
 ENTERED = list(bad_system_cases.ENTERED.values())
-ALL = [*DECK_CASES, *bad_system_cases.CASES, *bad_wave_cases.CASES, *RAW_CASES, *ENTERED]
+ALL = [*DECK_CASES, *bad_system_cases.CASES, *bad_wave_cases.CASES, *bad_antenna_cases.CASES, *RAW_CASES, *ENTERED]
 
 
 @cache

@@ -61,12 +61,35 @@ def full(system: CoordinateSystem) -> model.Block:
         water=model.Water(index=index_of(conditions), conditions=conditions, tilt_east=1e-5, tilt_north=-2e-5,
                           tilt_sigma=3e-6, sigma=0.002),
         photos={"attitude_sigma": np.full((n, 3), 20 * ARC_SECOND)},
+        control={"correlation": np.where(block.control.kind[:, None] == 0, [0.5, -0.25, 0.6], np.nan)},
         points={"dry": ~points.bathymetric & np.isin(np.arange(len(points.ids)), block.control.point)},
         fiducial_measurements=marks,
         orientation=otherwise(model.OrientationSpec()),
         reduction=otherwise(model.ReductionOptions()),
         lens_unknowns=model.LensUnknowns(
             camera=[0, 0], parameter=["F", "K1"], value=[152.1, np.nan], sigma=[np.nan, 1e-9]
+        ),
+        lever_arms=model.LeverArms(
+            camera=[0], offset=[[0.25, -0.5, 1.5]], sigma=[[0.01, np.nan, 0.02]], free=[True]
+        ),
+        antenna_lines=model.AntennaLines(
+            line=["L1"], shift_sigma=[[0.5, np.nan, 0.25]], shift_free=[True],
+            drift_sigma=[[np.nan, 0.001, 0.002]], drift_free=[True],
+        ),
+        antenna_positions=model.AntennaPositions(
+            photo=[0, 1], line=["L1", ""], position=block.photos.position[:2],
+            sigma=[[np.nan] * 3, [0.05, 0.06, 0.07]],
+        ),
+        antenna_covariances=model.AntennaCovariances(
+            photo=[0], sigma=[[0.05, 0.06, 0.07]], correlation=[[0.25, -0.125, 0.5]]
+        ),
+        exposure_times=model.ExposureTimes(photo=[0, 1], time=[1.5, 2.25]),
+        inertial_convention=model.InertialConvention(angles="OPK"),
+        inertial_attitudes=model.InertialAttitudes(
+            photo=[0, 1], angles=[[0.01, -0.02, 3.0], [0.5, 0.25, -1.0]], sigma=np.full((2, 3), 10 * ARC_SECOND)
+        ),
+        misalignments=model.Misalignments(
+            camera=[0], angles=[[0.002, -0.003, 1.5]], sigma=[[20 * ARC_SECOND, np.nan, np.nan]], free=[True]
         ),
     )  # fmt: skip
 
@@ -122,7 +145,8 @@ def slots_of(block: model.Block) -> dict[str, list[Slot]]:
     found: dict[str, list[Slot]] = {}
     for spec, _ in assembly.cards_of(block, card_family()):
         named = sorted(slots(spec), key=lambda slot: slot.component or 0)
-        found |= {path: [slot for slot in named if slot.path == path] for path in {slot.path for slot in named}}
+        of_card = {path: [slot for slot in named if slot.path == path] for path in {slot.path for slot in named}}
+        found = of_card | found  # of sigmas that CTC has with more decimals those of the card of control
     return found
 
 

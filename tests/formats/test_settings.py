@@ -120,7 +120,7 @@ def test_a_card_is_made_of_names_and_values():
     [
         ("OPT", ["plate_sigma=-3"], "OPT.plate_sigma: a standard deviation must be greater than zero"),
         ("WTR", ["index=3", "liquid=DIAMOND"], "WTR.index: a refractive index of 3 is not within 1 to 2"),
-        ("ATT", ["photo=1", "x_tilt=95 0 0", "y_tilt=0 0 0", "heading=0 0 0"], "a tilt of 95.0000 degrees"),
+        ("ATT", ["photo=1", "x_tilt=365 0 0", "y_tilt=0 0 0", "heading=0 0 0"], "an angle of 365.0000 degrees"),
         ("TID", ["height=1"], "TID.photo: blank, expected A8"),
         ("ELL", ["name=clark66"], "'clark66' is no ellipsoid that PROJ knows"),
     ],

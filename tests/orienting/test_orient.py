@@ -10,6 +10,8 @@ import pytest
 from click.testing import Result
 
 import musatpy
+from adjustment.test_lenses import SIDES, TRUE, through_lens, unknowns
+from altered import altered
 from cli.commands import musat
 from json_schema import violations
 from musatpy import model
@@ -17,6 +19,7 @@ from musatpy.formats.musat import deck_bytes
 from musatpy.model import Block
 from musatpy.model.tables import taken
 from musatpy.orienting.answer import answer_of
+from musatpy.orienting.task import task_of
 from musatpy.reports import orientation
 from orientation.twomedia.geometries import KINDS, geometry, scene
 from orienting.decks import deck_block
@@ -37,6 +40,20 @@ def written(folder: Path, block: Block, *edits: tuple[str, str]) -> Path:
 
 def orient(deck: Path, *options: str) -> Result:
     return musat("orient", deck, *options)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_images_are_made_ideal_by_cards_of_a_lens(side: model.DistortionSide) -> None:
+    """Values of CAL cards with which images were displaced: as without a lens, to 1e-10 of the focal length."""
+    perfect, _, _ = deck_block("aerial", "TRIPLET", 0)
+    bent = unknowns(through_lens(perfect, side, TRUE), *TRUE)
+    focal = perfect.cameras.focal_length[0]
+    values = np.array([value + focal * (name == "F") for name, value in TRUE.items()])
+    images = [
+        task_of(block).sights.image for block in (perfect, altered(bent, lens_unknowns={"value": values}), bent)
+    ]
+    np.testing.assert_allclose(images[1], images[0], atol=1e-10)
+    assert np.abs(images[2] - images[0]).max() > 1e-5
 
 
 def record(deck: Path) -> dict[str, Any]:

@@ -33,6 +33,7 @@ _SPEC = {
     ],
     "stations": {"position_error": 0.1, "position_sigma": 0.1},
     "measurement": {"noise": 5.0, "sigma": 5.0},
+    "lens": {"parameter": [{"name": "K1", "sigma": 1e-9}, {"name": "P1", "sigma": 1e-8}]},
     "options": {"program": "IIIA", "water_level": "ONE", "water_index": "ADJUST"},
 }
 

@@ -27,7 +27,7 @@ LINE = np.array([[3000.0, 7000.0], [7000.0, 7000.0]])
 BY_NAME = {picture.name: picture for picture in GALLERY}
 FIGURES = [*BY_NAME, *(f"compiled {one.name}" for one in COMPILED), *(f"compared {one.name}" for one in SOUNDED)]
 _UNITS = re.compile(
-    r", m$|, mm$|sigma$|residuals$|depth, m|by, m|photo$|correlation$|factor$|distribution$|cell$|^$"
+    r", m$|, [mu]m$|sigma$|residuals$|depth, m|by, m|photo$|correlation$|factor$|distribution$|cell$|^$"
 )
 
 

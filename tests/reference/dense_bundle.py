@@ -195,13 +195,20 @@ class Network:
         filled = np.where(np.isnan(control.position), 0.0, control.position)
         native = earth.native(filled)
         reference, frame = earth.cartesian(native), np.array(earth.frame(native))
-        sigma = np.where(used, control.sigma, 1.0)
+        root = np.tile(np.eye(3), (len(sigma := np.where(used, control.sigma, 1.0)), 1, 1)) / sigma[:, None]
+        for row in np.flatnonzero(np.isfinite(control.correlation).all(axis=1) & used.any(axis=1)):
+            # the symmetric root of the inverse of C, of the components that are known
+            east_north, east_up, north_up = control.correlation[row]
+            C = np.array([[1.0, east_north, east_up], [east_north, 1.0, north_up], [east_up, north_up, 1.0]])
+            C *= np.outer(control.sigma[row], control.sigma[row])
+            values, vectors = np.linalg.eigh(C[np.ix_(used[row], used[row])])
+            root[row][np.ix_(used[row], used[row])] = vectors @ np.diag(values**-0.5) @ vectors.T
 
         def evaluate(state: State, increments: np.ndarray) -> np.ndarray:
             moved = earth.shift(state.ground[control.point], increments)
             enu = np.einsum("rij,rj->ri", frame, earth.cartesian(moved) - reference)
             enu[:, 2] = np.where(vertical, moved[:, 2] - native[:, 2], enu[:, 2])
-            return enu / sigma
+            return np.einsum("rij,rj->ri", root, enu)
 
         return Kind(name="control", index=self.ground_index[control.point], used=used, evaluate=evaluate)
 

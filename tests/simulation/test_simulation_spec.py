@@ -54,6 +54,14 @@ def test_every_problem_is_reported_at_once():
         ({"point": [{"id": "1", "local": [0.0, 0.0, 0.0]}]}, "GEOG job needs geographic or geocentric"),
         ({"control": [{"kind": "full", "sigma": 1.0}]}, "one of number, ids, points"),
         ({"control": [{"kind": "full", "number": 1}]}, "needs a sigma above zero"),
+        (
+            {"control": [{"kind": "full", "number": 1, "sigma": 1.0, "correlation": [0.9, -0.9, 0.9]}]},
+            "no positive definite matrix, smallest eigenvalue -0.8",
+        ),
+        (
+            {"control": [{"kind": "vertical", "number": 1, "sigma": 1.0, "correlation": 0.1}]},
+            "correlation is for full control that is not fixed",
+        ),
         ({"flight": {"strips": 2, "photos": 30, "strip_step": 20}}, "ids would repeat"),
         ({"job": {"centre": [91.0, 0.0]}}, "latitude within 89"),
         ({"blunders": {"number": 1, "share": 0.1}}, "not both"),

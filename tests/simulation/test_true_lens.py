@@ -147,3 +147,24 @@ def test_a_solution_is_compared_with_the_truth(tmp_path: Path, monkeypatch: pyte
     Path("bad.json").write_text(json.dumps({**truth, "stations": 3}), encoding="utf-8")
     bad = musat("compare", "lens.json", "bad.json")
     assert bad.exit_code == 1 and "is no truth of a simulation" in bad.stderr and "Traceback" not in bad.stderr
+
+
+@pytest.mark.slow
+def test_a_compilation_names_the_lens_that_it_does_not_know(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`as11` refuses images of an adjusted distortion, and names the record; `correct` needs stations alone."""
+    monkeypatch.chdir(tmp_path)
+    lens = '[[lens.parameter]]\nname = "K1"\nchange = -3e-8\n'
+    water = "[water]\n[[shoal]]\nshare = 0.2\ndepth = [1.0, 5.0]\n[compilation]\npoints = 5\n"
+    Path("lens.toml").write_text(SPEC.replace("[options]", f"{lens}{water}[options]"), encoding="utf-8")
+    assert musat("simulate", "lens.toml").exit_code == 0 and musat("run", "-q", "lens.crd").exit_code == 0
+    ran = musat("as11", "compile", "lens.json", "lens.compilation.crd")
+    assert ran.exit_code == 1
+    assert "lens.json: the distortion of camera CAM1 was adjusted" in ran.stderr
+    Path("points.csv").write_text("x,y,z\n0,0,-3\n", encoding="utf-8")
+    corrected = musat("correct", "points.csv", "--run", "lens.json", "-o", "out.csv")
+    assert (
+        corrected.exit_code == 0
+        and "no sigmas: the distortion of camera CAM1" in corrected.stdout + corrected.stderr
+    )

@@ -209,6 +209,27 @@ def test_sigmas_of_what_is_stated(base):
     np.testing.assert_allclose(again.control.sigma, block.control.sigma, rtol=5e-3)
 
 
+def test_covariances_of_geocentric_coordinates_stay_whole(base):
+    """F' C F on the cards, with the rows east, north, up of F, and C again in the job."""
+    block, _ = base
+    full = (block.control.kind == 0) & ~block.control.fixed
+    correlation = np.where(full[:, None], [0.8, -0.5, -0.7], np.nan)
+    sigma = np.where(full[:, None], [0.05, 0.2, 0.6], block.control.sigma)
+    block = replace(block, control=replace(block.control, sigma=sigma, correlation=correlation))
+    data = deck_bytes(replace(block, given_in=replace(SPECS["geocentric"], sigmas="SYST")))
+    cards = [line for line in data.decode().splitlines() if line.startswith("CTC")]
+    frame, C = earth_of(block).frame(block.control.position[full]), block.control.covariance[full]
+    expected = frame.swapaxes(1, 2) @ C @ frame
+    for card, matrix in zip(cards, expected, strict=True):
+        numbers = [float(card[first : first + 9]) for first in range(13, 72, 10)]
+        sigmas = np.sqrt(np.diagonal(matrix))
+        np.testing.assert_allclose(numbers[:3], sigmas, atol=1e-6)
+        np.testing.assert_allclose(
+            numbers[3:], (matrix / np.outer(sigmas, sigmas))[[0, 0, 1], [1, 2, 2]], atol=1e-6
+        )
+    np.testing.assert_allclose(read_deck(data).control.covariance[full], C, atol=1e-6)
+
+
 def test_sigmas_of_latitudes_are_thousandths_of_an_arc_second(base):
     block, _ = base
     spec = SystemSpec(sigmas="SYST", unit=DEG)

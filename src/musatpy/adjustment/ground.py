@@ -199,12 +199,16 @@ def all_residuals(network: Network, state: State, chosen: BoolArray) -> FloatArr
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Priors:
-    """Known components of k points as four rows each: east, north, up, and up against the level of its group."""
+    """Known components of k points as four rows each: east, north, up, and up against the level of its group.
+
+    Of control with covariances the first three are what `network.decorrelated` makes of these components.
+    """
 
     axes: FloatArray  # (k, 3, 3) east, north, up
     deviation: FloatArray  # (k, 4) m, known minus current
     weight: FloatArray  # (k, 4) 1/m2
     free: BoolArray  # (k, 3) the component may move
+    decorrelation: FloatArray | None = None  # (k, 3, 3)
 
     @property
     def squares(self) -> FloatArray:
@@ -214,7 +218,10 @@ class Priors:
     @property
     def by_point(self) -> FloatArray:
         """(k, 4, 3) partials of the rows by the free components."""
-        return np.concatenate([np.eye(3), [[0.0, 0.0, 1.0]]]) * self.free[:, None, :]
+        rows = np.concatenate([np.eye(3), [[0.0, 0.0, 1.0]]]) * self.free[:, None, :]
+        if self.decorrelation is not None:
+            rows[:, :3] = self.decorrelation @ rows[:, :3]
+        return rows
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -258,9 +265,14 @@ def point_normals(
     diagonal = np.einsum("kii->ki", matrix)
     if priors is not None:
         weight, deviation = priors.weight, priors.deviation
-        diagonal += weight[:, :3]
+        if priors.decorrelation is None:
+            diagonal += weight[:, :3]
+            rhs += weight[:, :3] * deviation[:, :3]
+        else:
+            T = np.swapaxes(priors.decorrelation, 1, 2)
+            matrix += (T * weight[:, None, :3]) @ priors.decorrelation
+            rhs += (T @ (weight * deviation)[:, :3, None])[..., 0]
         diagonal[:, 2] += weight[:, 3] * priors.free[:, 2]
-        rhs += weight[:, :3] * deviation[:, :3]
         rhs[:, 2] += weight[:, 3] * deviation[:, 3] * priors.free[:, 2]
         diagonal += np.where(priors.free, 0.0, 1.0)
         objective = objective + priors.squares
@@ -287,11 +299,16 @@ def prior_rows(network: Network, state: State, point: IntArray, ground: FloatArr
     axes, off = frame.axes_at(reference), frame.from_level(reference) - ground
     deviation = np.zeros((len(point), 4))
     deviation[:, :3] = np.where(known, np.einsum("kij,kj->ki", axes, off), 0.0)
+    decorrelation = None
+    if priors.decorrelation is not None:
+        decorrelation = priors.decorrelation[point]
+        deviation[:, :3] = np.einsum("kij,kj->ki", decorrelation, deviation[:, :3])
     group = priors.group[point]
     grouped = group >= 0
     deviation[grouped, 3] = state.levels[group[grouped]] - current[grouped, 2]
     weight = np.concatenate([priors.weight[point], priors.group_weight[point][:, None]], axis=1)
-    return Priors(axes=axes, deviation=deviation, weight=weight, free=~priors.held[point])
+    free = ~priors.held[point]
+    return Priors(axes=axes, deviation=deviation, weight=weight, free=free, decorrelation=decorrelation)
 
 
 def with_known(network: Network, point: IntArray, level: FloatArray, held_only: bool = False) -> FloatArray:

@@ -157,7 +157,8 @@ class _AtRest:
     @cached_property
     def _axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The axes of these: (n, 3, 3), (p, 3, 3), (1, 1, 1)."""
-        return self.network.axes, self.network.frame.axes(self.state.ground), np.ones((1, 1, 1))
+        frame = self.network.frame  # photos may be adjusted along their axes in another order
+        return frame.axes(self.network.position), frame.axes(self.state.ground), np.ones((1, 1, 1))
 
     def most_moved(self, before: Places, after: Sequence[Places], held: Sequence[Parameter]) -> FloatArray:
         """Return (P, 3, 3): the station, the point, the depth that an error of each moves most in its own sigmas.
@@ -167,6 +168,8 @@ class _AtRest:
         """
         reference, size = (np.array([getattr(of, name) for of in held]) for name in ("reference", "size"))
         found = []
+        if not held:  # where all of the camera is unknown, and there is no water
+            return np.zeros((0, 3, 3))
         for old, new, along, sigma in zip(before, zip(*after, strict=True), self._axes, self._sigmas, strict=True):
             move = along @ ((np.stack(new, axis=-1) - old[..., None]) / size)
             relative = np.full(move.shape, np.nan)

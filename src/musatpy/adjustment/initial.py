@@ -142,7 +142,9 @@ def initial_photos(block: Block) -> InitialValues:
     difference = given_minus(photos, place.frame, place.C, place.M, computed & given)
     with np.errstate(invalid="ignore"):
         beyond = np.linalg.norm(difference[:, :3], axis=1) > _MOST_SHIFT * typical_height(block, place)
-        beyond |= (np.abs(difference[:, 3:]) > _MOST_TURN).any(axis=1)
+        rates = collinearity.angle_rates(photos.attitude, collinearity.AngleForm.OMEGA_PHI_KAPPA)
+        turns = np.einsum("nij,nj->ni", rates, difference[:, 3:])  # omega and kappa may turn about one line
+        beyond |= (np.abs(turns) > _MOST_TURN).any(axis=1)
     new = computed & (block.options.initial is not Initial.CHECK)
     position, attitude = np.array(photos.position), np.array(photos.attitude)
     moved = new & ~(np.isfinite(photos.position_sigma).any(axis=1) & finite_rows(photos.position))

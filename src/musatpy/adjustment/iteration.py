@@ -22,6 +22,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.collinearity import (
     AngleForm,
     angle_rates,
+    attitude_apart,
     attitude_from_matrix,
     attitude_matrix,
     attitude_matrix_partials,
@@ -238,7 +239,7 @@ def given_minus(photos: Photos, frame: Frame, position: FloatArray, M: FloatArra
     shift = frame.working(photos.position[rows]) - position[rows]
     difference[rows, :3] = np.einsum("nij,nj->ni", axes, shift)
     there = attitude_from_matrix(M[rows] @ np.swapaxes(axes, 1, 2))
-    difference[rows, 3:] = wrapped(photos.attitude[rows] - there)
+    difference[rows, 3:] = attitude_apart(photos.attitude[rows], there)
     return difference
 
 
@@ -253,10 +254,12 @@ _NEAREST = 5.0 * DEGREE  # of phi to 90: so far given attitudes may be off where
 def with_turned_axes(network: Network) -> Network:
     """Return the network with the photos near a phi of 90 degrees along the axes in their other order.
 
-    Of their attitudes as observed, the smallest of three weights holds the turn about each axis.
+    Of their attitudes as observed, the smallest of three weights holds the turn about each axis. Those not observed
+    are turned from 45 degrees on: an approximation may be far off, and no iteration passes well by 90 degrees.
     """
     with np.errstate(invalid="ignore"):
-        turned = np.abs(np.sin(network.attitude[:, 1])) > np.cos(_NEAREST)
+        steep = np.abs(np.sin(network.attitude[:, 1]))
+        turned = steep > np.where(network.attitude_weight.any(axis=1), np.cos(_NEAREST), np.sqrt(0.5))
     if not turned.any():
         return network
     axes, attitude = network.axes.copy(), network.attitude.copy()

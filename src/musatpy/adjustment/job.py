@@ -43,6 +43,7 @@ from musatpy.adjustment.network import (
     Network,
     Participation,
     PointGroup,
+    decorrelated,
     group_points,
     inverse_squares,
     job_frame,
@@ -68,7 +69,7 @@ from musatpy.model import (
     WaterPass,
 )
 from musatpy.model.progress import Progress, begin
-from musatpy.model.tables import finite_rows
+from musatpy.model.tables import finite_rows, taken
 from musatpy.units import ARC_SECOND
 
 _ADJUSTMENTS = 20  # at most: plates that check themselves take three to five
@@ -289,6 +290,10 @@ def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) ->
     notes: tuple[str, ...] = ()
     if progress:
         begin(progress, "first values")
+    if block.inertial_attitudes.count:
+        from musatpy.adjustment.body_conventions import with_inertial_starts  # most jobs have none
+
+        block = with_inertial_starts(block)
     if block.options.initial is not Initial.GIVEN:
         from musatpy.adjustment.initial import started  # costs the start of every run else
 
@@ -433,6 +438,11 @@ def _ground_priors(block: Block, frame: Frame, enters: BoolArray) -> GroundPrior
     held[control.point] = known[control.point] & control.fixed[:, None]
     weight = np.zeros((p, 3))
     weight[control.point] = inverse_squares(control.sigma)
+    decorrelation = None
+    if (correlated := control.correlated).any():
+        decorrelation = np.tile(np.eye(3), (p, 1, 1))
+        some = taken(control, correlated)
+        decorrelation[some.point], weight[some.point] = decorrelated(some)
     group, group_weight = np.full(p, -1), np.zeros(p)
     member = enters[groups.point]
     group[groups.point[member]] = groups.group[member]
@@ -444,6 +454,7 @@ def _ground_priors(block: Block, frame: Frame, enters: BoolArray) -> GroundPrior
         weight=np.where(known & ~held, weight, 0.0),
         group=group,
         group_weight=group_weight,
+        decorrelation=decorrelation,
     )
 
 

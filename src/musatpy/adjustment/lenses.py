@@ -19,8 +19,17 @@ import numpy as np
 
 from musatpy.adjustment.network import inverse_squares
 from musatpy.adjustment.parameters import Parameters
-from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.model import LENS_PARAMETERS, LENS_UNITS, Block, ReductionOptions
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.model import (
+    GRID_PLACES,
+    LENS_PARAMETERS,
+    LENS_UNITS,
+    AdjustedParameters,
+    Block,
+    DistortionGrid,
+    ObservationKind,
+    ReductionOptions,
+)
 from musatpy.model.tables import taken
 from musatpy.reduction.distortion import Lens, Side
 from musatpy.reduction.refined_block import lens_of
@@ -40,6 +49,8 @@ class CameraLenses(Parameters):
     sign: float  # of polynomials: -1 where they are corrections
     held: FloatArray  # (c, 10) values as given, of the unknown ones too
     unknown: BoolArray  # (c, 10)
+    ids: TextArray  # (c,)
+    extent: FloatArray  # (c, 2) how far images lie from the principal point at most, in x and y
 
     @classmethod
     def of(cls, block: Block) -> Self:
@@ -61,7 +72,7 @@ class CameraLenses(Parameters):
         given[at] = np.where(np.isnan(table.value), given[at], table.value)
         unknown[at] = True
         sigma[at] = table.sigma
-        reach, (owner, parameter) = _reach(block, given), np.nonzero(unknown)
+        (reach, extent), (owner, parameter) = _reach(block, given), np.nonzero(unknown)
         return cls(
             noun="camera",
             owner=tuple(cameras.ids[owner].tolist()),
@@ -78,6 +89,8 @@ class CameraLenses(Parameters):
             sign=sign,
             held=given,
             unknown=unknown,
+            ids=cameras.ids,
+            extent=extent,
         )
 
     def table(self, values: FloatArray) -> FloatArray:
@@ -161,6 +174,30 @@ class CameraLenses(Parameters):
             out[rays] = p[rays] + lens.apply((measured[rays] - p[rays]) @ across.T)
         return out
 
+    def grid(self, adjusted: AdjustedParameters) -> DistortionGrid | None:
+        """Return what lenses do to their plates, as far as images go; None where no distortion was unknown."""
+        rows = np.flatnonzero(adjusted.kind == ObservationKind.LENS)
+        values, covariance = adjusted.value[rows], adjusted.covariance[np.ix_(rows, rows)]
+        owner, parameter = np.nonzero(self.unknown)
+        bends = parameter >= _COEFFICIENTS.start
+        cameras = np.unique(owner[bends & np.isin(owner, np.flatnonzero(self.extent[:, 0]))])
+        if not len(cameras):
+            return None
+        ticks = np.linspace(-1.0, 1.0, GRID_PLACES)
+        unit = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+        place = (unit * self.extent[cameras][:, None]).reshape(-1, 2)
+        camera, photo = (
+            np.repeat(each, len(unit)) for each in (cameras, [(self.camera == row).argmax() for row in cameras])
+        )
+        table, nowhere = self.table(values)[camera], np.zeros_like(place)
+        ideal = self.ideal(values, photo, place, nowhere)
+        by_ideal, by_lens = self.partials(values, photo, place, ideal, table[:, _F], nowhere)
+        own = np.equal.outer(camera, owner) & bends
+        by_unknown = np.linalg.solve(by_ideal, by_lens[..., parameter] * own[:, None])
+        sigma: FloatArray = np.sqrt(np.einsum("gip,pq,giq->gi", by_unknown, covariance, by_unknown))
+        sigma[np.isin(camera, owner[bends & ~adjusted.determined[rows]])] = np.nan
+        return DistortionGrid(camera=self.ids[camera], place=place, distortion=place - ideal, sigma=sigma)
+
     def _by_camera(self, photo: IntArray) -> Iterator[tuple[int, Any]]:
         """Yield each camera and its rays: all at once of one camera, which makes no copies."""
         camera = self.camera[photo]
@@ -205,10 +242,11 @@ def _effect(r: FloatArray, f: FloatArray) -> FloatArray:
     return np.stack([r / f, unit, unit, r**3, r**5, r**7, 3.0 * r**2, 3.0 * r**2, r, r], axis=1)
 
 
-def _reach(block: Block, given: FloatArray) -> FloatArray:
-    """Return how far (c,) mm images of cameras lie from their principal points."""
+def _reach(block: Block, given: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how far (c,) and (c, 2) mm images of cameras lie from their principal points, and in x and y."""
     camera = block.photos.camera[block.plates.photo]
-    off = np.linalg.norm(block.plates.xy - given[camera, _XP : _YP + 1], axis=1)
-    reach = np.zeros(len(given))
-    np.fmax.at(reach, camera, off)
-    return reach
+    off = block.plates.xy - given[camera, _XP : _YP + 1]
+    reach, extent = np.zeros(len(given)), np.zeros((len(given), 2))
+    np.fmax.at(reach, camera, np.linalg.norm(off, axis=1))
+    np.fmax.at(extent, camera, np.abs(off))
+    return reach, extent

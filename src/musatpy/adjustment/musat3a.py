@@ -118,7 +118,23 @@ class _RunOfIIIA:
             free=free,
             crests=crests,
         )
-        return replace(solution, start=start)
+        limit = chi_square_limit(max(solution.degrees_of_freedom, 1), _UNUSUAL)
+        doubtful = bool(reason) or solution.sum_of_squares > limit
+        return replace(solution, start=start, misread=self.misread(network) if doubtful else "")
+
+    def misread(self, network: Network) -> str:
+        """Return how inertial attitudes would fit that do not, by a run without them; empty where that is lost."""
+        block = self.job.block
+        if not block.inertial_attitudes.count:
+            return ""
+        from musatpy.adjustment.body_conventions import fitting_convention, without_inertial  # most jobs have none
+
+        try:
+            job, first = prepared(without_inertial(block), None)
+            (_, outcome, _), _ = replace(self, job=job).best_of_starts(first)
+        except AdjustmentError:
+            return ""
+        return "" if outcome.failure else fitting_convention(block, network, outcome.state)
 
     def restarted(self, state: State) -> tuple[State, WaterLine] | None:
         """Return the state of a restart, points at their best, and where rays are; None where that is no minimum.

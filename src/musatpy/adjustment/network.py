@@ -14,7 +14,7 @@ from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame, LocalFrame, middle_of
-from musatpy.model import Block, CoordinateSystem, ObservationKind, PointStatus
+from musatpy.model import Block, Control, CoordinateSystem, ObservationKind, PointStatus
 from musatpy.model.tables import order_of
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ class GroundPriors:
     weight: FloatArray  # (p, 3) 1/m2, 0 where unknown or held
     group: IntArray  # (p,) equal elevation group, -1 for none
     group_weight: FloatArray  # (p,) 1/m2
+    decorrelation: FloatArray | None = None  # (p, 3, 3) what has these weights, of east, north, up; None: these
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -230,7 +231,8 @@ class Network:
             of_ray[measured : measured + k * m] = np.repeat(row, m)
             every.append(replace(group, point=row, rays=np.arange(measured, measured + k * m).reshape(k, m)))
             points, measured = points + k, measured + k * m
-        priors = {one.name: getattr(self.priors, one.name)[point] for one in fields(self.priors)}
+        priors = {one.name: getattr(self.priors, one.name) for one in fields(self.priors)}
+        priors = {name: column if column is None else column[point] for name, column in priors.items()}
         alone = replace(
             self,
             photo=self.photo[rays],
@@ -381,6 +383,18 @@ def inverse_squares(sigma: FloatArray) -> FloatArray:
     weight: FloatArray = 1.0 / np.square(sigma)
     weight[np.isnan(weight)] = 0.0
     return weight
+
+
+def decorrelated(control: Control) -> tuple[FloatArray, FloatArray]:
+    """Return unit triangles T (k, 3, 3) and weights (k, 3) of the known components: C^-1 = T' diag(weights) T.
+
+    With C = L L', T = diag(L) L^-1: east as it is, north less what east predicts of it, up less what both predict.
+    So up alone has a row of its own, and what it would be without its observation has the other two.
+    """
+    together = control.known[:, :, None] & control.known[:, None, :]
+    L = np.linalg.cholesky(np.where(together & control.correlated[:, None, None], control.covariance, np.eye(3)))
+    size = np.diagonal(L, axis1=1, axis2=2)
+    return size[:, :, None] * np.linalg.inv(L), 1.0 / np.square(size)
 
 
 def unknown_name(network: Network, block: Block) -> Callable[[int], str]:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, TextArray
-from musatpy.model import AdjustedParameters, Dependence
+from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.model import TIES, AdjustedParameters
 
 if TYPE_CHECKING:
     from musatpy.adjustment.iteration import State
     from musatpy.adjustment.network import Network
     from musatpy.adjustment.normals import Cofactors
+    from musatpy.adjustment.precision import Covariances
+
+_DECIMALS = 6  # of correlations, beyond which rounding errors order them
+
+_MOVED = 1e-6  # of the largest change of an unknown by a free motion
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,19 +53,32 @@ class Parameters:
 
 
 def adjusted_parameters(
-    network: Network, state: State, cofactors: Cofactors, covariances: Cofactors, dependence: Dependence
+    network: Network,
+    state: State,
+    known: Covariances,
+    name: Callable[[int], str],
+    mean_depth: FloatArray | None,
+    motions: FloatArray,
 ) -> AdjustedParameters | None:
-    """Return the further parameters of a solution, None where there are none."""
+    """Return the further parameters of a solution, None where there are none.
+
+    `name` names the unknowns of the normal equations; `mean_depth` (u + 1,) has their cofactors with the mean depth
+    of submerged points, then its own. What the free `motions` (u, d) of a block change is arbitrary as its place is.
+    """
     kinds = [kind for kind in network.parameters if network.border.count(kind)]
     if not kinds:
         return None
     every = [network.parameters[kind] for kind in kinds]
     counts = [len(of.given) for of in every]
-    names = [name for of in every for name in of.names]
     columns = np.concatenate([network.border.numbers(kind) for kind in kinds])
     weight, effect = (np.concatenate([getattr(of, name) for of in every]) for name in ("weight", "effect"))
-    inflation = dict(zip(dependence.names.tolist(), dependence.inflation.tolist(), strict=True))
-    partner, correlation = _partners(names, dependence)
+    cofactor, covariance = (
+        np.diagonal(known.cofactors.corner)[columns],
+        known.unknowns.corner[np.ix_(columns, columns)],
+    )
+    inflation = cofactor * known.diagonal.border[columns]
+    moved = np.abs(motions[network.pattern.order + columns]) > _MOVED * np.abs(motions).max(axis=0, initial=0.0)
+    tied, correlation = _ties(network, known.cofactors, columns, name, mean_depth)
     with np.errstate(divide="ignore"):
         prior_sigma = np.where(weight > 0.0, 1.0 / np.sqrt(weight), np.nan)
     return AdjustedParameters(
@@ -72,13 +90,14 @@ def adjusted_parameters(
         given=np.concatenate([of.given for of in every]),
         prior_sigma=prior_sigma,
         value=np.concatenate([state.parameters[kind] for kind in kinds]),
-        spread=np.sqrt(np.diagonal(covariances.corner)[columns]),
-        kept=np.sqrt(np.diagonal(cofactors.corner)[columns]) / prior_sigma,
-        inflation=np.array([inflation[name] for name in names]),
+        spread=np.where(moved.any(axis=1), np.inf, np.sqrt(np.diagonal(covariance))),
+        kept=np.sqrt(cofactor) / prior_sigma,
+        inflation=np.where(inflation > 0.0, inflation, np.nan),
         most=np.concatenate([of.most for of in every]) / effect,
         effect=np.where(np.repeat([of.in_images for of in every], counts), effect, np.nan),
-        partner=np.array(partner, dtype=np.str_),
+        tied=tied,
         correlation=correlation,
+        products=covariance.reshape(-1),
     )
 
 
@@ -86,13 +105,33 @@ def _texts(parts: Iterable[Sequence[str]]) -> TextArray:
     return np.array([text for part in parts for text in part], dtype=np.str_)
 
 
-def _partners(names: Sequence[str], dependence: Dependence) -> tuple[list[str], FloatArray]:
-    """Return which unknown of something else each of `names` is most correlated with, and how; empty: none."""
-    row = {name: number for number, name in enumerate(names)}
-    partner, correlation = [""] * len(names), np.full(len(names), np.nan)
-    pairs = zip(dependence.first.tolist(), dependence.second.tolist(), dependence.correlation.tolist(), strict=True)
-    for first, second, value in pairs:  # the strongest first
-        for name, other in ((first, second), (second, first)):
-            if name in row and other not in row and not partner[row[name]]:
-                partner[row[name]], correlation[row[name]] = other, value
-    return partner, correlation
+def _ties(
+    network: Network,
+    cofactors: Cofactors,
+    columns: IntArray,
+    name: Callable[[int], str],
+    mean_depth: FloatArray | None,
+) -> tuple[TextArray, FloatArray]:
+    """Return the names (x, 4) and correlations (x, 5) of what the parameters in `columns` (x,) are tied to most."""
+    n, q, x = network.photos, network.pattern.size, len(columns)
+    variance, numbers = cofactors.diagonal(), np.arange(n * q + network.border.size)
+    rows = np.concatenate([cofactors.border[:, columns], cofactors.corner[:, columns]])
+    own = numbers[n * q + columns]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value = np.clip(
+            np.nan_to_num(rows / np.sqrt(variance[:, None] * variance[own]), posinf=0.0, neginf=0.0), -1.0, 1.0
+        )
+    value[own, np.arange(x)] = 0.0
+    component = np.where(numbers < n * q, numbers % q, q)
+    is_parameter = np.isin(numbers, own)
+    groups = (is_parameter, component < 3, (3 <= component) & (component < 6), (component >= 6) & ~is_parameter)
+    tied, correlation = np.full((x, 4), "", dtype=object), np.full((x, len(TIES)), np.nan)
+    for group, rows_of in enumerate(map(np.flatnonzero, groups)):
+        if not len(rows_of):
+            continue
+        best = rows_of[np.round(np.abs(value[rows_of]), _DECIMALS).argmax(axis=0)]  # the first of equal ones
+        for row in np.flatnonzero(value[best, np.arange(x)]).tolist():
+            tied[row, group], correlation[row, group] = name(int(best[row])), value[best[row], row]
+    if mean_depth is not None:
+        correlation[:, -1] = mean_depth[own] / np.sqrt(mean_depth[-1] * variance[own])
+    return tied.astype(np.str_), correlation

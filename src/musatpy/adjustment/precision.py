@@ -214,7 +214,7 @@ def _has_considered(block: Block, network: Network) -> bool:
 class ErrorSources:
     """Errors that spread to points: those of unknowns with these cofactors, and of the images and priors of points.
 
-    Without the latter where they come from considered parameters alone.
+    Without the latter where they come from considered parameters alone. `alone`: see `propagation.priors`.
     """
 
     network: Network
@@ -222,6 +222,7 @@ class ErrorSources:
     cofactors: Cofactors
     inner: InnerConstraints | None = None
     of_parameters: bool = False
+    alone: bool = True
 
     @cached_property
     def loops(self) -> Loops:
@@ -251,7 +252,7 @@ def spread_to_observations(errors: ErrorSources, block: Block, residual: FloatAr
     for group in groups:
         for rows, piece in _pieces(errors, group):
             points[group.point[rows]] = point_covariances(network, piece, cofactors, errors.inner)
-            parts += [propagation.images(network, piece, residual), *propagation.priors(piece, block)]
+            parts += [propagation.images(network, piece, residual), *propagation.priors(piece, block, errors.alone)]
             diagonal.add(network, piece)
     return PropagatedCofactors(points=points, parts=parts, diagonal=diagonal)
 
@@ -280,6 +281,25 @@ def _depths(errors: ErrorSources, block: Block, points: FloatArray) -> FloatArra
         for rows, piece in _pieces(errors, part):
             depths[part.point[rows]] = depth_cofactors(network, state, piece, errors.cofactors, errors.inner)
     return depths
+
+
+def mean_depth(block: Block, network: Network, state: State, known: Covariances) -> FloatArray | None:
+    """Return the cofactors (u + 1,) of the mean depth of submerged points with all unknowns, then its own.
+
+    None where no such point takes part. No motion of the datum is free.
+    """
+    partials, own, count = np.zeros(network.pattern.order + network.border.size), 0.0, 0
+    for group in network.groups:
+        part = group.part(block.points.bathymetric[group.point])
+        for _, piece in pieces(network, state, part, known.cofactors):
+            columns, by_unknowns, by_point = propagation.depth_partials(network, state, piece)
+            np.add.at(partials, network.unknowns(piece.group, columns), by_unknowns)
+            own += float(np.einsum("ki,kij,kj->", by_point, piece.E.inverse, by_point))
+            count += len(by_point)
+    if not count:
+        return None
+    cofactors = known.full.solve(partials / count)
+    return np.append(cofactors, partials @ cofactors / count + own / count**2)
 
 
 def _pieces(errors: ErrorSources, group: PointGroup) -> Iterator[tuple[slice, propagation.Piece]]:

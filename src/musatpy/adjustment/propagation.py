@@ -140,17 +140,20 @@ def image_partials(network: Network, piece: Piece) -> tuple[FloatArray, FloatArr
 
 
 def prior_partials(piece: Piece) -> tuple[FloatArray, FloatArray]:
-    """Return the partials of the four rows of `Priors` likewise: (k, 4, T) and (k, 4, 3)."""
-    known = piece.E.normals.priors
-    free = np.ones((len(piece.group.point), 3)) if known is None else known.free
-    b = np.concatenate([np.eye(3), [[0.0, 0.0, 1.0]]]) * free[:, None, :]
+    """Return the partials of the four rows of `Priors`, which it has, likewise: (k, 4, T) and (k, 4, 3)."""
+    assert piece.E.normals.priors is not None
+    b = piece.E.normals.priors.by_point
     a = -b @ piece.F
     a[:, :, piece.F.shape[2] - piece.E.extras.index.shape[1] :] += piece.E.extras.priors
     return a, b
 
 
-def priors(piece: Piece, block: Block) -> Iterator[PropagatedObservations]:
-    """Yield the control and the equal elevations of a piece."""
+def priors(piece: Piece, block: Block, alone: bool) -> Iterator[PropagatedObservations]:
+    """Yield the control and the equal elevations of a piece.
+
+    Of control with covariances what has the weights, or what tests an error of each component `alone`: (P v)_i /
+    P_ii with the weight P_ii, whose redundancy number is (P Qvv P)_ii / P_ii (Baarda 1968).
+    """
     known = piece.E.normals.priors
     if known is None:
         return
@@ -161,10 +164,13 @@ def priors(piece: Piece, block: Block) -> Iterator[PropagatedObservations]:
         row, part = first_rows(getattr(block, kind.observed.attribute).point, len(block.points.ids)), kind.part
         rows = np.repeat(row[piece.group.point][:, None], part.stop - part.start, axis=1)
         weight = known.weight[:, part] * np.pad(known.free, ((0, 0), (0, 1)), constant_values=True)[:, part]
-        yield _part(
-            kind.observed, piece, a[:, part], b[:, part], rows, components[:, : rows.shape[1]],
-            -known.deviation[:, part], weight,
-        )  # fmt: skip
+        by, of, residual = a[:, part], b[:, part], -known.deviation[:, part]
+        if alone and known.decorrelation is not None and kind.observed is ObservationKind.CONTROL:
+            P = np.swapaxes(known.decorrelation, 1, 2) * weight[:, None]
+            weight = np.einsum("kij,kji->ki", P, known.decorrelation)
+            P = P / np.where(weight > 0.0, weight, 1.0)[:, :, None]
+            by, of, residual = P @ by, P @ of, (P @ residual[..., None])[..., 0]
+        yield _part(kind.observed, piece, by, of, rows, components[:, : rows.shape[1]], residual, weight)
 
 
 def _part(
@@ -256,7 +262,7 @@ def depth_cofactors(
     The water is that of the mean tide of the photos that give the point its position.
     """
     group, E = piece.group, piece.E
-    columns, a, by_point = _depth_partials(network, state, piece)
+    columns, a, by_point = depth_partials(network, state, piece)
     variance = cofactors.cofactors_of(network.photo[group.rays], columns, a[:, None])[:, 0, 0]
     variance += np.einsum("ki,kij,kj->k", by_point, E.inverse, by_point)
     if inner is None:
@@ -274,7 +280,7 @@ def covariances_with_depths(
     `point_covariances` and `depth_cofactors` of points that are not kept, without constraints, at once. Neighbours
     in the piece that have the same photos share the cofactors of these.
     """
-    columns, a, by_point = _depth_partials(network, state, piece)
+    columns, a, by_point = depth_partials(network, state, piece)
     partials = np.zeros((len(a), 4, a.shape[1]))
     partials[:, :3, : piece.F.shape[2]], partials[:, 3] = -piece.F, a
     Q, depends = np.empty((len(a), 4, 4)), np.concatenate([piece.photo, columns], axis=1)
@@ -288,7 +294,7 @@ def covariances_with_depths(
     return _turned(piece.axes, inverse + Q[:, :3, :3]), depth
 
 
-def _depth_partials(network: Network, state: State, piece: Piece) -> tuple[IntArray, FloatArray, FloatArray]:
+def depth_partials(network: Network, state: State, piece: Piece) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return border columns (k, X), and partials of depths by stations and these (k, m q + X) and by points (k, 3).
 
     The points follow the stations.

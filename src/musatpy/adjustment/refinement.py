@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.iteration import SingularNormalsError, State, initial_state, iterate
+from musatpy.adjustment.iteration import SingularNormalsError, State, initial_state, iterate, with_turned_axes
 from musatpy.adjustment.job import build_network
 from musatpy.adjustment.musat2a import GeodeticRestraint
 from musatpy.adjustment.network import Network, participation
@@ -42,13 +42,13 @@ def refined_stations(block: Block, place: PhotoPlaces, height: float) -> PhotoPl
     for _ in range(_CYCLES):
         part_block = _without_the_lost(block, place, height)
         part = participation(part_block)
-        network = build_network(part_block, place.frame, part)
+        network = with_turned_axes(build_network(part_block, place.frame, part))
         bad = _bad_points(network, ground_points.start_ground(network, initial_state(network)))
         if before is not None and bad.sum() >= before:
             break
         before = int(bad.sum())
         entering = replace(part, used=part.used & ~bad[network.point], status=np.where(bad, -1, part.status))
-        network = build_network(part_block, place.frame, entering)
+        network = with_turned_axes(build_network(part_block, place.frame, entering))
         if not (network.pass_groups or network.control_groups):
             break
         state = ground_points.start_ground(network, initial_state(network))

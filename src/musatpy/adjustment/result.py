@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from musatpy.adjustment.precision import (
     dependence,
     factor_of,
     limits_of_water,
+    mean_depth,
     precision,
     reach_of,
     undetermined_points,
@@ -40,10 +41,9 @@ from musatpy.adjustment.precision import (
 from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.watpt import refraction_displacement, with_departure
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.geometry.collinearity import nearest_point, widest_angle
+from musatpy.geometry.collinearity import nearest_point, turn_about_one_line, widest_angle
 from musatpy.geometry.geodesy import surface, water_heights
 from musatpy.model import (
-    AdjustedParameters,
     AdjustedStations,
     AdjustedWater,
     AdjustedWaves,
@@ -56,7 +56,9 @@ from musatpy.model import (
     Solution,
     WaterPass,
 )
+from musatpy.model.findings import named
 from musatpy.model.tables import finite_rows
+from musatpy.units import DEGREE
 
 if TYPE_CHECKING:
     from musatpy.adjustment.datum import Freedom
@@ -94,7 +96,7 @@ def solution(
     if factor.is_weak(ILL_DETERMINED):
         weak = describe_weakness(network, state, line.matrix, 10.0 * ILL_DETERMINED, block)
         warnings += tuple(f"ill-determined: {sentence}" for sentence in weak)
-    warnings += _what_is_odd(block.photos.ids[idle], free, dof)
+    warnings += _what_is_odd(block.photos.ids[idle], free, dof) + _steep(block, network, state)
     plates = _plate_residuals(network, measured, state, part)
     known = precision(block, refracted, state, factor, free, plates.residual, squares, dof)
     reach = reach_of(network, state, part)
@@ -128,7 +130,7 @@ def solution(
         considered=known.considered,
         kernels=kernels.name_of(network.photos),
         dependence=dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name),
-        parameters=_parameters(refracted, state, known, name),
+        **_parameters(block, refracted, state, known, name, free),
         held=None if reason else held_parameters(block, refracted, state, part, known, free),
     )
     return found if refracted is network else with_departure(found, refracted, line, factor, state)
@@ -177,13 +179,20 @@ def _group_sigmas(network: Network, state: State, known: Covariances) -> FloatAr
 
 
 def _parameters(
-    network: Network, state: State, known: Covariances, name: Callable[[int], str]
-) -> AdjustedParameters | None:
-    """Return the further parameters that were unknown, None without any."""
+    block: Block,
+    network: Network,
+    state: State,
+    known: Covariances,
+    name: Callable[[int], str],
+    free: Freedom | None,
+) -> dict[str, Any]:
+    """Return the further parameters that were unknown, and what those of lenses do; nothing without any."""
     if not network.parameters:
-        return None
-    depends = dependence(network, known.diagonal, known.cofactors, known.unknowns, name)
-    return adjusted_parameters(network, state, known.cofactors, known.unknowns, depends)
+        return {}
+    depth = None if free and free.count else mean_depth(block, network, state, known)
+    motions = free.directions if free and free.count else np.zeros((network.pattern.order + network.border.size, 0))
+    parameters = adjusted_parameters(network, state, known, name, depth, motions)
+    return {"parameters": parameters, "grid": network.lenses and parameters and network.lenses.grid(parameters)}
 
 
 def _water(
@@ -242,6 +251,14 @@ def _what_is_odd(idle: TextArray, free: Freedom | None, dof: int) -> tuple[str, 
     if free and free.weak:
         odd.append(f"free network: {free.weak} of its {free.count} free motions the observations hold a little")
     return tuple(odd)
+
+
+def _steep(block: Block, network: Network, state: State) -> tuple[str, ...]:
+    """Return a warning on the photos whose omega and kappa are only known together."""
+    attitude = attitude_in(state, network.frame.axes(state.position), np.zeros(3))
+    rows = np.flatnonzero(turn_about_one_line(attitude, DEGREE))
+    why = "Y-tilt within a degree of 90: X-tilt and heading turn about nearly one line, and only together are known"
+    return (f"{named('photo', block.photos.ids[rows])}: {why} well",) if len(rows) else ()
 
 
 def _stranded(block: Block, network: Network, state: State, points: GroundPoints) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from musatpy.adjustment.network import Network
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
 from musatpy.blunders.alternatives import exchanged_images
@@ -33,7 +34,7 @@ from musatpy.blunders.hypotheses import (
     hypotheses,
     of_taken_images,
 )
-from musatpy.blunders.linear_model import LinearModel
+from musatpy.blunders.linear_model import LinearModel, as_on_cards
 from musatpy.blunders.scene import GIVEN_UP, PENALTY, Factors, StagedBlock, deviations, sizes, taking_part
 from musatpy.blunders.search import BlunderSearch
 from musatpy.model import Block, CauseKind, ObservationKind
@@ -73,7 +74,7 @@ def rivals(search: BlunderSearch, sea: Sea | None, most: int) -> list[list[Rival
             break
         begin(whole.scene.progress, "search for causes: what competes", number, len(found))
         if number > GROUPS and member.kind in _IMAGES:  # whose competitors nobody asks for
-            sized = _sized(of_taken_images(rest, member), residual) if rest else member
+            sized = _sized(of_taken_images(rest, member), whole.scene.network, residual) if rest else member
             groups.append([Rival(sized, sized.squares, 1)])
         elif (case := _without(whole, member, sea)) is None:
             alike = [other for other in whole.alike if other.kind is member.kind] or [member]
@@ -179,14 +180,14 @@ def _ranked(
     ]
     others = [others[row] for row in falling([option.gain(variance) for option in others]).tolist()]
     worst = final + first.squares
-    tried = [(_sized(first, _residual(case)), final)]
+    tried = [(_sized(first, case.scene.network, _residual(case)), final)]
     if first.kind in _IMAGES and few:
         pairs = exchanged_images(case.scene.network, case.state, first.point[0])
         tried += [(_exchange(first, photos), final) for photos in pairs]
     for option in others[:few]:
         trial = with_hypothesis(case, option, sea)
         if worst - trial.squares >= NEARLY * (worst - final):
-            tried.append((_sized(trial.taken[-1], _residual(trial)), trial.squares))
+            tried.append((_sized(trial.taken[-1], trial.scene.network, _residual(trial)), trial.squares))
     costs = [squares / variance + PENALTY * option.parameters for option, squares in tried]
     equal = PENALTY + _SAME * (worst - final) / variance
     better = np.array([sum(other < cost - equal for other in costs) for cost in costs])
@@ -212,12 +213,14 @@ def _same_photos(scene: StagedBlock, images: Hypothesis) -> BoolArray:
     return near
 
 
-def _sized(hypothesis: Hypothesis, residual: Factors) -> Hypothesis:
+def _sized(hypothesis: Hypothesis, network: Network, residual: Factors) -> Hypothesis:
     """Return a hypothesis with the errors that the adjustment without its observations says, of these residuals."""
     if not hypothesis.given_up:
         return hypothesis
-    error = np.where(np.isfinite(hypothesis.error), -hypothesis.values_in(residual), np.nan)
-    return replace(hypothesis, error=error)
+    error, part = -hypothesis.values_in(residual), hypothesis.given_up[0]
+    if part.kind is _K.CONTROL:
+        error = as_on_cards(network, hypothesis.point[0], part.component, error)
+    return replace(hypothesis, error=np.where(np.isfinite(hypothesis.error), error, np.nan))
 
 
 def _residual(case: Case) -> Factors:

@@ -13,6 +13,7 @@ from musatpy.adjustment.kinds import MEASURED
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.blunders.alternatives import misfit
 from musatpy.blunders.hypotheses import CAUSES
+from musatpy.blunders.linear_model import as_on_cards
 from musatpy.blunders.scene import LIMIT, sees_water, sizes
 from musatpy.blunders.search import BlunderSearch
 from musatpy.model import (
@@ -118,10 +119,12 @@ def _tested(
     """Return the largest test value of some components of an observation, and the errors of all of them."""
     judgement = search.last.judgement
     known = search.last.scene.weight[kind][row, components] > 0.0
-    test, error = (
-        judgement.table(kind, values)[row, components][known] for values in (judgement.test, judgement.error)
-    )
-    return float(np.fmax.reduce(np.abs(test), initial=np.nan)), tuple(error.tolist())
+    test, error = (judgement.table(kind, values)[row] for values in (judgement.test, judgement.error))
+    if kind is _K.CONTROL:
+        point, out = int(search.block.control.point[row]), np.flatnonzero(search.last.out[kind][row])
+        error[out] = as_on_cards(search.last.scene.network, point, out, error[out])
+    largest = np.fmax.reduce(np.abs(test[components][known]), initial=np.nan)
+    return float(largest), tuple(error[components][known].tolist())
 
 
 def _rows(search: BlunderSearch) -> Iterator[Finding]:

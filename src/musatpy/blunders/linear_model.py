@@ -53,6 +53,7 @@ class PointChecks:
     photo: IntArray  # (k, m)
     extras: IntArray  # (k, X) further unknowns
     cofactors: Cofactors  # of the unknowns
+    decorrelation: FloatArray | None  # (k, 3, 3) of the control
 
     @cached_property
     def cofactor(self) -> FloatArray:
@@ -62,15 +63,18 @@ class PointChecks:
 
     def part(self, taken: BoolArray) -> PointChecks:
         """Return some of the points."""
-        rows = {one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "cofactors"}
-        return PointChecks(**rows, cofactors=self.cofactors)
+        columns = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "cofactors"}
+        return replace(self, **{name: column[taken] for name, column in columns.items() if column is not None})
 
     def drop(self, rows: IntArray) -> Drop:
         """Return what the observations `rows` (s,) of every point explain."""
+        control = rows - 2 * self.rays.shape[1]
         checked = IMAGES_CHECKED if rows.max(initial=0) < 2 * self.rays.shape[1] else OTHERS_CHECKED
-        return dropped(
-            self.residual[:, rows], self.weight[:, rows], self.cofactor[:, rows[:, None], rows[None]], checked
-        )
+        mixed: FloatArray | None = None
+        if self.decorrelation is not None and control[0] >= 0 and control[-1] < 3:
+            mixed = np.asarray(np.linalg.inv(self.decorrelation[:, control[:, None], control[None]]), dtype=float)
+        Q = self.cofactor[:, rows[:, None], rows[None]]
+        return dropped(self.residual[:, rows], self.weight[:, rows], Q, checked, mixed)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -188,11 +192,17 @@ def _checks_of(network: Network, piece: Piece, cofactors: Cofactors, step: Float
         photo=piece.photo,
         extras=E.extras.index,
         cofactors=cofactors,
+        decorrelation=None if known is None else known.decorrelation,
     )
 
 
-def dropped(v: FloatArray, weight: FloatArray, Q: FloatArray, checked: float) -> Drop:
-    """Return what groups of observations explain: residuals and weights (k, s), cofactors (k, s, s) adjusted."""
+def dropped(
+    v: FloatArray, weight: FloatArray, Q: FloatArray, checked: float, mixed: FloatArray | None = None
+) -> Drop:
+    """Return what groups of observations explain: residuals and weights (k, s), cofactors (k, s, s) adjusted.
+
+    The errors are those of the observations, or what `mixed` (k, s, s) makes of these.
+    """
     root = np.sqrt(weight)
     used = root > 0.0
     share = np.eye(v.shape[1]) * used[:, None, :] - root[:, :, None] * Q * root[:, None, :]
@@ -204,12 +214,23 @@ def dropped(v: FloatArray, weight: FloatArray, Q: FloatArray, checked: float) ->
     spread = vectors * inverse[:, None, :]
     blind = np.einsum("kij,kj->ki", np.square(vectors), ~tested * 1.0) > 0.5
     variance = np.einsum("kij,kij->ki", spread, vectors) * np.square(sigma)
+    error = -sigma * np.einsum("kij,kj->ki", spread, u)
+    if mixed is not None:
+        error = np.einsum("kij,kj->ki", mixed, error)
+        root = mixed @ (sigma[:, :, None] * vectors * np.sqrt(inverse)[:, None, :])
+        variance = np.square(root).sum(axis=2)
     return Drop(
         squares=np.einsum("kj,kj->k", np.square(u), inverse),
         parameters=np.count_nonzero(tested, axis=1),
-        error=-sigma * np.einsum("kij,kj->ki", spread, u),
+        error=error,
         sigma=np.where(blind | ~used, np.nan, np.sqrt(variance)),
     )
+
+
+def as_on_cards(network: Network, point: int, component: IntArray, error: FloatArray) -> FloatArray:
+    """Return errors of components (s,) of control as its card has them, from those of what has the weights."""
+    T = network.priors.decorrelation
+    return error if T is None else np.linalg.solve(T[point][np.ix_(component, component)], error)
 
 
 def put_in_again(v: FloatArray, weight: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -298,7 +298,7 @@ def judged(
     if _is_weak(factor, cofactors):
         raise SingularNormalsError(factor.matrix)
     residuals = deviations(scene.network, scene.block, state)
-    errors = ErrorSources(network=problem.network, state=state, cofactors=cofactors)
+    errors = ErrorSources(network=problem.network, state=state, cofactors=cofactors, alone=False)
     spread = spread_to_observations(errors, scene.block, residuals[_K.PLATE])
     adjusted = {kind: np.zeros(weight.shape) for kind, weight in scene.weight.items()}
     for part in spread.parts:

@@ -161,9 +161,11 @@ def of_tables(tables: Tables, anyway: bool = False, sea: Sea | None = None, idea
     faults = [f"{UNCONVERGED}: {unconverged} (--anyway compiles from it)"] if unconverged and not anyway else []
     if not faults and tables["adjusted_water"] is not None and (fault := run_tables.water_fault(tables)):
         faults = [fault]
+    if not (faults or ideal) and (fault := run_tables.lens_fault(tables)):
+        faults = [fault]
     if faults:
         raise CompilationError([Problem(message=fault) for fault in faults])
-    block = run_tables.block_of(tables, ideal=ideal)
+    block = run_tables.block_of(tables)
     given = replace(block, **run_tables.given_waves(tables))
     caution, because = (UNCONVERGED, unconverged) if unconverged else _doubts(tables)
     return AdjustedRun(

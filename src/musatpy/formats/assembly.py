@@ -12,11 +12,12 @@ from musatpy import model
 from musatpy.arrays import IntArray
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.formats.draft import Draft
+from musatpy.formats.draft import Draft, first_of_names
 from musatpy.formats.job_tables import ROLES, Table, Tables, roles_of, size, table_of
 from musatpy.formats.statements import in_words
+from musatpy.geometry.collinearity import AngleForm, other_angles
 from musatpy.model import tables
-from musatpy.model.block import parts_of_block
+from musatpy.model.block import COVARIANCES, parts_of_block
 from musatpy.model.tables import columns
 from musatpy.units import AngleUnit
 
@@ -25,12 +26,17 @@ def block_of(draft: Draft) -> model.Block:
     """Return the block that a deck describes. The draft must have passed the cross checks."""
     by_photo = {name: about.role for name, about in columns(model.Photos).items() if about.role and not about.link}
     photos = {name: draft.by_photo(role, f"photos.{name}") for name, role in by_photo.items()}
+    if draft.given_in is None or draft.given_in.angles == AngleForm.OMEGA_PHI_KAPPA:
+        attitude = photos["attitude"]
+        beyond = np.cos(attitude[:, 1:2]) < 0.0  # of the two ways to state a rotation, phi within 90 degrees
+        photos["attitude"] = np.where(beyond, other_angles(attitude), attitude)
     parts: dict[str, Any] = {
         "options": draft.options,
         "reduction": draft.reduction,
         "water": _water(draft),
         "photos": model.Photos(ids=draft.photo_ids, camera=draft.camera_of_photo, **photos),
         "points": model.Points(ids=draft.point_ids, bathymetric=draft.bathymetric, dry=draft.flagged("points.dry")),
+        "control": _control(draft),
         "equal_elevations": _equal_elevations(draft),
         "waves": waves_of(draft),
     }
@@ -73,6 +79,15 @@ def waves_of(draft: Draft) -> model.Waves:
     return model.Waves(**values)
 
 
+def _control(draft: Draft) -> model.Control:
+    """Return the control, with the correlations of the cards of covariances."""
+    rows, covariances = draft.rows["control"], draft.rows[COVARIANCES]
+    correlation, row = np.full((len(rows), 3), np.nan), first_of_names(rows, covariances)
+    correlation[row >= 0] = covariances["control.correlation"][row[row >= 0]]
+    of_cards = {name: rows[f"control.{name}"] for name in ("position", "kind", "fixed", "sigma")}
+    return model.Control(point=draft.point["control"], correlation=correlation, **of_cards)
+
+
 def _equal_elevations(draft: Draft) -> model.EqualElevations:
     rows, points = draft.rows["equal_elevations"], draft.point["equal_elevations"]
     ids, group = draft.equal_elevation_groups
@@ -109,7 +124,8 @@ def cards_of_tables(
     unit = AngleUnit.DMS if given_in is None else given_in.unit
     matrices = given_in is not None and given_in.angles == system_rows.MATRICES
     geographic = (system if given_in is None else given_in.kind) == model.CoordinateSystem.GEOGRAPHIC
-    angular = {"stations": geographic, "control": geographic, "wave_origin": geographic, "attitudes": not matrices}
+    places = ("stations", "control", "antenna_positions", "wave_origin")
+    angular = {**dict.fromkeys(places, geographic), "attitudes": not matrices}
     role_of = {spec: role for role, specs in roles_of(family).items() for spec in specs}
     for spec in family.cards.values():
         role = role_of.get(spec, "")
@@ -120,6 +136,8 @@ def cards_of_tables(
         values = tables.get(role, {})
         if role == "water" and "water_conditions" in role_of.values():
             values = _without_computed_index(values, tables.get("water_conditions", {}))
+        if role == "control" and COVARIANCES in tables:
+            values = _without_sigmas_of(values, tables[COVARIANCES])
         if size(values) or not spec.fields:
             yield spec, values, system_rows.radians_of(unit)
 
@@ -130,6 +148,14 @@ def _without_computed_index(water: Table, conditions: Table) -> Table:
         return water
     others = [column for path, column in water.items() if path not in ("water.index", "water.liquid")]
     return {**water, "water.index": np.full(1, np.nan)} if any((one == one).any() for one in others) else {}
+
+
+def _without_sigmas_of(control: Table, covariances: Table) -> Table:
+    """Return what the cards of control say where others have the same sigmas with their correlations."""
+    sigmas = dict(zip(covariances["control.point"].tolist(), covariances["control.sigma"].tolist(), strict=True))
+    rows = zip(control["control.point"].tolist(), control["control.sigma"].tolist(), strict=True)
+    same = np.array([sigmas.get(name) == sigma for name, sigma in rows], dtype=bool)
+    return {**control, "control.sigma": np.where(same[:, None], np.nan, control["control.sigma"])}
 
 
 def tables_of(block: model.Block, family: Family) -> Tables:
@@ -156,6 +182,8 @@ def _table_of(block: model.Block, role: str, spec: CardSpec) -> Table:
             return _equal_elevation_values(block, spec)
         case "stations" | "attitudes" | "tides":
             return _table_values(block, table, _photos_with(block.photos, role))
+        case "control_covariances":
+            return _table_values(block, table, np.flatnonzero(block.control.correlated))
         case "wave_sigmas":
             return _table_values(block, table, np.flatnonzero(block.waves.unknown))
     if isinstance(part, tables.Table):

@@ -31,6 +31,7 @@ from musatpy.formats.job_tables import (
 )
 from musatpy.formats.musat import has_errors
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, Options, WaterConditions
+from musatpy.model.block import COVARIANCES
 
 Texts = str | Sequence[str] | NDArray[np.str_]
 Triple = ArrayLike | None
@@ -50,6 +51,7 @@ _CALLS = {
     "tides": "add_photo",
     "plates": "add_images",
     "control": "add_control",
+    COVARIANCES: "add_control",
     "equal_elevations": "add_equal_elevations",
     "air_bases": "add_air_base",
     "distances": "add_distance",
@@ -151,14 +153,17 @@ class BlockBuilder:
         kind: str = "F",
         *,
         sigma: Triple = None,
+        correlation: Triple = None,
         fixed: bool = False,
         submerged: bool = False,
         dry: bool = False,
     ) -> None:
         """Add a control point: `F` full, `H` horizontal, `V` vertical, `C` check; sigmas east, north, up, m.
 
-        NaN, or None, stands for a component that is not given; a `fixed` point needs no sigmas.
+        NaN, or None: not given; a `fixed` point needs no sigmas. Correlations: of east north, east up, north up.
         """
+        if correlation is not None:
+            self.add(COVARIANCES, point=point, sigma=sigma, correlation=correlation)
         values = {"kind": kind, "fixed": fixed, "position": position, "sigma": sigma}
         self.add("control", point=point, bathymetric=submerged, dry=dry, **values)
 

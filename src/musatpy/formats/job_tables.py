@@ -21,6 +21,7 @@ from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.codec import empty_column
 from musatpy.formats.cards.spec import CardSpec, Family, card_formats_folder, load_family
 from musatpy.model import extensions
+from musatpy.model.block import COVARIANCES
 from musatpy.model.tables import Column, columns
 
 Array = NDArray[Any]
@@ -58,6 +59,7 @@ OPTIONAL = (
     "wave_sigmas",
     "wave_origin",
     "orientation",
+    COVARIANCES,
 )
 
 # Of points, on the cards of their images and of control.

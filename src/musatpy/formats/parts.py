@@ -41,7 +41,10 @@ if TYPE_CHECKING:
     from musatpy.systems import Statement
 
 # What is in words of the statement.
-_STATED = ("stations", "attitudes", "tides", "control", "matrices", "wave_origin")
+_STATED = (
+    "stations", "attitudes", "tides", "control", "matrices", "antenna_positions", "antenna_covariances",
+    "wave_origin",
+)  # fmt: skip
 
 
 def held_attributes(role: str) -> tuple[str, ...]:

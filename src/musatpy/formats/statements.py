@@ -16,12 +16,15 @@ from musatpy.errors import Problem, SystemsError
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.job_tables import Tables
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, SystemSpec
+from musatpy.model.block import COVARIANCES, with_tables
+from musatpy.model.tables import Table
 from musatpy.units import ARC_SECOND
 
 if TYPE_CHECKING:
     from musatpy.formats.draft import Draft
 
 OF_SYSTEM = "SYST"  # sigmas are those of the coordinates and attitudes as stated
+_OF_ANTENNAS = ("position", "sigma")
 _ROUNDING = 1e-14  # rad: an angle of zero comes back from a rotation with a sign, which cards would show
 
 
@@ -64,6 +67,7 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Probl
 
     `block` is that of the draft, which must have passed the checks that need no coordinates.
     """
+    from musatpy.formats.draft import first_of_names
     from musatpy.systems import Stated, entered, statement_of
 
     assert draft.given_in is not None
@@ -91,6 +95,15 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Probl
         for role, table in by_photo.items()
     }
     new["control"] = {"control.position": control.position, "control.sigma": control.sigma}
+    row = first_of_names(draft.rows[COVARIANCES], draft.rows["control"])
+    restated = np.append(np.hstack([control.sigma, control.correlation]), np.full((1, 6), np.nan), axis=0)[row]
+    new[COVARIANCES] = {"control.sigma": restated[:, :3], "control.correlation": restated[:, 3:]}
+    antennas, covariances = job.antenna_positions, job.antenna_covariances
+    new["antenna_positions"] = {f"antenna_positions.{name}": getattr(antennas, name) for name in _OF_ANTENNAS}
+    new["antenna_covariances"] = {
+        "antenna_covariances.sigma": covariances.sigma, "antenna_covariances.correlation": covariances.correlation
+    }  # fmt: skip
+    new["inertial_attitudes"] = {"inertial_attitudes.angles": job.inertial_attitudes.angles}
     if job.wave_origin is not None:
         new["wave_origin"] = {"wave_origin.position": np.array([job.wave_origin.position])}
     changed = {role: replace(draft.rows[role], values=draft.rows[role].values | new[role]) for role in new}
@@ -133,14 +146,23 @@ def _with_sigmas(block: Block, spec: SystemSpec, scaled: Callable[[FloatArray, F
         return block
     unit = np.array([1e-3 * ARC_SECOND, 1e-3 * ARC_SECOND, 1.0])  # 1 m would be .03 arc seconds
     photos = replace(block.photos, position_sigma=scaled(block.photos.position_sigma, unit))
-    return replace(block, photos=photos, control=replace(block.control, sigma=scaled(block.control.sigma, unit)))
+    tables: dict[str, Table] = {
+        name: replace(table, sigma=scaled(table.sigma, unit))
+        for name, table in (
+            ("control", block.control),
+            ("antenna_positions", block.antenna_positions),
+            ("antenna_covariances", block.antenna_covariances),
+        )
+    }
+    return with_tables(block, tables | {"photos": photos})
 
 
 def _unreached(draft: Draft, block: Block, reach: Callable[[FloatArray], object]) -> tuple[Problem, ...]:
     """Return stations, control and origin of waves at which `reach` raises `SystemsError`, each at its card."""
     problems = []
     origin = np.array([block.wave_origin.position]) if block.wave_origin else np.zeros((0, 3))
-    every = np.concatenate([block.photos.position, block.control.position, origin])
+    antennas = block.antenna_positions.position
+    every = np.concatenate([block.photos.position, block.control.position, antennas, origin])
     try:
         reach(every[np.isfinite(every).all(axis=1)])
         return ()
@@ -149,6 +171,7 @@ def _unreached(draft: Draft, block: Block, reach: Callable[[FloatArray], object]
     for role, path, places in (
         ("stations", "photos.position", block.photos.position[draft.photo["stations"]]),
         ("control", "control.position", block.control.position),
+        ("antenna_positions", "antenna_positions.position", antennas),
         ("wave_origin", "wave_origin.position", origin),
     ):
         for row in np.flatnonzero(np.isfinite(places).all(axis=1)).tolist():
@@ -167,6 +190,7 @@ def _placed(draft: Draft, problem: Problem) -> Problem:
     of_photo, message = draft.photo_ids == problem.found, problem.message
     for kind, role, path, rows, words in (
         ("photo", "attitudes", "photos.attitude", draft.photo, ("attitude", "matrix", "turn about")),
+        ("photo", "antenna_positions", "antenna_positions.sigma", draft.photo, ("antenna",)),
         ("photo", "stations", "photos.position", draft.photo, ("",)),
         ("photo", "tides", "photos.tide", draft.photo, ("tide",)),
         ("control point", "control", "control.position", draft.point, ("",)),

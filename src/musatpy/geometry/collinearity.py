@@ -165,6 +165,18 @@ def wrapped(angle: FloatArray, about: FloatArray | float = 0.0) -> FloatArray:
     return angle + 2.0 * np.pi * np.rint((about - angle) / (2.0 * np.pi))
 
 
+def other_angles(attitude: FloatArray) -> FloatArray:
+    """Return the other three angles (..., 3) of the same rotations, phi beyond 90 degrees or within."""
+    return wrapped(attitude * [1.0, -1.0, 1.0] + np.pi)
+
+
+def attitude_apart(attitude: FloatArray, other: FloatArray) -> FloatArray:
+    """Return angles minus others (..., 3), each within half a turn, of those of the same rotation the nearer."""
+    as_stated, otherwise = wrapped(attitude - other), wrapped(attitude - other_angles(other))
+    far = np.abs(otherwise).sum(axis=-1, keepdims=True) < np.abs(as_stated).sum(axis=-1, keepdims=True)
+    return np.where(far, otherwise, as_stated)
+
+
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return a x b (..., 3).
 
@@ -274,6 +286,11 @@ def gimbal(M: ArrayLike, form: AngleForm) -> BoolArray:
     if form is AngleForm.OMEGA_PHI_KAPPA:
         columns = (1, 2)
     return np.hypot(M[..., 2, columns[0]], M[..., 2, columns[1]]) < GIMBAL
+
+
+def turn_about_one_line(attitude: FloatArray, within: float) -> BoolArray:
+    """Return (...) whether omega and kappa (..., 3) do: phi is within a small angle (rad) of +90 or -90 degrees."""
+    return np.abs(np.cos(attitude[..., 1])) < within
 
 
 def angle_rates(angles: ArrayLike, form: AngleForm) -> FloatArray:

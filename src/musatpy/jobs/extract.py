@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -137,7 +137,9 @@ def _part(block: Block, photos: BoolArray, measured: BoolArray) -> Block:
             tables[name] = table.with_members(_stay_members(block, measured))
         elif kept:
             tables[name] = renumbered(taken(table, np.all(kept, axis=0)), {"photos": np.cumsum(photos) - 1})
-    return in_order(without_unused_cameras(with_tables(block, tables)))
+    part, lines = with_tables(block, tables), block.antenna_lines
+    flown = taken(lines, np.isin(lines.line, part.antenna_positions.line))
+    return in_order(without_unused_cameras(replace(part, antenna_lines=flown)))
 
 
 def _left_out(block: Block, part: Block, measured: BoolArray) -> dict[str, tuple[str, ...]]:

@@ -13,7 +13,7 @@ from musatpy.errors import DeckError, Problem
 from musatpy.jobs import agreement
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.naming import Linking, NamedKind, Once, once
-from musatpy.model import Block, EqualElevations, Photos, PlateMeasurements, Points, WaterLevel
+from musatpy.model import Block, EqualElevations, InertialConvention, Photos, PlateMeasurements, Points, WaterLevel
 from musatpy.model.block import in_order, linking
 from musatpy.model.tables import taken
 from musatpy.units import MICROMETRE
@@ -72,6 +72,7 @@ class _Merger:
         waves, origin, others = agreement.waves_of(self.parts, self.chosen)
         self.problems += [*disagree, *others]
         block = replace(self._tables(), water=water, waves=waves, wave_origin=origin)
+        block = replace(block, inertial_convention=self._inertial_convention())
         if self.problems:
             raise DeckError(self.problems)
         self._note_water(block)
@@ -93,10 +94,15 @@ class _Merger:
             photos=self._photos(),
             fiducial_measurements=self._on_photos("fiducial_measurements", "fiducial mark"),
             cross_measurements=self._on_photos("cross_measurements", "reseau cross"),
+            antenna_positions=self._of_photos("antenna_positions", "antenna position"),
+            antenna_covariances=self._of_photos("antenna_covariances", "covariance of the antenna position"),
+            exposure_times=self._of_photos("exposure_times", "time"),
+            antenna_lines=self._antenna_lines(),
             points=self._points(),
             plates=self._plates(),
             control=self._control(),
             equal_elevations=self._groups(),
+            inertial_attitudes=self._of_photos("inertial_attitudes", "inertial attitude"),
             air_bases=self._air_bases(),
             distances=self._measured("distances", "length", turn=1.0),
             height_differences=self._measured("height_differences", "difference", turn=-1.0),
@@ -160,11 +166,28 @@ class _Merger:
         key = self._nth(name, np.stack([table.photo, _ranks(table.ids)], axis=1))
         return self._once(name, label, table, key, what, ("photo", "ids"))
 
+    def _of_photos(self, name: str, label: str) -> Any:
+        """Return what a card for each photo says."""
+        table, photos = self.names.table(name), self.names.ids(NamedKind.PHOTO)
+        what = (photos[photo] for photo in table.photo)
+        return self._once(name, label, table, table.photo[:, None], what, ("photo",))
+
+    def _antenna_lines(self) -> Any:
+        table = self.names.table("antenna_lines")
+        return self._once("antenna_lines", "line", table, _ranks(table.line)[:, None], table.line, ("line",))
+
     def _air_bases(self) -> Any:
         table, photos = self.names.table("air_bases"), self.names.ids(NamedKind.PHOTO)
         ends = np.sort(table.photo, axis=1)
         what = [f"{photos[a]}-{photos[b]}" for a, b in ends]
         return self._once("air_bases", "air base", table, ends, what, ("photo",))
+
+    def _inertial_convention(self) -> InertialConvention | None:
+        given = {one: part.name for part in self.parts if (one := part.block.inertial_convention)}
+        if len(given) > 1:
+            angles = ", ".join(f"{one.angles} in {name}" for one, name in given.items())
+            self.problems.append(Problem(message=f"the angles of inertial attitudes are {angles}"))
+        return next(iter(given), None)
 
     # --- points ---
 

@@ -13,18 +13,23 @@ from typing import Self
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, wrapped
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, turn_about_one_line, wrapped
 from musatpy.jobs.plan_positions import frame_of
 from musatpy.model import (
     AirBases,
+    AntennaCovariances,
+    AntennaLines,
+    AntennaPositions,
     Block,
     Control,
     ControlKind,
     Distances,
     Editing,
     EqualElevations,
+    ExposureTimes,
     HeightDifferences,
     Initial,
+    LeverArms,
     Options,
     Photos,
     PlateMeasurements,
@@ -40,6 +45,7 @@ from musatpy.model import (
 from musatpy.model.block import in_order
 from musatpy.model.tables import empty, stacked, taken
 from musatpy.model.water import WAVE_SIGMAS, known_waves
+from musatpy.units import DEGREE
 
 
 class Content(StrEnum):
@@ -232,6 +238,8 @@ def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tupl
     used = len(groups.ids) + sum(len(table.sigma) for table in between)
     if used:
         notes.append(f"groups, air bases, distances and height differences are left out: {used}")
+    if number := block.antenna_positions.count:
+        notes.append(f"antenna positions, and what their cards say besides, are left out: {number}")
     punched = replace(
         block,
         options=_options(block),
@@ -240,6 +248,11 @@ def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tupl
         photos=_photos_found(solution),
         control=_control_found(solution, points, kind),
         equal_elevations=empty(EqualElevations),
+        lever_arms=empty(LeverArms),
+        antenna_lines=empty(AntennaLines),
+        antenna_positions=empty(AntennaPositions),
+        antenna_covariances=empty(AntennaCovariances),
+        exposure_times=empty(ExposureTimes),
         air_bases=empty(AirBases),
         distances=empty(Distances),
         height_differences=empty(HeightDifferences),
@@ -275,9 +288,14 @@ def _without_sigmas(block: Block) -> Block:
 
 
 def _photos_found(solution: Solution) -> Photos:
-    """Return the photos as adjusted; a sigma that is zero or not known leaves a value an approximation."""
+    """Return the photos as adjusted; a sigma that is zero or not known leaves a value an approximation.
+
+    Omega and kappa that are known only together are approximations too: cards cannot say what they have in common.
+    """
     photos, stations = solution.block.photos, solution.stations
     sigma = _sigmas(stations.covariance)
+    together = turn_about_one_line(stations.attitude, DEGREE)
+    sigma[together, 3] = sigma[together, 5] = np.nan
     tide, tide_sigma = _tides_found(solution)
     return replace(
         photos,

@@ -17,6 +17,8 @@ from musatpy.model.block import (
     Points,
 )
 from musatpy.model.findings import Action, Cause, CauseKind, Concern, Finding, Grade, Reason, Verdict
+from musatpy.model.gnss import AntennaCovariances, AntennaLines, AntennaPositions, ExposureTimes, LeverArms
+from musatpy.model.inertial import MISALIGNMENT_ANGLES, InertialAttitudes, InertialConvention, Misalignments
 from musatpy.model.kinds import ObservationKind
 from musatpy.model.lenses import LENS_PARAMETERS, LENS_UNITS, LensUnknowns
 from musatpy.model.options import (
@@ -40,7 +42,7 @@ from musatpy.model.options import (
     WaterLevel,
     Weights,
 )
-from musatpy.model.parameters import AdjustedParameters
+from musatpy.model.parameters import GRID_PLACES, TIES, AdjustedParameters, DistortionGrid
 from musatpy.model.reduction import (
     Atmosphere,
     ComparatorSpec,

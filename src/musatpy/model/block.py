@@ -20,6 +20,8 @@ import numpy as np
 import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import extensions
+from musatpy.model.gnss import AntennaCovariances, AntennaLines, AntennaPositions, ExposureTimes, LeverArms
+from musatpy.model.inertial import InertialAttitudes, InertialConvention, Misalignments
 from musatpy.model.lenses import LensUnknowns
 from musatpy.model.options import EllipsoidSpec, Options, OrientationSpec, SystemSpec
 from musatpy.model.reduction import (
@@ -170,6 +172,9 @@ class ControlKind(IntEnum):
     CHECK = 3  # none: compared with the result only
 
 
+LEAST_EIGENVALUE = 1e-6  # of a matrix of correlations: a millionth is their last digit on cards
+COVARIANCES = "control_covariances"  # role of the cards with correlations
+_PAIRS = np.triu_indices(3, 1)
 _LETTERS = {
     "": ControlKind.CHECK,
     "F": ControlKind.FULL,
@@ -185,16 +190,24 @@ class Control(Table):
 
     Positions stand in the coordinate system of the job (see `Photos`), NaN in components that the card leaves
     blank; sigmas are along east, north, up (X, Y, Z in local jobs), metres. A `fixed` point holds its known
-    components without error, whatever its sigmas.
+    components without error, whatever its sigmas. A card of covariances gives sigmas and correlations.
     """
 
     point: IntArray = per_row(link="points", key=True)  # (k,) link to Points
-    kind: IntArray = per_row(sort=True, codes=_LETTERS)  # (k,) ControlKind
-    fixed: BoolArray = per_row(codes={"": False, "X": True}, noun="fixed flag", blank=False)  # (k,)
-    position: FloatArray = per_row(3, sort=True, unit=POSITION_UNIT)  # (k, 3) in the job's system
+    position: FloatArray = per_row(3, sort=True, role="control", unit=POSITION_UNIT)  # (k, 3) in the job's system
+    kind: IntArray = per_row(sort=True, role="control", codes=_LETTERS)  # (k,) ControlKind
+    fixed: BoolArray = per_row(role="control", codes={"": False, "X": True}, noun="fixed flag", blank=False)  # (k,)
     sigma: FloatArray = per_row(  # (k, 3) east north up, or NaN
         3, noun="standard deviations", unit="m", blank=np.nan
     )
+    correlation: FloatArray = per_row(  # (k, 3) east north, east up, north up; NaN without a card of covariances
+        3, role=COVARIANCES, noun="correlations", blank=np.nan
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (smallest_eigenvalues(self.correlation[self.correlated]) < LEAST_EIGENVALUE).any():
+            raise ValueError("correlations of control that make no positive definite matrix")
 
     @property
     def known(self) -> BoolArray:
@@ -202,6 +215,30 @@ class Control(Table):
         horizontal = (self.kind == ControlKind.FULL) | (self.kind == ControlKind.HORIZONTAL)
         vertical = (self.kind == ControlKind.FULL) | (self.kind == ControlKind.VERTICAL)
         return np.stack([horizontal, horizontal, vertical], axis=-1)
+
+    @property
+    def correlated(self) -> BoolArray:
+        """(k,) True where correlations count: not of what is fixed, nor where the height alone is known."""
+        given = np.isfinite(self.correlation).all(axis=1) & np.isfinite(self.sigma).all(axis=1)
+        return np.asarray(given & ~self.fixed & (self.kind != ControlKind.VERTICAL))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(k, 3, 3) m2, of east, north, up; zero for a sigma that is not given."""
+        sigma, R = np.nan_to_num(self.sigma), np.where(self.correlated[:, None], self.correlation, 0.0)
+        return sigma[:, :, None] * sigma[:, None, :] * correlations_of(R)
+
+
+def correlations_of(values: FloatArray) -> FloatArray:
+    """Return the matrices (k, 3, 3) of correlations (k, 3): of the first two, the first and third, the last two."""
+    matrix = np.tile(np.eye(3), (len(values), 1, 1))
+    matrix[:, _PAIRS[0], _PAIRS[1]] = matrix[:, _PAIRS[1], _PAIRS[0]] = values
+    return matrix
+
+
+def smallest_eigenvalues(values: FloatArray) -> FloatArray:
+    """Return those (k,) of the matrices of correlations (k, 3)."""
+    return np.asarray(np.linalg.eigvalsh(correlations_of(values))[:, 0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -269,7 +306,12 @@ class Block:
     distortion: Distortion = field(default_factory=partial(empty, Distortion))
     lens_unknowns: LensUnknowns = field(default_factory=partial(empty, LensUnknowns))
     fiducials: Fiducials = field(default_factory=partial(empty, Fiducials))
+    lever_arms: LeverArms = field(default_factory=partial(empty, LeverArms))
+    antenna_lines: AntennaLines = field(default_factory=partial(empty, AntennaLines))
     photos: Photos
+    antenna_positions: AntennaPositions = field(default_factory=partial(empty, AntennaPositions))
+    antenna_covariances: AntennaCovariances = field(default_factory=partial(empty, AntennaCovariances))
+    exposure_times: ExposureTimes = field(default_factory=partial(empty, ExposureTimes))
     fiducial_measurements: FiducialMeasurements = field(default_factory=partial(empty, FiducialMeasurements))
     points: Points
     plates: PlateMeasurements = field(default_factory=partial(empty, PlateMeasurements))
@@ -278,6 +320,9 @@ class Block:
     air_bases: AirBases = field(default_factory=partial(empty, AirBases))
     distances: Distances = field(default_factory=partial(empty, Distances))
     height_differences: HeightDifferences = field(default_factory=partial(empty, HeightDifferences))
+    inertial_convention: InertialConvention | None = None  # None: no card
+    inertial_attitudes: InertialAttitudes = field(default_factory=partial(empty, InertialAttitudes))
+    misalignments: Misalignments = field(default_factory=partial(empty, Misalignments))
     reduction: ReductionOptions | None = None  # None: no card, the plate coordinates are refined
     comparator: ComparatorSpec | None = None
     orientation: OrientationSpec | None = None  # None: no card

@@ -81,6 +81,15 @@ class CauseKind(StrEnum):
     AIR_BASE = (
         "air base", "air base", Action.DROPPED, "BAS", "", "m", "",
         "read the air base card again: photos and digits")
+    ANTENNA = (
+        "antenna position", "antenna position", "dropped", "GNS/GNX", "position", "m", _POSITION,
+        "read the card of the antenna position again: digits, the name of the photo; was the receiver locked?")
+    INERTIAL_ATTITUDE = (
+        "inertial attitude", "inertial attitude", Action.DROPPED, "INS", "angles", "arc sec", "x y z",
+        "read the card of the inertial attitude again: photo, digits, signs; is it that of another exposure?")
+    INERTIAL_CONVENTION = (
+        "convention of inertial attitudes", "", Action.NONE, "INO INS MIS", "angles", None, "",
+        "read the cards of the inertial unit again: the verdict says how they would fit")
     ATTITUDE = (
         "attitude card", "station attitude", Action.NOT_KNOWN, "ATT", "angles", "arc sec", "omega phi kappa",
         "read the attitude card again: digits, signs, sigmas")
@@ -272,6 +281,7 @@ class Concern(StrEnum):
     BLUNDERS = "blunders"
     FLAGS = "flags of points"
     DATUM = "heights of water and control"
+    INERTIAL = "inertial attitudes"
     REFRACTION = "refraction"
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 ENU = ("East", "North", "Up")
 ANGLES = ("X-Tilt", "Y-Tilt", "Heading")
+BODY_AXES = ("x axis", "y axis", "z axis")
 _NOTHING = np.zeros(0, dtype=np.int64)
 
 
@@ -42,7 +43,13 @@ class ObservationKind(IntEnum):
     HEIGHT_DIFFERENCE = 10, "height differences", "height", "height_differences", ("diff.",), "m"
     WAVE = 11, "waves", "wave", "", ("height", "length", "azim.", "crest"), "m,rd"  # AdjustedWaves
     LENS = 12, "lens parameters", "lens", "", ("value",), ""  # AdjustedParameters
-    for number, (name, statement) in enumerate(extensions.stated("OBSERVATIONS").items(), 13):
+    ANTENNA = 13, "antenna positions", "antenna", "antenna_positions", ENU, "m"
+    LEVER_ARM = 14, "lever arms", "lever", "", ("value",), ""  # AdjustedParameters
+    ANTENNA_SHIFT = 15, "antenna shifts", "shift", "", ("value",), ""
+    ANTENNA_DRIFT = 16, "antenna drifts", "drift", "", ("value",), ""
+    INERTIAL_ATTITUDE = 17, "inertial attitudes", "inert.", "inertial_attitudes", BODY_AXES, '"', ARC_SECOND
+    MISALIGNMENT = 18, "misalignment angles", "misal.", "", ("value",), ""  # AdjustedParameters
+    for number, (name, statement) in enumerate(extensions.stated("OBSERVATIONS").items(), 20):
         locals()[name] = number, *statement
 
     noun: str

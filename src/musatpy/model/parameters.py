@@ -12,7 +12,10 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.kinds import ObservationKind
 from musatpy.model.tables import Table, per_row
 
+TIES = ("another parameter", "a station", "an attitude", "the water or else", "mean depth")
+GRID_PLACES = 9  # of a grid of the distortion, along x and along y
 _LEARNT, _KEPT = 0.5, 0.95  # of the sigma that was given
+_TIED = 0.95  # correlations from here on are told of in verdicts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,8 +35,19 @@ class AdjustedParameters(Table):
     inflation: FloatArray = per_row()  # (x,) variance inflation factor
     most: FloatArray = per_row()  # (x,) sigma beyond which nothing is determined
     effect: FloatArray = per_row()  # (x,) mm that one unit does to an image in the corner; NaN: not to images
-    partner: TextArray = per_row()  # (x,) the unknown of something else with the strongest correlation; empty: none
-    correlation: FloatArray = per_row()  # (x,) with it; NaN: none reaches 0.95
+    tied: TextArray = per_row(4)  # (x, 4) of each of the first `TIES` the unknown with the strongest correlation
+    correlation: FloatArray = per_row(5)  # (x, 5) with these and with the mean depth of submerged points; NaN: none
+    products: FloatArray = per_row(rows="pairs")  # (x x,) their joint covariance, row by row
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(x, x) a posteriori, whatever it is worth."""
+        return self.products.reshape(self.count, self.count)
+
+    @property
+    def correlations(self) -> FloatArray:
+        """(x, x) among the parameters."""
+        return np.clip(self.covariance / np.outer(self.spread, self.spread), -1.0, 1.0)
 
     @property
     def determined(self) -> BoolArray:
@@ -56,24 +70,38 @@ class AdjustedParameters(Table):
         verdict = np.where(self.kept > _LEARNT, "weakly determined", "determined")
         verdict = np.where(self.kept >= _KEPT, "only by its prior", verdict)
         verdict = np.where(self.determined, verdict, "not determined")
-        tied = [
-            f"{text}: {partner}, correlation {value:.3f}" if partner else text
-            for text, partner, value in zip(
-                verdict.tolist(), self.partner.tolist(), self.correlation.tolist(), strict=True
-            )
+        partners = [
+            f": {', correlation '.join(pair)}" if (pair := self._partner(row)) else "" for row in range(self.count)
         ]
-        return np.array(tied, dtype=np.str_)
+        return np.char.add(verdict, np.array(partners, dtype=np.str_))
+
+    def _partner(self, row: int) -> tuple[str, str] | None:
+        """Return the unknown of something else that a parameter cannot be told from, and their correlation."""
+        size = np.nan_to_num(np.abs(self.correlation[row, 1:4]))
+        group = 1 + int(size.argmax())
+        if size.max() < _TIED:
+            return None
+        return str(self.tied[row, group]), f"{self.correlation[row, group]:.3f}"
 
     @property
     def undetermined(self) -> Iterator[str]:
         """The names of what is not determined, with what it is correlated."""
         for row in np.flatnonzero(~self.determined).tolist():
-            tie = (
-                f" (correlation {self.correlation[row]:.3f} with {self.partner[row]})" if self.partner[row] else ""
-            )
+            pair = self._partner(row)
+            tie = f" (correlation {pair[1]} with {pair[0]})" if pair else ""
             yield f"{self.parameter[row]} of {self.noun[row]} {self.owner[row]}{tie}"
 
     def owners(self, kind: ObservationKind) -> list[list[str]]:
         """Return owner and name of the parameters of one kind, in their order."""
         rows = self.kind == kind
         return [list(pair) for pair in zip(self.owner[rows].tolist(), self.parameter[rows].tolist(), strict=True)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DistortionGrid(Table):
+    """What adjusted lenses do at g places of their plates, mm; the focal length does nothing to these."""
+
+    camera: TextArray = per_row()  # (g,) ids
+    place: FloatArray = per_row(2)  # (g, 2) measured, from the principal point
+    distortion: FloatArray = per_row(2)  # (g, 2) measured minus ideal
+    sigma: FloatArray = per_row(2)  # (g, 2) by the joint covariance; NaN where a parameter is not determined

@@ -16,7 +16,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.block import Block
 from musatpy.model.findings import Cause, Finding
 from musatpy.model.kinds import ObservationKind
-from musatpy.model.parameters import AdjustedParameters
+from musatpy.model.parameters import AdjustedParameters, DistortionGrid
 from musatpy.model.tables import Table, freeze, per_row
 from musatpy.units import DEGREE
 
@@ -402,6 +402,7 @@ class Solution:
     observed: Observations | None = None  # None: the solution was not built by an adjustment
     dependence: Dependence | None = None  # likewise
     parameters: AdjustedParameters | None = None  # None: none of lenses or the like was unknown
+    grid: DistortionGrid | None = None  # None: no distortion was unknown
     departure: Departure | None = None  # None: its rays are refracted, or there are none, or it has not converged
     held: HeldParameters | None = None  # None: not converged, or likewise
     findings: tuple[Finding, ...] = ()  # of the search for blunders, where one was asked for
@@ -413,6 +414,7 @@ class Solution:
     cards: FloatArray | None = None  # (n, 3) positions of the station cards; computed starts differ
     plate_factor: float = 1.0  # by which a guessed plate sigma was multiplied: the block has the product
     start: str = ""  # of two starts of IIIA, from which one it came, and how the other one ended; empty of one
+    misread: str = ""  # how inertial attitudes that do not fit would; empty: they fit, or there are none
     kernels: str = "numpy"  # that did the work point after point
 
     def __post_init__(self) -> None:

@@ -1,7 +1,8 @@
 """Absolute orientation of a model to control of any kind, among gross errors.
 
 The plane similarity of the horizontal control, the model lying as level as its ground, is the start; least squares
-of the seven parameters with Cauchy's weights follow, each known component for itself.
+of the seven parameters with Cauchy's weights follow, each known component for itself. Photographs round an object
+do not say where up is: the spatial similarity of the full control is another start, if that leads to far less.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.collinearity import turn
-from musatpy.geometry.similarity import Similarity, by_change, cauchy, spread
+from musatpy.geometry.similarity import Similarity, by_change, cauchy, cauchy_cost, fit_robust, spread
 
 _MOST_PAIRS = 2000  # of horizontal points that are tried
 _ROUNDS = 12
+_FAR_LESS = 0.5  # of what the errors of one start cost: less is another solution, and no rounding
 _LEVEL = 0.2  # rad, within which the ground of the model is level
 
 
@@ -39,7 +41,21 @@ def absolute_orientation(targets: Targets, up: FloatArray, floor: float) -> tupl
     if horizontal.sum() < 2 or not vertical.any():
         return None
     start = _start(targets, levelling(up))
-    return None if start is None else _refined(targets, start, up, floor)
+    if start is None:
+        return None
+    first, full = _refined(targets, start, up, floor), targets.known.all(axis=1)
+    if full.sum() < 3:
+        return first
+    start, _ = fit_robust(targets.model[full], targets.position[full], targets.weight[full], floor)
+    other = _refined(targets, start, up, floor)
+    far_less = _cost(targets, other[0], floor) < _FAR_LESS * _cost(targets, first[0], floor)
+    return other if far_less else first
+
+
+def _cost(targets: Targets, move: Similarity, floor: float) -> float:
+    """Return what the errors of the known components cost."""
+    error = np.where(targets.known, targets.position - move.apply(targets.model), 0.0)
+    return float((targets.weight[:, None] * cauchy_cost(error, floor)).sum())
 
 
 def levelling(up: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import eigh
 
+from musatpy.adjustment.lenses import ideal_plates
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.geodesy import Frame, LocalFrame
 from musatpy.jobs.plan_positions import frame_of
@@ -97,13 +98,14 @@ def task_of(block: Block) -> OrientationTask:
     number, row = _numbers(photos, len(block.photos.ids)), _numbers(point, len(block.points.ids))
     plates = plates[np.argsort(number[block.plates.photo[plates]], kind="stable")]
     camera = block.photos.camera[block.plates.photo[plates]]
-    focal = block.cameras.focal_length[camera][:, None]
+    seen = ideal_plates(block)
+    focal = seen.cameras.focal_length[camera][:, None]
     sights = Sights(
         photos=block.photos.ids[photos],
         points=block.points.ids[point],
         photo=number[block.plates.photo[plates]],
         point=row[block.plates.point[plates]],
-        image=(block.plates.xy[plates] - block.cameras.principal_point[camera]) / focal,
+        image=(seen.plates.xy[plates] - seen.cameras.principal_point[camera]) / focal,
         image_sigma=block.plate_sigmas[plates] / focal,
         wet=block.points.bathymetric[point],
         control=control[point],

@@ -42,6 +42,7 @@ from musatpy.reports import (
     common_errors,
     control,
     echo,
+    inertial,
     iterations,
     job_record,
     parameters,
@@ -104,6 +105,8 @@ _ACCURACY = (
 _CAMERA = (
     _open(echo.card("CAM")),
     _open(parameters.REPORT),
+    PageReport(parameters.TIED),
+    PageReport(parameters.DISTORTION),
     *(PageReport(echo.card(card)) for card in ("DST", "LNS", "FID", "FDS")),
 )
 _WATER = (
@@ -144,6 +147,7 @@ _RESULTS = (
     PageReport(statistical_tests.POINT_ELLIPSES, _FEW),
     _of_photos(statistical_tests.STATION_INFLATION),
     *map(_of_photos, control.CONSTRAINTS),
+    _of_photos(inertial.REPORT),
 )
 _COMPUTED = (
     PageReport(iterations.ITERATION_TABLE),

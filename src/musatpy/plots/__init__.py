@@ -13,6 +13,7 @@ __all__ = [
     "corrections",
     "correlations",
     "gnss",
+    "lens",
     "mean_residuals",
     "normalised",
     "plan",

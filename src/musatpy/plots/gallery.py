@@ -17,6 +17,7 @@ from musatpy.plots import compiled_pictures
 from musatpy.plots.block_plan import PLAN
 from musatpy.plots.depth_profile import PROFILE
 from musatpy.plots.exposures import CORRELATIONS, GNSS, TIDES
+from musatpy.plots.lens_distortion import LENS
 from musatpy.plots.picture import Picture
 from musatpy.plots.plate_residuals import MEANS, NORMALISED, PHOTOS
 from musatpy.plots.point_quality import REDUNDANCY, SIGMAS
@@ -39,6 +40,7 @@ GALLERY: tuple[Picture[Any], ...] = (
     TIDES,
     CORRELATIONS,
     GNSS,
+    LENS,
 )
 COMPILED: tuple[Picture[Any], ...] = (
     compiled_pictures.DEPTHS,

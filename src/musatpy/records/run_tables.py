@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.errors import Problem, RecordError
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.systems import Geographic, System, geographic
 from musatpy.model import (
@@ -61,7 +60,7 @@ _INTERIOR = ("F", "XP", "YP")
 COVARIANCES = ("station_pairs", "level_pairs", "water_precision")
 
 
-def block_of(tables: Tables, ideal: bool = False) -> Block:
+def block_of(tables: Tables) -> Block:
     """Return the block of a run where it has put it: adjusted stations, tides and water.
 
     `tables` are those of `BLOCK`. It has no waves, no control, and no sigmas of stations and attitudes: NaN.
@@ -81,7 +80,7 @@ def block_of(tables: Tables, ideal: bool = False) -> Block:
         ),
         ellipsoid=system,
         water=_water(tables),
-        cameras=cameras_of(tables, ideal=ideal),
+        cameras=cameras_of(tables),
         photos=photos_of(tables),
         points=Points(ids=texts(tables["points"], "point"), bathymetric=flags(tables["points"], "bathymetric")),
         plates=_plates(tables),
@@ -108,21 +107,24 @@ def water_fault(tables: Tables) -> str:
     return fault and f"{fault} on the card of its deck"
 
 
-def cameras_of(tables: Tables, ideal: bool = False) -> Cameras:
-    """Return the cameras of a record, as adjusted.
+def lens_fault(tables: Tables) -> str:
+    """Return why images of the run are not ideal, empty where they are."""
+    adjusted = tables["adjusted_parameters"]
+    lens = texts(adjusted, "kind") == ObservationKind.LENS.label
+    bent = lens & ~np.isin(texts(adjusted, "parameter"), _INTERIOR)
+    cameras = ", ".join(sorted(set(texts(adjusted, "of")[bent].tolist())))
+    return (
+        cameras and f"the distortion of camera {cameras} was adjusted: this command does not correct images for it"
+    )
 
-    Raises `RecordError` where a distortion was, unless images are `ideal`.
-    """
+
+def cameras_of(tables: Tables) -> Cameras:
+    """Return the cameras of a record, as adjusted; of an adjusted distortion they know nothing."""
     cameras, adjusted = tables["cameras"], tables["adjusted_parameters"]
     lens = texts(adjusted, "kind") == ObservationKind.LENS.label
     ids, parameter = texts(cameras, "camera"), texts(adjusted, "parameter")[lens]
     focal_length, principal_point = numbers(cameras, "focal_length"), numbers(cameras, "principal_point", 2)
     row, value = rows_of(ids, texts(adjusted, "of")[lens]), numbers(adjusted, "adjusted")[lens]
-    if not ideal and (
-        distorted := sorted({str(ids[camera]) for camera in row[~np.isin(parameter, _INTERIOR)].tolist()})
-    ):
-        what = f"the distortion of camera {', '.join(distorted)} was adjusted"
-        raise RecordError([Problem(message=f"{what}: this command does not correct images for it")])
     focal_length[row[parameter == "F"]] = value[parameter == "F"]
     for axis, name in enumerate(("XP", "YP")):
         principal_point[row[parameter == name], axis] = value[parameter == name]

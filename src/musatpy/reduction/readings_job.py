@@ -49,7 +49,7 @@ def _with_photos(block: Block, wanted: BoolArray) -> Block:
     if wanted.all():
         return block
     number, tables = np.cumsum(wanted) - 1, {}
-    for name in ("plates", "air_bases"):
+    for name in ("plates", "air_bases", "antenna_positions", "antenna_covariances", "exposure_times"):
         table = getattr(block, name)
         kept = wanted[table.photo]
         kept = kept.all(axis=tuple(range(1, kept.ndim)))

@@ -93,7 +93,7 @@ def _parameters(comparison: ComparedRuns, listed: int) -> list[str]:
     table = sheet(
         ("Kind", "A10", part.kind[:listed]),
         ("Of", "A8", part.owner[:listed]),
-        ("Param.", "A6", part.parameter[:listed]),
+        ("Param.", "A7", part.parameter[:listed]),
         ("Unit", "A5", part.unit[:listed]),
         (first[-14:], "E16.8", part.value[:listed, 0]),
         (second[-14:], "E16.8", part.value[:listed, 1]),

@@ -14,6 +14,7 @@ from musatpy.reports.analyses import CHECK_POINTS, analysis_section
 from musatpy.reports.editing import along_axes
 from musatpy.reports.fields import ENU, Field, Rows, flag, identity, unrecorded
 from musatpy.reports.pages import Section
+from musatpy.reports.residuals import CORRELATED
 from musatpy.reports.table import Report, filled, worst_first
 from musatpy.reports.values import names, plain
 from musatpy.statistics import Statistics
@@ -29,6 +30,8 @@ CONTROL = Table(
         Field("given_position", "3 number?", "of the deck, null where blank", "block.control.position",
               unit=POSITION_UNIT),
         Field("given_sigma", "3 number?", f"of the deck, {ENU}", "block.control.sigma", along_axes("Sigma ")),
+        Field("given_correlation", "3 number?", "of the deck: east and north, east and up, north and up",
+              "block.control.correlation", seldom=True),
         Field("difference", "3 number?", f"adjusted minus given, {ENU}", "control_difference", along_axes()),
         Field("used", "3 boolean", "the component took part in the adjustment", "block.control.known"),
         Field("adjusted_sigma", "3 number?", f"of the adjusted position, {ENU}",
@@ -116,6 +119,38 @@ HEIGHT_DIFFERENCES = _between(
     "height_differences", "one row per measured height difference, second point minus first", "points",
     "difference", _K.HEIGHT_DIFFERENCE,
 )  # fmt: skip
+
+
+def _antenna_sigmas(statistics: Statistics) -> FloatArray:
+    """Return the a priori standard deviations (a, 3) of antenna positions, those of covariances too."""
+    table, covariances = statistics.block.antenna_positions, statistics.block.antenna_covariances
+    sigma = np.full((statistics.block.photos.count, 3), np.nan)
+    sigma[table.photo] = table.sigma
+    sigma[covariances.photo] = covariances.sigma
+    return sigma[table.photo]
+
+
+def _antenna_times(statistics: Statistics) -> FloatArray:
+    times = statistics.block.exposure_times
+    time = np.full(statistics.block.photos.count, np.nan)
+    time[times.photo] = times.time
+    return time[statistics.block.antenna_positions.photo]
+
+
+ANTENNAS = Table(
+    "antenna_positions", "one row per antenna position", (
+        identity("photo", lambda s: s.block.photos.ids[s.block.antenna_positions.photo]),
+        Field("line", "string", "flight line, empty for none", "block.antenna_positions.line", "Line", "A4",
+              is_id=True),
+        Field("time", "number?", "of the exposure", _antenna_times, "Time\ns", "F12.3", unit="s"),
+        Field("difference", "3 number?", f"adjusted minus observed, {ENU}",
+              "antenna_difference", along_axes()),
+        Field("sigma", "3 number", f"of the deck, {ENU}", _antenna_sigmas, along_axes("Sigma ", edit="F8.3")),
+        Field("test", "3 number?", f"test values of the components, {ENU}, as `normal_test` of the observations: "
+              "with a covariance, of the principal axes nearest to these", "antenna_tests",
+              along_axes("Test\n", edit="F6.1", unit="")),
+    ),
+)  # fmt: skip
 _COUNT = unrecorded("Points", "I6", lambda t: [len(points) for points in t["points"]])
 
 
@@ -137,6 +172,12 @@ CONSTRAINTS: tuple[Report[Statistics], ...] = (
     _adjusted("Air Bases", AIR_BASES),
     _adjusted("Distances", DISTANCES),
     _adjusted("Height Differences", HEIGHT_DIFFERENCES),
+    Report(
+        "Antenna Positions: Adjusted Minus Observed",
+        ANTENNAS,
+        ("photo line time difference sigma test", unrecorded("Fails", "A5", lambda t: _stars(t["test"]))),
+        worst=lambda t: np.nan_to_num(np.abs(t["test"]), nan=-1.0).max(axis=1),
+    ),
 )
 STATED = (RESIDUALS, DIFFERENCES, CHECK_POINTS, *CONSTRAINTS)
 
@@ -146,7 +187,8 @@ def sections(statistics: Statistics) -> list[Section]:
     is_check = statistics.block.control.kind == ControlKind.CHECK
     sections = []
     if not is_check.all():
-        sections.append(RESIDUALS.section(statistics, NOTE, new_page=True))
+        note = NOTE + CORRELATED if statistics.block.control.correlated.any() else NOTE
+        sections.append(RESIDUALS.section(statistics, note, new_page=True))
     if is_check.any():
         worst = worst_first(statistics.check_test.squares).tolist()
         sections += [DIFFERENCES.section(statistics, worst=worst), analysis_section(CHECK_POINTS, statistics)]

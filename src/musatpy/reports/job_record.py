@@ -39,7 +39,11 @@ _CALLED = {
     "air_bases.photo": "photos",
     **{f"{table}.point": "points" for table in ("equal_elevations", "distances", "height_differences")},
     **{f"photos.{name}": f"given_{name}" for name in ("position", "position_sigma", "attitude", "attitude_sigma")},
-    **{f"control.{name}": f"given_{name}" for name in ("position", "sigma")},
+    **{
+        f"{table}.{name}": f"given_{name}"
+        for table in ("control", "antenna_positions")
+        for name in ("position", "sigma", "correlation")
+    },
     **{f"waves.{name}": f"given_{name}" for name in ("period", "length", "speed")},
     **{f"{table}.length": "given_length" for table in ("air_bases", "distances")},
     "height_differences.difference": "given_difference",

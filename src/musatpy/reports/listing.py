@@ -19,6 +19,7 @@ from musatpy.reports import (
     common_errors,
     control,
     echo,
+    inertial,
     iterations,
     parameters,
     positions,
@@ -47,6 +48,7 @@ REPORTS = (
     common_errors,
     positions,
     control,
+    inertial,
     residuals,
 )
 

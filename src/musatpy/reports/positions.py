@@ -30,6 +30,8 @@ STATIONS = Rows[Statistics, Statistics](
         Field("attitude", "3 number", "adjusted", "solution.stations.attitude", ATTITUDES_AS_ANGLES, "S14.3"),
         Field("attitude_sigma", "3 number?", "a posteriori", lambda s: s.station_sigmas[:, 3:], ATTITUDE_SIGMAS,
               "F9.2"),
+        Field("rotation", "3x3 number", "adjusted: matrix from east, north, up at the station (X, Y, Z in local "
+              "jobs) to the axes of the photo", "station_rotations"),
         Field("covariance", "6x6 number?", _COVARIANCE,
               "solution.stations.covariance", unit="m2, m rad, rad2"),
     ),

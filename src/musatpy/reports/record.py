@@ -86,6 +86,7 @@ _RESULTS: tuple[Node[Statistics], ...] = (
     control.AIR_BASES,
     control.DISTANCES,
     control.HEIGHT_DIFFERENCES,
+    control.ANTENNAS,
     adjusted_water.ADJUSTED_WATER,
     adjusted_water.WATER_PRECISION,
     statistical_tests.TESTS,

@@ -98,6 +98,7 @@ def _owner_texts(t: Values) -> list[str]:
     return [" ".join(f"{name:<8}" for name in names) if len(names) > 1 else "".join(names) for names in owners]
 
 
+CORRELATED = " Each test of control with covariances (CTC) is of an error in one component alone (Baarda: P v)."
 UNIT = unrecorded("Unit", "A4", lambda t: [kind.unit for kind in _kinds_of(t)])
 OBSERVATIONS = Rows[Statistics, _Observed](
     "observations",
@@ -116,7 +117,8 @@ OBSERVATIONS = Rows[Statistics, _Observed](
               "Residual", "F10.3", shown=lambda t: t["residual"] / _units(t)),
         Field("sigma", "number", "a priori", lambda o: o.statistics.observed.sigma[o.rows], "Sigma", "F9.3",
               shown=lambda t: t["sigma"] / _units(t)),
-        Field("redundancy", "number", "redundancy number; they add up to the degrees of freedom",
+        Field("redundancy", "number",
+              "redundancy number; they add up to the degrees of freedom where no control has covariances",
               lambda o: o.statistics.observed.redundancy[o.rows], "Redund.", "F7.3"),
         Field("standardised", "number?",
               "residual over its own a priori sigma; null where nothing checks the " "observation",

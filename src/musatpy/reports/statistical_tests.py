@@ -306,6 +306,11 @@ def _observations(statistics: Statistics) -> str:
     weights, options = "", statistics.block.options
     if options.weights != "FULL" and options.program == "IIA":
         weights = " Redundancy numbers are those of full weights."
+    if statistics.block.control.correlated.any():
+        weights += residuals.CORRELATED + (
+            " Its residual and sigma are those for known other two components; its redundancy numbers do not add "
+            "up to the degrees of freedom."
+        )
     limit, risk = number_text("F6.2", TEST_LIMIT), number_text("F6.3", ALPHA)
     return (
         f"Test values beyond {limit} (risk {risk}) are starred. The smallest detectable error is found with a "

@@ -12,6 +12,7 @@ from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.model import Control, ControlKind, CoordinateSystem, PlateMeasurements
+from musatpy.model.block import correlations_of
 from musatpy.simulation.mistakes import drawn_sizes, gross_control
 from musatpy.simulation.simulation_spec import AirBaseKeys, ControlKeys, DistanceKeys
 from musatpy.simulation.terrain import GIVEN, Scene, TrueGround, inside, spread
@@ -100,7 +101,11 @@ def _given_control(scene: Scene, chosen: list[IntArray], names: tuple[str, ...])
     else:
         on_card = known | (kind == ControlKind.CHECK)[:, None]
     gross = gross_control(scene.spec, known, draws)
-    error = np.round(draws.normal("control errors", len(point), 3) * sizes, 6) * on_card + gross
+    correlation = np.repeat([table.correlation or _NONE for table in tables], counts, axis=0).reshape(-1, 3)
+    drawn, rows = draws.normal("control errors", len(point), 3), np.isfinite(correlation).all(axis=1)
+    root = np.linalg.cholesky(correlations_of(correlation[rows]))
+    drawn[rows] = np.einsum("kij,kj->ki", root, drawn[rows])
+    error = np.round(drawn * sizes, 6) * on_card + gross
     error += 0.0  # no -0.0 in the truth
     given = _shifted(scene.world, scene.ground.places[point], error).job
     sigma = np.array([table.sigma or _NONE for table in tables]).reshape(-1, 3)
@@ -110,6 +115,7 @@ def _given_control(scene: Scene, chosen: list[IntArray], names: tuple[str, ...])
         fixed=np.repeat(np.array([table.fixed for table in tables], dtype=bool), counts),
         position=np.where(on_card, given, np.nan),
         sigma=np.where(known, np.repeat(sigma, counts, axis=0), np.nan),
+        correlation=correlation,
     )
     return GivenControl(table=table, error=error, gross=gross, names=names)
 

@@ -98,6 +98,32 @@ class FlightKeys:
 
 
 @dataclass(frozen=True, kw_only=True)
+class AntennaKeys:
+    """[antenna]: positions of a satellite antenna at the exposures, each strip a line; none without it."""
+
+    error: Triple = key((0.0, 0.0, 0.0), "actual error east, north, up, 1 sigma", unit="m", low=0.0)
+    sigma: Triple = key((0.05, 0.05, 0.1), "on the cards", unit="m", low=0.0001)
+    correlation: Triple = key(
+        (0.0, 0.0, 0.0),
+        "of the errors, east-north, east-up, north-up: then on GNC cards",
+        low=-0.99,
+        high=0.99,
+        quiet=True,
+    )
+    lever_arm: Triple = key((0.0, 0.0, 0.0), "true, along the axes of the photo", unit="m")
+    lever_arm_error: Triple = key((0.0, 0.0, 0.0), "actual error on its card, 1 sigma", unit="m", low=0.0)
+    lever_arm_sigma: Triple | None = key(None, "on its card; absent: held, or free", unit="m", low=0.0001)
+    lever_arm_free: bool = key(False, "free, where it has no sigma")
+    shift: Triple = key((0.0, 0.0, 0.0), "actual shift of each strip, 1 sigma", unit="m", low=0.0)
+    shift_sigma: Triple | None = key(None, "on its card; absent: held, or free", unit="m", low=0.0001)
+    shift_free: bool = key(False, "free, where it has no sigma")
+    drift: Triple = key((0.0, 0.0, 0.0), "actual drift of each strip, 1 sigma", unit="m/s", low=0.0)
+    drift_sigma: Triple | None = key(None, "on its card; absent: held, or free", unit="m/s", low=0.000001)
+    drift_free: bool = key(False, "free, where it has no sigma")
+    interval: float = key(5.0, "from exposure to exposure", unit="s", low=0.001)
+
+
+@dataclass(frozen=True, kw_only=True)
 class TerrainKeys:
     """[terrain]: land, a smooth surface of two waves with random phases."""
 

@@ -13,7 +13,9 @@ from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
+from musatpy.model.block import with_tables
 from musatpy.model.tables import empty
+from musatpy.simulation.antennas import GivenAntennas, state_antennas
 from musatpy.simulation.compiled_models import CompiledTruth, compile_models
 from musatpy.simulation.flight import fly, plan_flight
 from musatpy.simulation.measure import (
@@ -32,6 +34,7 @@ from musatpy.simulation.mistakes import Names, mixed_names
 from musatpy.simulation.simulation_spec import OptionKeys, SimulationSpec, load_spec
 from musatpy.simulation.terrain import Scene, lay_ground
 from musatpy.simulation.true_images import TrueImages, take_images
+from musatpy.simulation.true_inertial import state_inertial, true_misalignment
 from musatpy.simulation.true_lens import TrueParameter, state_lens, true_parameters
 from musatpy.simulation.true_water import GivenWater, state_water
 from musatpy.simulation.world import TruePlaces, World
@@ -93,6 +96,7 @@ class Given:
     bases: Ties
     distances: Ties
     height_differences: Ties
+    antennas: GivenAntennas
     rows: IntArray
     links: IntArray
 
@@ -146,6 +150,7 @@ def _stated(scene: Scene, images: TrueImages) -> Given:
         bases=air_bases(scene),
         distances=distances(scene, control.names, usable),
         height_differences=height_differences(scene, control.names, usable),
+        antennas=state_antennas(scene),
         rows=rows,
         links=links,
     )
@@ -176,7 +181,7 @@ def _truth(scene: Scene, images: TrueImages, given: Given) -> Truth:
         base_lengths=given.bases.true,
         distances=given.distances.true,
         height_differences=given.height_differences.true,
-        parameters=true_parameters(scene.spec),
+        parameters=(*true_parameters(scene.spec), *given.antennas.parameters, *true_misalignment(scene.spec)),
     )
 
 
@@ -185,7 +190,7 @@ def _block(scene: Scene, given: Given) -> model.Block:
     camera, flight, rows, links = scene.spec.camera, scene.flight, given.rows, given.links
     bases, distances, heights = given.bases, given.distances, given.height_differences
     lens_unknowns, reduction = state_lens(scene.spec, scene.draws)
-    return model.Block(
+    block = model.Block(
         titles=scene.spec.title,
         options=_options(scene.spec),
         ellipsoid=scene.world.ellipsoid,
@@ -222,7 +227,9 @@ def _block(scene: Scene, given: Given) -> model.Block:
         ),
         waves=flight.waves.cards,
         wave_origin=flight.waves.origin,
+        **state_inertial(scene),
     )
+    return with_tables(block, given.antennas.tables)
 
 
 def _options(spec: SimulationSpec) -> model.Options:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from musatpy.errors import Problem, SpecError
 from musatpy.files import real_path
 from musatpy.model import (
@@ -22,8 +24,10 @@ from musatpy.model import (
     WaterLevel,
     Weights,
 )
+from musatpy.model.block import LEAST_EIGENVALUE, smallest_eigenvalues
 from musatpy.simulation.scene_keys import (
     AREA,
+    AntennaKeys,
     CameraKeys,
     CompilationKeys,
     FlightKeys,
@@ -36,7 +40,7 @@ from musatpy.simulation.scene_keys import (
     TerrainKeys,
     WaveTrain,
 )
-from musatpy.specs import Area, Pair, Triple, key, spec_of, spec_table
+from musatpy.specs import Area, Pair, Triple, key, require, spec_of, spec_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +53,9 @@ class ControlKeys:
     points: tuple[str, ...] = key((), "these points")
     sigma: Triple | None = key(None, "on the cards, of the known components: east, north, up", unit="m", low=0.0)
     error: Triple = key((0.0, 0.0, 0.0), "actual error of the given coordinates, 1 sigma", unit="m", low=0.0)
+    correlation: Triple | None = key(
+        None, "of sigma, and of the errors: east north, east up, north up", low=-1.0, high=1.0, quiet=True
+    )
     fixed: bool = key(False, "held without error")
     bathymetric: bool = key(False, "number and ids take submerged points, else points on land")
     area: Area | None = key(None, AREA, unit="m")
@@ -59,6 +66,11 @@ class ControlKeys:
         known = {"full": (0, 1, 2), "horizontal": (0, 1), "vertical": (2,)}.get(self.kind, ())
         if not self.fixed and not all(self.sigma and self.sigma[component] > 0.0 for component in known):
             raise ValueError("control that is neither fixed nor a check point needs a sigma above zero")
+        if self.correlation:
+            require(self.kind == "full" and not self.fixed, "correlation is for full control that is not fixed")
+            smallest = float(smallest_eigenvalues(np.array([self.correlation]))[0])
+            what = f"correlation: no positive definite matrix, smallest eigenvalue {smallest:.3g}"
+            require(smallest > LEAST_EIGENVALUE, what)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +82,19 @@ class StationKeys:
     error_kind: str = key("normal", "sizes are sigmas, or every error has that size", choices=("normal", "size"))
     position_sigma: Triple | None = key(None, "on the cards; absent: not observed", unit="m", low=0.0)
     attitude_sigma: Triple | None = key(None, "on the cards; absent: not observed", unit="arcsec", low=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InertialKeys:
+    """[inertial]: an inertial unit on the camera; errors and sigmas about x forward, y left, z up of the body."""
+
+    angles: str = key("RPY", "of the INS cards, as on INO", choices=("OPK", "POK", "RPY"))
+    error: Triple = key((0.0, 0.0, 0.0), "actual errors of attitudes, 1 sigma", unit="arcsec", low=0.0)
+    sigma: Triple = key((10.0, 10.0, 20.0), "on the INS cards", unit="arcsec", low=0.1)
+    misalignment: Triple = key((0.0, 0.0, 0.0), "true omega, phi, kappa from camera to body", unit="deg")
+    misalignment_error: Triple = key((0.0, 0.0, 0.0), "actual errors on the MIS card", unit="arcsec", low=0.0)
+    misalignment_sigma: Triple | None = key(None, "on the MIS card; absent: held, or free", unit="arcsec", low=0.1)
+    free: bool = key(False, "it is free, where it has no misalignment_sigma")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,6 +251,7 @@ class SimulationSpec:
     point: tuple[GivenPoint, ...] = key(())
     control: tuple[ControlKeys, ...] = key(())
     stations: StationKeys = key(StationKeys)
+    inertial: InertialKeys | None = key(None, quiet=True)
     measurement: MeasurementKeys = key(MeasurementKeys)
     blunders: BlunderKeys = key(BlunderKeys)
     blunder: tuple[GivenBlunder, ...] = key(())
@@ -234,6 +260,7 @@ class SimulationSpec:
     air_base: tuple[AirBaseKeys, ...] = key(())
     distance: tuple[DistanceKeys, ...] = key((), quiet=True)
     height_difference: tuple[HeightDifferenceKeys, ...] = key((), quiet=True)
+    antenna: AntennaKeys | None = key(None, quiet=True)
     options: OptionKeys = key(OptionKeys)
     compilation: CompilationKeys | None = key(None, quiet=True)
 

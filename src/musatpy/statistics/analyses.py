@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.geometry.collinearity import wrapped
+from musatpy.geometry.collinearity import attitude_apart, wrapped
 from musatpy.model import (
     Block,
     ControlKind,
@@ -97,7 +97,7 @@ class Statistics(Quality):
     def station_attitudes(self) -> Analysis:
         """Camera Station Attitude Analysis: adjusted minus given, between -180 and +180 degrees."""
         photos = self.block.photos
-        difference = wrapped(self.solution.stations.attitude - photos.attitude)
+        difference = attitude_apart(self.solution.stations.attitude, photos.attitude)
         components = {"X-Tilt": "rad", "Y-Tilt": "rad", "Heading": "rad"}
         return analysis_of(components, photos.ids, difference)
 

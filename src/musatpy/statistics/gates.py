@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 FARTHEST = 100.0  # flying heights
 PART_OF_FORMAT = 0.1  # of a plate, that no residual of a measurement in the solution reaches
+_LEVEL = 0.02  # flying heights: points that lie nearer to one level could be seen in a mirror
 _NAMED = 5  # points with their heights
 FLAGS = "Flags Against Heights"
 _STATIONS, _POINTS = "Adjusted Exposure Stations", "Adjusted Ground Points"
@@ -90,7 +91,10 @@ def not_finite(statistics: Quality) -> Iterator[Reason]:
 
 
 def stations(statistics: Quality) -> Iterator[Reason]:
-    """Yield the cameras below their water or their ground, or looking up, where no card puts them so."""
+    """Yield the cameras below their water or level ground, or looking up at it, where no card puts them so.
+
+    Level ground alone looks from below as it does in a mirror: so do axes of plates or control that are exchanged.
+    """
     solution, photos = statistics.solution, statistics.block.photos
     height = elevations(statistics.block, solution.stations.position)
     given_height = np.full(len(height), np.nan)
@@ -104,11 +108,11 @@ def stations(statistics: Quality) -> Iterator[Reason]:
     sees_water[plates.photo[statistics.block.points.bathymetric[plates.point] & solution.plates.triangulated]] = (
         True
     )
-    ground = ground_heights(statistics)
+    ground, flat = ground_heights(statistics), _shows_level_ground(statistics)
     with np.errstate(invalid="ignore"):
         drowned = sees_water & (height <= water)
-        buried = (height < ground) & ~(given_height < ground)
-        upwards = _looks_up(solution.stations.attitude) & ~_looks_up(given_attitude)
+        buried = flat & (height < ground) & ~(given_height < ground)
+        upwards = flat & _looks_up(solution.stations.attitude) & ~_looks_up(given_attitude)
     for what, rows in (
         ("is below the water", drowned),
         ("is below the ground that it shows", buried),
@@ -186,15 +190,29 @@ def flying_height(statistics: Quality) -> float:
 def ground_heights(statistics: Quality) -> FloatArray:
     """Return the median height (n,) m of the points that each photo shows; NaN where it shows none."""
     block, solution = statistics.block, statistics.solution
+    return _medians(statistics, elevations(block, solution.points.position)[block.plates.point])
+
+
+def _shows_level_ground(statistics: Quality) -> BoolArray:
+    """Return (n,) whether half of the points of each photo lie within `_LEVEL` flying heights about a level."""
+    block, solution = statistics.block, statistics.solution
     height = elevations(block, solution.points.position)[block.plates.point]
-    known = solution.plates.triangulated & np.isfinite(height)
-    photo, height = block.plates.photo[known], height[known]
-    height = height[np.lexsort((height, photo))]
-    count = np.bincount(photo, minlength=len(block.photos.ids))
+    relief = _medians(statistics, np.abs(height - ground_heights(statistics)[block.plates.photo]))
+    with np.errstate(invalid="ignore"):
+        return relief < _LEVEL * flying_height(statistics)
+
+
+def _medians(statistics: Quality, values: FloatArray) -> FloatArray:
+    """Return the medians (n,) of values (m,) of the measurements of each photo; NaN where it has none."""
+    photo = statistics.block.plates.photo
+    known = statistics.solution.plates.triangulated & np.isfinite(values)
+    photo, values = photo[known], values[known]
+    values = values[np.lexsort((values, photo))]
+    count = np.bincount(photo, minlength=len(statistics.block.photos.ids))
     first, some = np.cumsum(count) - count, count > 0
     low, high = ((first + middle // 2)[some] for middle in (count - 1, count))
     medians = np.full(len(count), np.nan)
-    medians[some] = 0.5 * (height[low] + height[high])
+    medians[some] = 0.5 * (values[low] + values[high])
     return medians
 
 

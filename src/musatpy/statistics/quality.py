@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.geometry.collinearity import attitude_matrix, turn_about_one_line
 from musatpy.model import (
     Block,
     ControlKind,
@@ -35,6 +37,7 @@ from musatpy.probability import (
     test_limit,
 )
 from musatpy.statistics.gates import FlagTests, flag_tests, metric_differences
+from musatpy.units import DEGREE
 
 SIGMA0_LEVEL = 0.95  # of the two-sided tests of sigma0 and of variance components
 ALPHA, BETA = 0.001, 0.80  # significance and power behind the smallest detectable errors
@@ -52,6 +55,8 @@ _ROUNDING = 1e-5  # redundancy numbers of control below are rounding
 _UNCHECKED = 0.01  # redundancy numbers below: errors ten times the detectable ones of others would not show
 _CONTROL, _PLATE = ObservationKind.CONTROL, ObservationKind.PLATE
 _UP = 2
+_ONE_LINE = 1e-7  # rad from a phi of 90 degrees: nearer, the covariance has only what they have in common
+_WIDE = 0.1  # rad: sigmas of omega and kappa that are no longer those of small angles
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -152,8 +157,20 @@ class Quality:
 
     @cached_property
     def station_sigmas(self) -> FloatArray:
-        """(n, 6) a posteriori: east, north, up (m), omega, phi, kappa (rad)."""
-        return sigmas_of(self.solution.stations.covariance)
+        """(n, 6) a posteriori: east, north, up (m), omega, phi, kappa (rad).
+
+        NaN of omega and kappa where they turn about one line as far as anyone can tell: only their sum is known.
+        """
+        sigmas, attitude = sigmas_of(self.solution.stations.covariance), self.solution.stations.attitude
+        wide = np.nanmax(sigmas[:, [3, 5]], axis=1, initial=0.0) > _WIDE
+        together = turn_about_one_line(attitude, DEGREE) & wide | turn_about_one_line(attitude, _ONE_LINE)
+        sigmas[together, 3] = sigmas[together, 5] = np.nan
+        return sigmas
+
+    @cached_property
+    def station_rotations(self) -> FloatArray:
+        """(n, 3, 3) M, from east, north, up at the station (X, Y, Z in local jobs) to the photo."""
+        return attitude_matrix(self.solution.stations.attitude)
 
     @cached_property
     def point_sigmas(self) -> FloatArray:
@@ -242,11 +259,26 @@ class Quality:
     @cached_property
     def control_tests(self) -> FloatArray:
         """(k, 3) `normal_tests` of the components of every control card, NaN where there is none."""
-        tests = np.full((len(self.block.control.point), 3), np.nan)
+        return self.of_table(_CONTROL, "normal_tests")
+
+    @cached_property
+    def antenna_tests(self) -> FloatArray:
+        """(a, 3) the same of the components of every antenna position."""
+        return self.of_table(ObservationKind.ANTENNA, "normal_tests")
+
+    @property
+    def antenna_difference(self) -> FloatArray:
+        """(a, 3) m, adjusted minus observed of antenna positions along east, north, up; NaN where not adjusted."""
+        rows = self.block.antenna_positions.count
+        return self.solution.measured.get(ObservationKind.ANTENNA, np.full((rows, 3), np.nan)).reshape(rows, 3)
+
+    def of_table(self, kind: ObservationKind, name: str) -> FloatArray:
+        """Return (rows, components) an attribute of the observations of a kind, NaN where there is none."""
+        out = np.full((getattr(self.block, kind.attribute).count, len(kind.components)), np.nan)
         if self.solution.observed is not None:
-            control = self.observed.kind == _CONTROL
-            tests[self.observed.row[control], self.observed.component[control]] = self.normal_tests[control]
-        return tests
+            rows = self.observed.kind == kind
+            out[self.observed.row[rows], self.observed.component[rows]] = attrgetter(name)(self)[rows]
+        return out
 
     @cached_property
     def detectable(self) -> FloatArray:
@@ -377,10 +409,9 @@ class Quality:
         """The check points against their own covariance by `check_sigma0`, that of their cards included."""
         control, unit_sigma = self.block.control, self.solution.unit_sigma
         rows = np.flatnonzero(control.kind == ControlKind.CHECK)
-        given = np.where(np.isnan(control.sigma[rows]), 0.0, control.sigma[rows])
         scale = (self.check_sigma0 / unit_sigma) ** 2 if unit_sigma > 0.0 else 1.0
         covariance = self.solution.points.covariance[control.point[rows]] * scale
-        covariance = covariance + np.square(given)[:, :, None] * np.eye(3)
+        covariance = covariance + control.covariance[rows]
         return check_test(rows, self.control_difference[rows], covariance)
 
 

@@ -62,6 +62,7 @@ def verdict_of(statistics: Quality) -> Verdict:
     """Return the verdict on a solution whose statistics exist already."""
     reasons = [
         *convergence(statistics),
+        *inertial(statistics),
         *gates(statistics),
         *flags(statistics),
         *straight(statistics),
@@ -278,6 +279,12 @@ def departure(statistics: Quality) -> Iterator[Reason]:
     if away is not None and away.sigmas > FARTHEST_OF_WATPT:
         text = f"the result of {statistics.block.options.refraction} is {away}; adjust with refraction RIGOROUS"
         yield Reason(Grade.DOUBTFUL, Concern.REFRACTION, text, "Warnings")
+
+
+def inertial(statistics: Quality) -> Iterator[Reason]:
+    """Yield that inertial attitudes do not fit, and in which convention they would."""
+    if text := statistics.solution.misread:
+        yield Reason(Grade.REJECTED, Concern.INERTIAL, text, "Inertial Attitudes")
 
 
 def undetermined(statistics: Quality) -> Iterator[Reason]:

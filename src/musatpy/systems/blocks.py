@@ -14,7 +14,8 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.errors import Problem, SystemsError
-from musatpy.geometry.collinearity import orthogonal
+from musatpy.geometry.body import BodyAngles, body_angles, body_matrix
+from musatpy.geometry.collinearity import in_axes, orthogonal, wrapped
 from musatpy.geometry.systems import Geocentric, MapFactors, System
 from musatpy.model import Block, CoordinateSystem, ReductionOptions, Solution, WaveOrigin
 from musatpy.systems.statement import (
@@ -84,7 +85,8 @@ def propagated(
     scale = out[:, :, None] * out[:, None, :]
     correlation = np.divide(covariance, scale, out=np.zeros_like(covariance), where=scale > 0.0)
     largest = np.abs(correlation - correlation * np.eye(3)).max(axis=(1, 2), initial=0.0)
-    why = f"the sigmas of its {owners.what} would be correlated by more than {MOST}, which no job can hold"
+    what = "has to be stated (CTC)" if owners.what == "coordinates" else "no job can hold"
+    why = f"the sigmas of its {owners.what} would be correlated by more than {MOST}, which {what}"
     findings.refuse(np.asarray(largest > MOST), owners.kind, owners.ids, why)
     most = float(largest.max(initial=0.0))
     if _WORTH_SAYING < most <= MOST:
@@ -128,16 +130,18 @@ def entered(given: Stated, statement: Statement) -> tuple[Block, tuple[Problem, 
     _tell_outside(system, np.concatenate([station, mark]), findings)
     turned = attitudes_in(statement, station, angles)
     _tell_lost(turned.lost, photos.ids, "omega and kappa", findings)
-    sigmas = photos.position_sigma, photos.attitude_sigma, control.sigma
+    sigmas = photos.position_sigma, photos.attitude_sigma, control.sigma, control.correlation
     if statement.sigmas is Sigmas.SYSTEM:
         by_station, by_mark = (np.asarray(np.linalg.inv(rates_at(system, at)), float) for at in (station, mark))
         sigmas = _restated(block, system, by_station, turned.partials, by_mark, findings)
-    findings.stop()
     tide = photos.tide + np.where(np.isnan(photos.tide), np.nan, system.undulation(station))
     known = CoordinateSystem.LOCAL if system.ellipsoid is None else CoordinateSystem.GEOGRAPHIC
     job = _with(block, known, (station, turned.angles, mark, tide), sigmas)
     job = _with_origin(job, lambda place: level_of(system, place))
+    job = _with_antennas(job, statement, lambda place: level_of(system, place), True, findings)
     job = replace(job, reduction=_with_ground(block, system, station - photos.position))
+    findings.stop()
+    job = _with_inertial(job, statement, np.swapaxes(statement.reference(station), 1, 2))
     return job, tuple(findings.warnings)
 
 
@@ -159,11 +163,10 @@ def stated(block: Block, statement: Statement) -> Stated:
     _tell_outside(system, np.concatenate([station, mark]), findings)
     turned = attitudes_out(statement, station, photos.attitude)
     _tell_lost(turned.lost, photos.ids, "first and third angle", findings)
-    sigmas = photos.position_sigma, photos.attitude_sigma, control.sigma
+    sigmas = photos.position_sigma, photos.attitude_sigma, control.sigma, control.correlation
     if statement.sigmas is Sigmas.SYSTEM:
         rates = rates_at(system, station), turned.partials, rates_at(system, mark)
         sigmas = _restated(block, system, *rates, findings)
-    findings.stop()
     places = coordinates_of(system, station), coordinates_of(system, mark)
     tide = photos.tide - np.where(np.isnan(photos.tide), np.nan, system.undulation(station))
     known = CoordinateSystem.GEOCENTRIC if isinstance(system, Geocentric) else CoordinateSystem.GEOGRAPHIC
@@ -171,9 +174,30 @@ def stated(block: Block, statement: Statement) -> Stated:
         known = CoordinateSystem.LOCAL
     out = _with(block, known, (places[0], turned.angles, places[1], tide), sigmas)
     out = _with_origin(out, lambda place: coordinates_of(system, level_of(job_system, place)))
+    out = _with_antennas(
+        out, statement, lambda place: coordinates_of(system, level_of(job_system, place)), False, findings
+    )
+    findings.stop()
     out = replace(out, reduction=_with_ground(block, system, places[0] - station))
+    out = _with_inertial(out, statement, statement.reference(station))
     matrices = turned.matrix if statement.form is None else None
     return Stated(block=out, matrices=matrices, warnings=tuple(findings.warnings))
+
+
+def _with_inertial(block: Block, statement: Statement, axes: FloatArray) -> Block:
+    """Return a block with its inertial attitudes along other axes, rows (n, 3, 3) of each photo in the old.
+
+    Raises `SystemsError` where these need a position that is not known.
+    """
+    table, convention, findings = block.inertial_attitudes, block.inertial_convention, Findings()
+    if not (table.count and statement.turned and convention):
+        return block
+    at, form = axes[table.photo], BodyAngles(convention.angles)
+    why = "the axes of its inertial attitude need the position of the station"
+    findings.refuse(np.asarray(np.isnan(at).any(axis=(1, 2))), "photo", block.photos.ids[table.photo], why)
+    findings.stop()
+    angles = wrapped(body_angles(in_axes(body_matrix(table.angles, form), at), form), table.angles)
+    return replace(block, inertial_attitudes=replace(table, angles=angles))
 
 
 def level_of(system: System, coordinates: FloatArray) -> FloatArray:
@@ -200,6 +224,29 @@ def _with_origin(block: Block, restated: Callable[[FloatArray], FloatArray]) -> 
         return block
     x, y, z = restated(np.array([block.wave_origin.position]))[0].tolist()
     return replace(block, wave_origin=WaveOrigin(position=(x, y, z)))
+
+
+def _with_antennas(
+    block: Block,
+    statement: Statement,
+    restated: Callable[[FloatArray], FloatArray],
+    to_level: bool,
+    findings: Findings,
+) -> Block:
+    """Return a block with its antenna positions in other coordinates, `to_level` ones or those of a statement."""
+    given, covariances, system = block.antenna_positions, block.antenna_covariances, statement.system
+    if not given.count:
+        return block
+    table = replace(given, position=restated(given.position))
+    if statement.sigmas is Sigmas.SYSTEM:
+        partials = rates_at(system, table.position if to_level else level_of(system, table.position))
+        partials = np.asarray(np.linalg.inv(partials)) if to_level else partials
+        owners = Owners(kind="photo", ids=block.photos.ids[given.photo], what="antenna positions")
+        table = replace(table, sigma=propagated(given.sigma, partials, owners, system.plane_alone, findings))
+        row = np.zeros(block.photos.count, dtype=int)
+        row[given.photo] = np.arange(given.count)
+        covariances = covariances.of_what_depends(partials[row[covariances.photo]])
+    return replace(block, antenna_positions=table, antenna_covariances=covariances)
 
 
 def _require_complete(system: System, places: FloatArray, kind: str, ids: TextArray, findings: Findings) -> None:
@@ -302,17 +349,27 @@ def _restated(
     by_angle: FloatArray,
     by_mark: FloatArray,
     findings: Findings,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the sigmas of station positions, attitudes and control by partials (., 3, 3)."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return the sigmas of station positions, attitudes and control by partials (., 3, 3), and its correlations.
+
+    Those of control with covariances stay whole.
+    """
     photos, control = block.photos, block.control
     station = Owners(kind="photo", ids=photos.ids, what="positions")
     turn = Owners(kind="photo", ids=photos.ids, what="attitudes")
     mark = Owners(kind="control point", ids=block.points.ids[control.point], what="coordinates")
-    alone = system.plane_alone
+    alone, whole = system.plane_alone, control.correlated[:, None]
+    covariance = by_mark @ control.covariance @ np.swapaxes(by_mark, 1, 2)
+    size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    first, second = np.triu_indices(3, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = covariance[:, first, second] / (size[:, first] * size[:, second])
+    sigma = propagated(np.where(whole, np.nan, control.sigma), by_mark, mark, alone, findings)
     return (
         propagated(photos.position_sigma, by_station, station, alone, findings),
         propagated(photos.attitude_sigma, by_angle, turn, False, findings),
-        propagated(control.sigma, by_mark, mark, alone, findings),
+        np.where(whole, size, sigma),
+        np.where(whole, correlation, control.correlation),
     )
 
 
@@ -320,16 +377,16 @@ def _with(
     block: Block,
     known: CoordinateSystem,
     values: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    sigmas: tuple[FloatArray, FloatArray, FloatArray],
+    sigmas: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
 ) -> Block:
-    """Return a block with other stations, attitudes, control and tides, and sigmas of the first three."""
+    """Return a block with other stations, attitudes, control and tides, their sigmas, and correlations."""
     station, angles, mark, tide = values
     photos = replace(block.photos, position=station, attitude=angles, tide=tide)
     return replace(
         block,
         options=replace(block.options, system=known),
         photos=replace(photos, position_sigma=sigmas[0], attitude_sigma=sigmas[1]),
-        control=replace(block.control, position=mark, sigma=sigmas[2]),
+        control=replace(block.control, position=mark, sigma=sigmas[2], correlation=sigmas[3]),
     )
 
 

@@ -107,15 +107,16 @@ class CompiledLoops(Loops):
     def of(cls, network: Network, groups: Iterable[PointGroup]) -> Self:
         """Return the loops over some groups.
 
-        Others are kept points, those of equal elevations, and all with a wet ray through waves, or where the border
-        has unknowns of the water.
+        Others are kept points, those of equal elevations, control where any has covariances, and all with a wet ray
+        through waves, or where the border has unknowns of the water.
         """
         border = network.border
         unknown = network.sea is not None or any(len(border.numbers(kind.observed)) for kind in WATER)
         mine: list[PointGroup] = []
         others: list[PointGroup] = []
         for group in groups:
-            if network.lenses or group.kept or (group.known and border.count(ObservationKind.EQUAL_ELEVATION)):
+            by_numpy = border.count(ObservationKind.EQUAL_ELEVATION) or network.priors.decorrelation is not None
+            if network.lenses or group.kept or (group.known and by_numpy):
                 others.append(group)
             elif unknown:
                 wet = np.asarray(network.refracted[group.rays].any(axis=1))

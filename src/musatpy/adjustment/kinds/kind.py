@@ -290,6 +290,8 @@ class Control(Prior):
     def misfit(self, block: Block, network: Network, row: int, component: int, size: float) -> str:
         """Return in words that a component is off by `size` m."""
         point = block.points.ids[self.points(block)[row]]
+        if block.control.correlated[row]:  # the size is of what has the weights
+            return f"control point {point} does not fit its covariances, above all in {_COMPONENTS[component]}"
         return f"control point {point} is {size:.2f} m off in {_COMPONENTS[component]}"
 
 

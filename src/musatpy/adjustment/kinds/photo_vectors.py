@@ -58,7 +58,7 @@ class PhotoVector(MeasuredKind):
     def weights(self, network: Network, block: Block) -> FloatArray:
         """Return the weights (rows, 3) of the table."""
         of, out = network.measured[self.observed], np.zeros((self._table(block).count, 3))
-        out[of.row] = of.weight
+        out[of.row] = of.weight.reshape(-1, 3)  # that of no rows has no components
         return out
 
     def weighted(self, network: Network, block: Block, factor: FloatArray) -> Network:

@@ -20,7 +20,7 @@ from musatpy.formats.cards.codec import (
     encode_cards,
     strays,
 )
-from musatpy.formats.cards.foreign import foreign
+from musatpy.formats.cards.foreign import foreign, of_survey
 from musatpy.formats.cards.letters import LATIN_1, text_of
 from musatpy.formats.cards.slips import readings
 from musatpy.formats.cards.spec import CARD_WIDTH, END_MNEMONIC, CardSpec, Family
@@ -296,7 +296,7 @@ class _DeckReader:
             elif line not in self.unreadable:
                 found, capitals = text[:3], text[:3].upper()
                 expected = capitals if capitals in known else f"one of {', '.join(known)}"
-                message = f"'{found}' is no card; expected {expected}"
+                message = f"'{found}' is no card{of_survey(text) or f'; expected {expected}'}"
                 self._add(line, columns=(1, 3), message=message, found=found, expected=expected)
 
     def _check_counts(self) -> None:

@@ -20,6 +20,17 @@ _BINARY = (  # how files begin, and what they are
     (b"MM\x00*", "a picture or a raster (TIFF)"),
     (b"SQLite format 3", "a database, such as a GeoPackage"),
 )
+_SURVEY = ("ANG", "DIR", "HDIR", "HOR", "VDIR", "ZEN", "AZI", "AZM", "BRG", "BEAR", "TACH", "THEO", "TRAV")
+
+
+def of_survey(line: str) -> str:
+    """Return what to do with a line of terrestrial survey, by how it begins; nothing for any other."""
+    if not line.upper().startswith(_SURVEY):
+        return ""
+    return (
+        "; angles, directions and coordinates of terrestrial survey are not adjusted here: adjust them first, and "
+        "give the points with their covariances (CTG or CTX, and CTC)"
+    )
 
 
 def foreign(data: bytes, family: Family) -> str:
@@ -42,7 +53,8 @@ def foreign(data: bytes, family: Family) -> str:
         return ""
     if {mnemonic.upper() for mnemonic in mnemonics} & family.cards.keys():
         return "a deck in small letters: cards are in capitals"
+    survey = next((what for line in lines if (what := of_survey(line))), "")
     return (
         f"no deck: none of its first {len(lines)} lines begins with a card; files of other agencies go through "
-        f"musat convert; the first line is '{lines[0][:40].strip()}'"
+        f"musat convert; the first line is '{lines[0][:40].strip()}'{survey}"
     )

@@ -12,11 +12,23 @@ problems of the deck already, and no check complains of it again.
 from __future__ import annotations
 
 from musatpy.errors import Problem
-from musatpy.formats.checks import datum, images, places, plates, references, systems, values, water, waves
+from musatpy.formats.checks import (
+    antennas,
+    datum,
+    images,
+    inertial,
+    places,
+    plates,
+    references,
+    systems,
+    values,
+    water,
+    waves,
+)
 from musatpy.formats.checks.check import DeckCheck
 from musatpy.formats.draft import Draft
 
-_SUBJECTS = (references, values, plates, places, systems, water, waves, datum, images)
+_SUBJECTS = (references, values, plates, places, systems, water, waves, antennas, inertial, datum, images)
 _EVERY = (one for subject in _SUBJECTS for one in vars(subject).values() if isinstance(one, DeckCheck))
 CHECKS = tuple(dict.fromkeys(_EVERY))  # some look at what others find
 

@@ -13,6 +13,7 @@ from musatpy.formats.checks.check import check
 from musatpy.formats.checks.places import far_places
 from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
+from musatpy.formats.job_tables import ROLES
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.model.block import other_focal_length
 from musatpy.units import DEGREE, length_unit
@@ -146,6 +147,16 @@ def plan(draft: Draft, position: FloatArray) -> ComplexArray:
     return _EARTH * (east * np.cos(latitude) + 1j * position[:, 0])
 
 
+def metric(draft: Draft, role: str, position: FloatArray) -> FloatArray:
+    """Return positions (k, 3) on cards of a role as east, north, up in m, good from one to another near by."""
+    geocentric = draft.system is CoordinateSystem.GEOCENTRIC
+    if not geocentric and not draft.is_angular(role, ROLES[role]).all():
+        return position
+    level = plan(draft, position)
+    height = np.linalg.norm(position, axis=1) if geocentric else position[:, 2]
+    return np.stack([level.real, level.imag, height], axis=1)
+
+
 @check(of_job=True, of_run=True, follows=("stations", "attitudes", "plates", "control"), raw=False)
 def headings(draft: Draft) -> Iterator[Problem]:
     """Yield the photos whose heading differs by more than 45 degrees from what the images say (readings say none).
@@ -162,7 +173,7 @@ def headings(draft: Draft) -> Iterator[Problem]:
     pairs, heading = photo_pairs(draft, rays_of(draft).sound), np.exp(1j * attitude[:, 2])
     seen = _by_stations(draft, pairs, attitude)
     off = seen * np.conj(heading)
-    wrong = np.abs(np.angle(off)) > _LIMIT  # False where nothing is seen
+    wrong = (np.abs(np.angle(off)) > _LIMIT) & (off != 0)  # of a negative zero the angle is half a turn
     contradicted = wrong & (np.abs(np.angle(_by_neighbours(pairs, heading))) > _LIMIT)
     known = off[off != 0]
     if known.size > 1 and wrong[off != 0].all() and abs(known.sum()) > _AGREEMENT * np.abs(known).sum():

@@ -41,7 +41,8 @@ def missing_kinds(draft: Draft) -> Iterator[Problem]:
     """Yield what no job can do without and no card gives, apart from the cards that every deck must have."""
     whole = "the block" if draft.call else "the deck"
     for role, what in (("stations", "exposure stations"), ("attitudes", "attitudes")):
-        if not draft.may_lack_station and not len(draft.rows[role]):
+        started = role == "attitudes" and len(draft.rows["inertial_attitudes"])  # by these
+        if not (draft.may_lack_station or started or len(draft.rows[role])):
             yield Problem(file=draft.deck.file, message=f"{whole} has no {what} (no {draft.card(role)})")
 
 
@@ -129,9 +130,9 @@ def _needed(draft: Draft) -> Iterator[Need]:
     if computed and cameras > 1:
         message = f"photo {{}} has no station card, and any of {cameras} cameras may have taken it"
         yield "photos", ("plates",), ("stations",), message, "error"
-    if "attitudes" in given and not computed:
+    if given & {"attitudes", "inertial_attitudes"} and not computed:
         message = f"photo {{}} has no attitude card ({draft.cards('attitudes')})"
-        yield "photos", ("stations",), ("attitudes", "matrices"), message, "error"
+        yield "photos", ("stations",), ("attitudes", "matrices", "inertial_attitudes"), message, "error"
     if "plates" in given:
         message = "nothing is measured on photo {}: it only keeps what its own cards say"
         yield "photos", ("stations",), ("plates",), message, "warning"

@@ -17,7 +17,7 @@ from musatpy.formats.statements import statement_problems, system_row
 from musatpy.model import CoordinateSystem
 from musatpy.units import AngleUnit
 
-_POSITIONS = ("stations", "control", "wave_origin")
+_POSITIONS = ("stations", "control", "antenna_positions", "wave_origin")
 _NEAR = (0.98, 1.1)  # geocentric distances over the semi-major axis: ocean floor at the poles, and low orbits
 _EARTH_AXIS = 6.378e6  # m, close enough to tell geocentric from local coordinates
 _HIGHEST = 100e3  # m, no local rectangular job has its vertical coordinates beyond
@@ -61,7 +61,7 @@ def decimal_angles(draft: Draft) -> Iterator[Problem]:
     unread = draft.unread("systems", "systems.unit").any()
     if unread or (draft.given_in is not None and draft.given_in.unit is not AngleUnit.DMS):
         return
-    for role in ("stations", "attitudes", "control", "wave_origin"):
+    for role in (*_POSITIONS, "attitudes"):
         rows = draft.rows[role]
         decimal = np.array([mapping.has_stated_unit(spec) for spec in rows.specs], dtype=bool)[rows.kind]
         message = f"angles in decimals, and no {draft.cards('systems')} card for IN that says their unit"

@@ -8,21 +8,23 @@ from dataclasses import replace
 import numpy as np
 import pyproj
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import Problem
 from musatpy.formats import mapping
 from musatpy.formats.cards.spec import FieldSpec
 from musatpy.formats.checks.check import check
 from musatpy.formats.checks.images import FOCAL_LENGTHS, odd_focal_lengths
-from musatpy.formats.draft import Draft
+from musatpy.formats.draft import AGREES, Draft, first_of_names
 from musatpy.formats.job_tables import table_of
 from musatpy.formats.system_rows import radians_of
 from musatpy.model import ControlKind, CoordinateSystem
+from musatpy.model.block import COVARIANCES, LEAST_EIGENVALUE, smallest_eigenvalues
 from musatpy.units import DEGREE
 
 _WITHIN = {">": np.greater, ">=": np.greater_equal}
 _LARGEST = {"": 1e9, "m": 1e8, "mm": 1e8, "um": 1e9, "m/s": 1e4}  # by the unit of a field, whatever it means
 _SMALLEST_SIGMA = 1e-9  # in any unit: what is as good as that can only be a slip
+_DOWN = 30.0 * DEGREE  # largest tilts of photos that look down
 _ROUNDING = 1e-9  # of limits: they are not beyond themselves, whatever their unit
 
 
@@ -90,15 +92,30 @@ def _numbers(draft: Draft) -> Iterator[tuple[str, int, mapping.Slot, FloatArray]
                     yield role, kind, slot, values if slot.component is None else values[:, slot.component]
 
 
-@check(of_card=True, of_job=True)
+@check(of_card=True)
 def attitudes(draft: Draft) -> Iterator[Problem]:
-    """Yield tilts beyond 90 degrees and headings beyond 360."""
+    """Yield angles of attitudes beyond a whole turn."""
     role, path = "attitudes", "photos.attitude"
-    for component, (limit, name) in enumerate(((90, "tilt"), (90, "tilt"), (360, "heading"))):
-        angle = draft.rows[role][path][:, component] / DEGREE
-        beyond = draft.is_angular(role, path) & (np.abs(angle) > limit + _ROUNDING)
-        message = f"a {name} of {{:.4f}} degrees is beyond {limit}"
+    for component, angle in enumerate(draft.rows[role][path].T / DEGREE):
+        message = "an angle of {:.4f} degrees is beyond 360"
+        beyond = np.abs(angle) > 360.0 + _ROUNDING
         yield from draft.problems(role, beyond, message, angle, path=path, component=component)
+
+
+@check(of_card=True, of_job=True)
+def tilts(draft: Draft) -> Iterator[Problem]:
+    """Yield the photos that look above the horizon by their cards, where most look down."""
+    role, path = "attitudes", "photos.attitude"
+    attitude = draft.rows[role][path]
+    down: BoolArray = np.asarray((np.abs(attitude[:, :2]) < _DOWN).all(axis=1))
+    if 2 * np.count_nonzero(down) <= len(down):
+        return
+    for component, angle in enumerate(attitude.T[:2]):
+        up = (np.cos(attitude[:, :2]).prod(axis=1) < 0.0) & (np.cos(angle) < 0.0)
+        message = f"a tilt of {{:.4f}} degrees, where most photos have less than {_DOWN / DEGREE:.0f}"
+        yield from draft.problems(
+            role, up, message, angle / DEGREE, path=path, component=component, severity="warning"
+        )
 
 
 @check(of_card=True)
@@ -182,6 +199,7 @@ def control_components(draft: Draft) -> Iterator[Problem]:
         blank = [f"X, Y and Z hold a point only together, and {name} is blank" for name in names]
         needed = (known | ~missing).any(axis=1, keepdims=True) & np.ones(3, dtype=bool)
     loose = known & np.isnan(rows["control.sigma"]) & ~rows["control.fixed"][:, np.newaxis]
+    loose &= first_of_names(rows, draft.rows[COVARIANCES])[:, np.newaxis] < 0  # these have theirs, or a problem
     for row, component in np.argwhere(needed & missing).tolist():
         if draft.lacks("control", row, "control.position", component):
             yield draft.problem("control", row, blank[component], path="control.position", component=component)
@@ -195,6 +213,40 @@ def control_components(draft: Draft) -> Iterator[Problem]:
         if lacking:
             one = None if many else lacking[0]
             yield draft.problem("control", row, message, path="control.sigma", component=one)
+
+
+@check(needs=COVARIANCES)
+def control_covariances(draft: Draft) -> Iterator[Problem]:
+    """Yield covariances of control that cannot be, or that no card of control takes, or takes with other sigmas."""
+    role, rows, control = COVARIANCES, draft.rows[COVARIANCES], draft.rows["control"]
+    names, sigma, values = (rows[f"control.{name}"] for name in ("point", "sigma", "correlation"))
+    cards = first_of_names(rows, control)
+    for row, component in np.argwhere(np.abs(values) >= 1.0).tolist():
+        message = f"a correlation of {values[row, component]:g} is not between -1 and 1"
+        yield draft.problem(role, row, message, path="control.correlation", component=component)
+    possible = np.asarray((np.abs(values) < 1.0).all(axis=1))
+    smallest = smallest_eigenvalues(np.where(possible[:, None], values, 0.0))
+    message = "these correlations make no positive definite matrix: its smallest eigenvalue is {:.3g}"
+    yield from draft.problems(role, smallest < LEAST_EIGENVALUE, message, smallest, path="control.correlation")
+    if draft.to_orient:
+        message = "an orientation goes by the standard deviations alone, without their correlations"
+        yield draft.problem(role, 0, message, path="control.correlation", severity="warning")
+    lost = (cards < 0) & (names != "") & (not draft.is_spoilt("control"))
+    message = f"control point {{}} has no {draft.card('control')}: covariances belong to its coordinates"
+    yield from draft.problems(role, lost, message, names, path="control.point")
+    for row in np.flatnonzero(cards >= 0).tolist():
+        card, name, where = int(cards[row]), names[row], draft.place("control", int(cards[row]))
+        given = control["control.sigma"][card]
+        if control["control.fixed"][card]:
+            message = f"control point {name} is fixed {where}: covariances have no effect on it"
+            yield draft.problem(role, row, message, path="control.point")
+        elif control["control.kind"][card] == ControlKind.VERTICAL:
+            message = f"control point {name} has the kind V {where}, and needs its sigma there; expected F, H or C"
+            yield draft.problem(role, row, message, path="control.point")
+        elif (np.abs(given - sigma[row])[sigma[row] > 0.0] > AGREES).any():
+            here, there = (" ".join(f"{value:g}" for value in values) for values in (sigma[row], given))
+            message = f"the sigmas are {here} m here and {there} m {where}: leave those blank"
+            yield draft.problem(role, row, message, path="control.sigma")
 
 
 @check()

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from musatpy.arrays import IntArray
 from musatpy.errors import DeckError, Problem, in_order
+from musatpy.formats.cards.foreign import of_survey
 from musatpy.formats.records.layout import START, FileSpec, RecordSpec, Value, record_line, record_values
 
 _END_OF_FILE = "\x1a"
@@ -161,7 +162,8 @@ class _RecordReader:
         self._problem(
             number,
             columns=(column, column + len(word) - 1),
-            message=f"'{word}' is no record that may stand here; expected {names or 'the end of the file'}",
+            message=f"'{word}' is no record that may stand here; expected {names or 'the end of the file'}"
+            + of_survey(word),
             found=word,
             expected=names,
         )
@@ -205,6 +207,7 @@ class _RecordReader:
             self._problem(min(line, self.end), message=message, severity="warning")
         for word, count in self.skipped.items():
             message = f"{count} record{'s' * (count > 1)} '{word}' left out: no format says what it holds"
+            message += of_survey(word)
             self.problems.append(Problem(file=self.file, message=message, severity="warning"))
 
     def _problem(self, line: int, **details: object) -> None:

@@ -1,0 +1,153 @@
+"""Antenna positions: their program, standard deviations, lines, times and lever arms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.errors import Problem
+from musatpy.formats.checks.check import check
+from musatpy.formats.checks.images import metric
+from musatpy.formats.draft import Draft
+from musatpy.formats.job_tables import ROLES
+from musatpy.model import AntennaCovariances, Program
+
+_TABLES = ("antenna_positions", "antenna_covariances", "lever_arms", "antenna_lines")
+_LONGEST = 30.0  # m, of a lever arm in an aircraft
+_UNITS = (("millimetres", 1000.0), ("centimetres", 100.0))
+_FEWEST = 3  # photos of a line with a drift
+_STRAIGHT = 0.1  # of its length that a line is wide: of others nothing is said of the order
+
+
+@check()
+def antennas_in_iia(draft: Draft) -> Iterator[Problem]:
+    """Yield the first card of each kind that only program IIIA uses."""
+    for role in _TABLES if draft.options.program is Program.IIA else ():
+        if len(draft.rows[role]):
+            yield draft.problem(role, 0, "antenna positions need program IIIA, and this job is one of MUSAT-IIA")
+
+
+@check(follows=("antenna_positions", "antenna_covariances"))
+def antenna_sigmas(draft: Draft) -> Iterator[Problem]:
+    """Yield antenna positions without standard deviations, or with two statements of them; bad covariances."""
+    role, path = "antenna_positions", "antenna_positions.sigma"
+    given, photo = np.isfinite(draft.rows[role][path]), draft.photo[role]
+    covered = np.isin(photo, draft.photo["antenna_covariances"])
+    card = draft.cards("antenna_covariances")
+    for rows, message in (
+        (covered & given.any(axis=1), f"standard deviations here and on a {card} card: one of both is needed"),
+        (~covered & ~given.all(axis=1), f"its three standard deviations are needed, or a {card} card"),
+    ):
+        yield from draft.problems(role, rows, message, path=path)
+    role = "antenna_covariances"
+    alone = ~np.isin(draft.photo[role], photo)
+    message = "photo {} has a covariance, and no antenna position"
+    yield from draft.problems(role, alone, message, draft.names("photos", role), path=f"{role}.photo")
+    correlation = draft.rows[role][f"{role}.correlation"]
+    ones = np.ones_like(correlation)
+    matrices = AntennaCovariances(photo=draft.photo[role], sigma=ones, correlation=correlation).matrices
+    known = np.flatnonzero(np.isfinite(correlation).all(axis=1) & (np.abs(correlation) <= 1.0).all(axis=1))
+    known = known[np.linalg.eigvalsh(matrices[known])[:, 0] <= 0.0]
+    message = "no three errors have these correlations: their matrix is not positive definite"
+    yield from draft.problems(role, known, message, path=f"{role}.correlation")
+
+
+@check(needs="lever_arms")
+def lever_arms(draft: Draft) -> Iterator[Problem]:
+    """Yield lever arms in other units, those of no antenna position, and free ones with standard deviations."""
+    role, camera = "lever_arms", draft.camera["lever_arms"]
+    offset = draft.rows[role]["lever_arms.offset"]
+    for row in np.flatnonzero(np.linalg.norm(offset, axis=1) > _LONGEST).tolist():
+        length = float(np.linalg.norm(offset[row]))
+        likely = [
+            f"{length / ratio:.3g} m if these are {unit} ({ratio:g} times)"
+            for unit, ratio in _UNITS if length / ratio <= _LONGEST
+        ]  # fmt: skip
+        message = (
+            f"a lever arm of {length:.6g} m is longer than an aircraft: {' or '.join(likely) or 'read it again'}"
+        )
+        yield draft.problem(role, row, message, path="lever_arms.offset")
+    seen = draft.camera_of_photo[draft.photo["antenna_positions"]]
+    message = "camera {} has a lever arm, and none of its photos an antenna position"
+    unused = np.isin(camera, draft.camera["cameras"]) & ~np.isin(camera, seen)
+    names = draft.names("cameras", role)
+    yield from draft.problems(role, unused, message, names, path="lever_arms.camera")
+    yield from _free_and_known(draft, role, "lever_arms.free", "lever_arms.sigma")
+
+
+@check(needs="antenna_lines")
+def antenna_lines(draft: Draft) -> Iterator[Problem]:
+    """Yield shifts and drifts of no photo, of too few, or without times; free ones with standard deviations."""
+    role, rows, lines = "antenna_lines", draft.rows["antenna_lines"], draft.rows["antenna_positions"]
+    line, time = lines["antenna_positions.line"], _times(draft)
+    drifting = np.isfinite(rows[f"{role}.drift_sigma"]).any(axis=1) | rows[f"{role}.drift_free"]
+    for row, name in enumerate(rows[f"{role}.line"].tolist()):
+        member = line == name
+        photos, timed = np.count_nonzero(member), member & np.isfinite(time)
+        if not name:
+            continue
+        if not photos:
+            message = f"no antenna position is of line {name}"
+            yield draft.problem(role, row, message, path=f"{role}.line")
+        elif drifting[row] and (photos < _FEWEST or len(np.unique(time[timed])) < 2):
+            have = f"{photos} photo{'s' if photos > 1 else ''} at {len(np.unique(time[timed]))} times"
+            message = f"a drift of line {name}, which has {have}: {_FEWEST} photos and two times are needed"
+            yield draft.problem(role, row, message, path=f"{role}.drift_sigma")
+        elif drifting[row]:
+            message = f"line {name} has a drift, and this photo no time ({draft.card('exposure_times')})"
+            yield from draft.problems("antenna_positions", member & np.isnan(time), message)
+    yield from _free_and_known(draft, role, f"{role}.shift_free", f"{role}.shift_sigma")
+    yield from _free_and_known(draft, role, f"{role}.drift_free", f"{role}.drift_sigma")
+
+
+@check(of_job=True, needs="exposure_times", follows=("antenna_positions", "exposure_times"))
+def times_in_order(draft: Draft) -> Iterator[Problem]:
+    """Yield the times that do not grow, or fall, along a straight line as its antenna positions do."""
+    role, rows = "antenna_positions", draft.rows["antenna_positions"]
+    line, time, place = rows[f"{role}.line"], _times(draft), metric(draft, role, rows[ROLES[role]])
+    names, card = draft.names("photos", role), draft.photo["exposure_times"]
+    for name in np.unique(line[line != ""]).tolist():
+        member = np.flatnonzero((line == name) & np.isfinite(time + place.sum(axis=1)))
+        if len(member) < _FEWEST:
+            continue
+        plan = place[member, :2] - place[member, :2].mean(axis=0)
+        width, axes = np.linalg.svd(plan, full_matrices=False)[1:]
+        if width[1] > _STRAIGHT * width[0]:
+            continue
+        order = member[np.argsort(plan @ axes[0], kind="stable")]
+        stays = max((_rising(sign * time[order]) for sign in (1.0, -1.0)), key=np.count_nonzero)
+        for number in np.flatnonzero(~stays).tolist():
+            row = int(order[number])
+            beside = [order[k] for k in (number - 1, number + 1) if 0 <= k < len(order)]
+            shown = " and ".join(f"photo {names[k]} ({time[k]:.10g} s)" for k in beside)
+            message = f"the time is out of order: along line {name} photo {names[row]} is beside {shown}"
+            of_photo = int(np.flatnonzero(card == draft.photo[role][row])[0])
+            yield draft.problem("exposure_times", of_photo, message, path="exposure_times.time")
+
+
+def _rising(values: FloatArray) -> BoolArray:
+    """Return which of the values (k,) make the longest series that grows."""
+    length, before = np.ones(len(values), dtype=int), np.full(len(values), -1)
+    for k in range(len(values)):
+        for j in np.flatnonzero(values[:k] < values[k]).tolist():
+            if length[j] >= length[k]:
+                length[k], before[k] = length[j] + 1, j
+    stays, k = np.zeros(len(values), dtype=bool), int(length.argmax())
+    while k >= 0:
+        stays[k], k = True, int(before[k])
+    return stays
+
+
+def _times(draft: Draft) -> FloatArray:
+    """Return the times (a,) s of the antenna positions, NaN without."""
+    photo: IntArray = draft.photo["antenna_positions"]
+    return np.append(draft.by_photo("exposure_times", "exposure_times.time"), np.nan)[photo]
+
+
+def _free_and_known(draft: Draft, role: str, free: str, sigma: str) -> Iterator[Problem]:
+    """Yield what is called free, and of which every component has a standard deviation."""
+    both = draft.rows[role][free] & np.isfinite(draft.rows[role][sigma]).all(axis=1)
+    message = "F says that it is free, and all three components have a standard deviation"
+    yield from draft.problems(role, both, message, path=free)

@@ -1,0 +1,101 @@
+"""Antenna positions of a satellite receiver at the exposures, and what is known of antenna, lines and clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.model.tables import POSITION_UNIT, Table, per_row
+
+AXES = (
+    "X",
+    "Y",
+    "Z",
+)  # of a lever arm: along the image axes x, y and their third axis, from the ground to the camera
+DIRECTIONS = ("E", "N", "U")  # of shifts and drifts: east, north, up at the antenna; X, Y, Z of a local job
+_FREE = {"": False, "F": True}
+_FIRST, _SECOND = [0, 0, 1], [1, 2, 2]  # of the components of a correlation
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AntennaPositions(Table):
+    """a observed antenna positions, in the coordinate system of the job (IIIA).
+
+    observed = station + M' lever arm + shift + drift (t - mean t of the line), M from the ground to the photo.
+    """
+
+    photo: IntArray = per_row(link="photos", key=True)  # (a,)
+    line: TextArray = per_row(sort=True, blank="")  # (a,) flight line; empty: of none
+    position: FloatArray = per_row(3, unit=POSITION_UNIT)  # (a, 3)
+    sigma: FloatArray = per_row(  # (a, 3) east north up, NaN where a covariance stands for it
+        3, noun="standard deviations", unit="m", blank=np.nan
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AntennaCovariances(Table):
+    """b covariances of antenna positions, in place of their three standard deviations."""
+
+    photo: IntArray = per_row(link="photos", key=True)  # (b,)
+    sigma: FloatArray = per_row(3, unit="m")  # (b, 3) east north up
+    correlation: FloatArray = per_row(3)  # (b, 3) east-north, east-up, north-up
+
+    @property
+    def matrices(self) -> FloatArray:
+        """(b, 3, 3) m2, along east, north, up."""
+        out = np.tile(np.eye(3), (self.count, 1, 1))
+        out[:, _FIRST, _SECOND] = out[:, _SECOND, _FIRST] = self.correlation
+        return out * self.sigma[:, :, None] * self.sigma[:, None, :]
+
+    def of_what_depends(self, partials: FloatArray) -> AntennaCovariances:
+        """Return the covariances of what depends on the positions by partials (b, 3, 3)."""
+        matrices = partials @ self.matrices @ np.swapaxes(partials, 1, 2)
+        sigma = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2))
+        scaled = matrices / (sigma[:, :, None] * sigma[:, None, :])
+        return replace(self, sigma=sigma, correlation=scaled[:, _FIRST, _SECOND])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExposureTimes(Table):
+    """e times of exposures, on one clock."""
+
+    photo: IntArray = per_row(link="photos", key=True)  # (e,)
+    time: FloatArray = per_row(unit="s")  # (e,)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeverArms(Table):
+    """l vectors from the projection centre to the antenna, along the axes of the photo."""
+
+    camera: IntArray = per_row(link="cameras", key=True)  # (l,)
+    offset: FloatArray = per_row(3, unit="m")  # (l, 3)
+    sigma: FloatArray = per_row(3, unit="m", blank=np.nan)  # (l, 3) NaN: held, or free
+    free: BoolArray = per_row(codes=_FREE, blank=False)  # (l,) components without a sigma are free
+
+    @property
+    def unknown(self) -> BoolArray:
+        """(l, 3) the component is an unknown."""
+        return np.isfinite(self.sigma) | self.free[:, None]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AntennaLines(Table):
+    """g flight lines whose antenna positions have a shift and a drift linear in time, both zero as given."""
+
+    line: TextArray = per_row(key=True, sort=True)  # (g,)
+    shift_sigma: FloatArray = per_row(3, unit="m", blank=np.nan)  # (g, 3) NaN: held, or free
+    shift_free: BoolArray = per_row(codes=_FREE, blank=False)  # (g,) components without a sigma are free
+    drift_sigma: FloatArray = per_row(3, unit="m/s", blank=np.nan)  # (g, 3) likewise
+    drift_free: BoolArray = per_row(codes=_FREE, blank=False)  # (g,)
+
+    @property
+    def shifted(self) -> BoolArray:
+        """(g, 3) the component of the shift is an unknown."""
+        return np.isfinite(self.shift_sigma) | self.shift_free[:, None]
+
+    @property
+    def drifting(self) -> BoolArray:
+        """(g, 3) the component of the drift is an unknown."""
+        return np.isfinite(self.drift_sigma) | self.drift_free[:, None]

@@ -1,0 +1,185 @@
+"""Antenna positions: turned axes, exact recovery, free blocks, systems of decks, errors against sigmas."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import musatpy
+from altered import altered, put
+from blocks import converged, simulation
+from musatpy.adjustment.iteration import with_turned_axes
+from musatpy.adjustment.job import prepared
+from musatpy.adjustment.kinds.gnss import ANTENNA
+from musatpy.errors import AdjustmentError
+from musatpy.formats.job_tables import card_family
+from musatpy.formats.musat import check_deck, deck_bytes
+from musatpy.geometry.collinearity import attitude_from_matrix
+from musatpy.model import Block, Grade
+from musatpy.simulation import Simulation
+
+CONTROL = [{"kind": "full", "number": 4, "sigma": 0.03, "error": 0.03}]
+ALL = {
+    "error": [0.05, 0.05, 0.08],
+    "sigma": [0.05, 0.05, 0.08],
+    "lever_arm": [0.3, -0.2, 1.5],
+    "lever_arm_error": [0.1] * 3,
+    "lever_arm_sigma": [0.1] * 3,
+    "shift": [0.3] * 3,
+    "shift_sigma": [0.3] * 3,
+    "drift": [0.01] * 3,
+    "drift_sigma": [0.01] * 3,
+}
+
+
+def flown(seed: int, antenna: dict[str, Any] | None = None, **tables: Any) -> Simulation:
+    """Two strips of four photos with antenna positions."""
+    return simulation(
+        seed,
+        **{
+            "job": {"system": "LOCL"},
+            "flight": {
+                "strips": 2,
+                "photos": 4,
+                "height": 1000.0,
+                "reverse_alternate": True,
+                "attitude_scatter": [2.0, 2.0, 3.0],
+                "station_scatter": [10.0, 10.0, 10.0],
+            },
+            "terrain": {"relief": 30.0},
+            "points": {"extra": [{"number": 20}]},
+            "measurement": {"noise": 5.0, "sigma": 5.0},
+            "stations": {"position_error": 2.0, "attitude_error": 0.05},
+            "control": CONTROL,
+            "antenna": {name: value for name, value in (ALL | (antenna or {})).items() if value is not None},
+            "options": {"program": "IIIA"},
+        }
+        | tables,
+    )
+
+
+def deviations(simulated: Simulation, block: Block | None = None) -> np.ndarray:
+    """Adjusted minus true of all parameters, in sigmas with the a priori unit weight."""
+    solution = converged(block or simulated.block)
+    table = solution.parameters
+    assert table is not None
+    true = {(of.owner, of.name): of.value for of in simulated.truth.parameters}
+    error = [true[key] for key in zip(table.owner.tolist(), table.parameter.tolist(), strict=True)]
+    return (table.value - np.array(error)) / table.spread * solution.unit_sigma
+
+
+def test_what_is_without_errors_comes_out() -> None:
+    """Shift, drift and lever arm, each free where the others leave it, to the rounding of the cards."""
+    for free in ("shift", "lever_arm"):
+        exact = {"error": [0.0] * 3, "lever_arm_error": [0.0] * 3, "shift_sigma": None, "drift_sigma": None}
+        exact |= {"lever_arm_sigma": None, f"{free}_free": True}
+        exact |= {"drift_free": True} if free == "shift" else {"shift": [0.0] * 3, "drift": [0.0] * 3}
+        simulated = flown(
+            3,
+            exact,
+            control=[{"kind": "full", "number": 6, "sigma": 0.001}],
+            measurement={"noise": 0.0, "sigma": 1.0},
+        )
+        block = simulated.block
+        if free == "lever_arm":  # from another start
+            block = altered(block, lever_arms={"offset": np.zeros((1, 3))})
+        table = converged(block).parameters
+        assert table is not None and table.count == (12 if free == "shift" else 3)
+        true = {(of.owner, of.name): of.value for of in simulated.truth.parameters}
+        for owner, name, value in zip(table.owner, table.parameter, table.value, strict=True):
+            assert value == pytest.approx(true[str(owner), str(name)], abs=2e-4), (owner, name)
+
+
+def test_signs_are_those_of_the_manual() -> None:
+    """observed = station + M' lever + shift + drift (t - mean t): by the truth alone, without an adjustment."""
+    simulated = flown(5, {"error": [0.0] * 3})
+    block, truth = simulated.block, simulated.truth
+    value = {(of.owner, of.name): of.value for of in truth.parameters}
+    omega, phi, kappa = truth.attitude.T
+    for photo in range(block.photos.count):
+        line = str(block.antenna_positions.line[photo])
+        of_line = block.antenna_positions.line == line
+        t = block.exposure_times.time - block.exposure_times.time[of_line].mean()
+        M = np.eye(3)
+        for axis, angle in ((0, omega[photo]), (1, phi[photo]), (2, kappa[photo])):
+            turn, (a, b) = np.eye(3), [k for k in range(3) if k != axis]
+            c, s = np.cos(angle), np.sin(angle) * (-1.0 if axis == 1 else 1.0)
+            turn[[a, a, b, b], [a, b, a, b]] = c, s, -s, c
+            M = turn @ M
+        expected = truth.stations.xyz[photo] + M.T @ [value["CAM1", f"ARM {axis}"] for axis in "XYZ"]
+        expected = expected + [
+            value[line, f"SHIFT {axis}"] + value[line, f"DRIFT {axis}"] * t[photo] for axis in "ENU"
+        ]
+        np.testing.assert_allclose(block.antenna_positions.position[photo], expected, atol=1e-4)
+
+
+def test_partials_of_photos_along_turned_axes() -> None:
+    """A block on its side: photos near a phi of 90 degrees are adjusted along other axes."""
+    block = flown(2).block
+    turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    network = prepared(block, None)[0].network
+    state = prepared(block, None)[1]
+    side = with_turned_axes(replace(network, attitude=attitude_from_matrix(state.M @ turn.T)))
+    assert side.turned.all()
+    state = replace(state, axes=side.axes, attitude=side.attitude + 0.01)
+    part = ANTENNA.deviations(side, state)
+
+    def residual(step: np.ndarray) -> np.ndarray:
+        position = state.position + np.einsum("nji,j->ni", side.axes, step[:3])
+        moved = replace(state, position=position, attitude=state.attitude + step[3:])
+        return ANTENNA.deviations(side, moved).residual
+
+    for k, step in enumerate(1e-4 * np.eye(6)):
+        by_difference = (residual(step) - residual(-step)) / 2e-4
+        np.testing.assert_allclose(part.by_station[:, :, k], by_difference, atol=1e-7)
+
+
+def test_free_shifts_of_all_lines_leave_a_block_undetermined() -> None:
+    """Without control the cards are refused with words; where nobody reads them, the motions are named."""
+    free = {"shift_sigma": None, "shift_free": True}
+    block = flown(4, free, control=[]).block
+    _, problems = check_deck(deck_bytes(block, card_family()), card_family())
+    assert any("free shifts and drifts of lines leave nothing" in problem.message for problem in problems)
+    with pytest.raises(AdjustmentError, match="free in shift east, shift north, shift up"):
+        musatpy.adjust(block)
+    held = altered(block, antenna_lines={"shift_free": put([0], False)})
+    assert check_deck(deck_bytes(held, card_family()), card_family())[0] is not None
+    assert converged(held).parameters is not None
+
+
+def test_a_free_network_gives_no_numbers_for_free_shifts() -> None:
+    free = {"shift_sigma": None, "shift_free": True}
+    block = flown(4, free, control=[], options={"program": "IIIA", "datum": "FREE"}).block
+    solution = converged(block)
+    table = solution.parameters
+    assert table is not None
+    shifts = np.array([name.startswith("SHIFT") for name in table.parameter.tolist()])
+    assert np.isnan(table.sigma[shifts]).all() and np.isfinite(table.sigma[~shifts]).all()
+    verdict = musatpy.verdict(solution)
+    assert verdict.grade is Grade.DOUBTFUL and "SHIFT E of line L1" in str(verdict)
+    assert solution.sigma0 == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("system", ["LOCL", "GEOG", "GEOC"])
+def test_decks_of_every_system_give_the_same(system: str) -> None:
+    block = flown(6, job={"system": system, "centre": [18.0, -65.0] if system != "LOCL" else [0.0, 0.0]}).block
+    again, problems = check_deck(deck_bytes(block, card_family()), card_family())
+    assert again is not None, problems
+    tables = again.antenna_positions, block.antenna_positions
+    np.testing.assert_allclose(tables[0].position, tables[1].position, rtol=1e-15, atol=1e-9)
+    assert np.abs(deviations(flown(6, job={"system": system}), again)).max() < 4.0
+
+
+@pytest.mark.slow
+def test_errors_are_as_large_as_their_sigmas() -> None:
+    """Two hundred draws: RMS of errors over sigmas, within three of its own; the test of sigma0."""
+    ratios, passes = [], 0
+    for seed in range(200):
+        simulated = flown(1000 + seed)
+        ratios.append(deviations(simulated))
+        passes += bool(musatpy.Statistics(musatpy.adjust(simulated.block)).sigma0.accepted)
+    rms = np.sqrt(np.mean(np.square(ratios), axis=0))
+    np.testing.assert_array_less(np.abs(rms - 1.0), 3.0 / np.sqrt(2 * 200))
+    assert abs(np.sqrt(np.mean(np.square(ratios))) - 1.0) < 0.05
+    assert 0.9 * 200 <= passes
