@@ -76,14 +76,22 @@ def test_sigmas_are_those_of_rtk_where_it_was_fixed(tmp_path: Path) -> None:
         "b.jpg,,,,,,,33.5,S,18.25,W,40.5,16,.9,.8,.7",
         "c.jpg,,,,,,,33.5,S,18.25,W,40.5,50,,,",
         "d.jpg,,,,,,,0,,0,,40.5,50,.01,.01,.01",
+        "f.jpg,,,,,,,33.5,S,,,40.5,50,.01,.01,.01",
         "e.jpg",
     ]
     read = exposures(tmp_path, rows)
     np.testing.assert_allclose(read.position[0], [np.radians(-33.5), np.radians(-18.25), 40.5])
     nan = np.nan
-    expected = [[0.011, 0.012, 0.03], [5.0, 5.0, nan], [5.0, 5.0, nan], [nan, nan, 0.01], [nan, nan, nan]]
+    expected = [
+        [0.011, 0.012, 0.03],
+        [5.0, 5.0, nan],
+        [5.0, 5.0, nan],
+        [nan, nan, 0.01],
+        [nan, nan, 0.01],
+        [nan, nan, nan],
+    ]
     np.testing.assert_array_equal(read.sigma, expected)
-    assert read.rtk.tolist() == [True, False, False, True, False]
+    assert read.rtk.tolist() == [True, False, False, True, True, False]
     np.testing.assert_array_equal(exposures(tmp_path, rows, heights=True).sigma[:3, 2], [0.03, 10.0, 10.0])
 
 

@@ -124,6 +124,7 @@ def test_a_shoreline_has_the_water_on_one_side(tmp_path: Path) -> None:
     assert many.tolist() == [True, False] * 3000
 
 
+@pytest.mark.filterwarnings("ignore:'crs' was not provided")
 def test_other_files_of_gis_come_to_degrees_by_their_system(tmp_path: Path) -> None:
     raw, shapely = pytest.importorskip("pyogrio.raw"), pytest.importorskip("shapely")
     corners = np.array([[500000.0, 5000000.0], [501000.0, 5000000.0], [501000.0, 5001000.0], [500000.0, 5001000.0]])

@@ -89,22 +89,26 @@ def widest_angles(model: Model) -> FloatArray:
 
 
 def _cells(model: Model) -> IntArray:
-    """Return the cell (m,) of each image on its photo."""
+    """Return the cell (m,) of each image on its photo, as small numbers."""
     size = np.array([(lens.width, lens.height) for lens in model.lenses], dtype=float).reshape(-1, 2)
     cells = np.where(size[:, :1] >= size[:, 1:], [COLUMNS, ROWS], [ROWS, COLUMNS])
     of = model.camera[model.photo]
     column, row = np.clip(np.floor(model.pixel / size[of] * cells[of]), 0, cells[of] - 1).astype(np.int64).T
-    return row * COLUMNS + column
+    return (row * COLUMNS + column).astype(np.int16)
 
 
 def _add(kept: BoolArray, track: IntArray, cell: IntArray, wanted: int, each: int = 0) -> None:
     """Keep the best tracks (k,) of a photo, from its cells in turn: `each` of every cell, and so many in all."""
     chosen = kept[track]
-    order = np.lexsort((~chosen, cell))  # within cells those that are kept already, then by rank
-    of, turn = cell[order], np.empty(len(order), dtype=np.int64)
-    turn[order] = np.arange(len(order)) - np.searchsorted(of, of)
+    lacking = wanted - int(chosen.sum())
+    if lacking <= 0 and not each:
+        return
+    key = 2 * cell + ~chosen  # within cells those that are kept already, then by rank
+    order = np.argsort(key, kind="stable")  # small numbers are sorted in one pass
+    of, turn = cell[order], np.empty(len(order), dtype=np.int16)
+    turn[order] = np.minimum(np.arange(len(order)) - np.searchsorted(of, of), 2**15 - 1)
     fresh = np.flatnonzero(~chosen)
-    most = max(wanted - int(chosen.sum()), int((turn[fresh] < each).sum()), 0)
+    most = max(lacking, int((turn[fresh] < each).sum()), 0)
     kept[track[fresh[np.argsort(turn[fresh], kind="stable")[:most]]]] = True
 
 

@@ -11,7 +11,7 @@ import re
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from datetime import UTC, datetime, timedelta, timezone, tzinfo
+from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
 from zoneinfo import ZoneInfo
 
@@ -34,9 +34,7 @@ _TEXTS = (*_TIMES, "subsectimeoriginal", "gpslatituderef", "gpslongituderef")
 _ANGLES = {"gpslatitude": 90.0, "gpslongitude": 180.0}
 _NUMBERS = ("absolutealtitude", "gpsaltitude", "gpsaltituderef", "rtkflag", "rtkstdlon", "rtkstdlat", "rtkstdhgt")
 _GROUPS = ("xmp", "composite", "")  # whose columns go before those of others
-_DAY, _HOUR = r"((?:19|20)\d\d)[:-](\d\d)[:-](\d\d)", r"(\d{1,2}):(\d\d)(?::(\d\d(?:[.,]\d+)?))?"
-_TIME = re.compile(rf"{_DAY}[ T]{_HOUR}\s*(Z|UTC|[+-]\d\d:?\d\d)?", re.ASCII)
-_OFFSET = re.compile(r"([+-])(\d\d):?(\d\d)", re.ASCII)
+_DAY = re.compile(r"((?:19|20)\d\d)[:-](\d\d)[:-](\d\d)[ T]", re.ASCII)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -237,7 +235,7 @@ class _Tags:
     def positions(self, heights: bool) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Return positions and sigmas (n, 3), and which are of RTK."""
         angles = np.column_stack([self._angle("gpslatitude", "S"), self._angle("gpslongitude", "W")])
-        angles[~angles.any(axis=1)] = np.nan  # what receivers without a position write
+        angles[~angles.any(axis=1) | np.isnan(angles).any(axis=1)] = np.nan  # zeros: a receiver without a position
         below = np.where(self.numbers("gpsaltituderef") % 2 == 1, -1.0, 1.0)  # 1, 3: below sea, below the ellipsoid
         height = self.numbers("absolutealtitude")
         height = np.where(np.isnan(height), below * np.abs(self.numbers("gpsaltitude")), height)
@@ -246,7 +244,7 @@ class _Tags:
         rtk = (self.numbers("rtkflag") == FIXED) & (given > 0.0).all(axis=1)
         blind = np.array([PLAN_SIGMA, PLAN_SIGMA, HEIGHT_SIGMA if heights else np.nan])
         sigma = np.where(rtk[:, None], given, blind)
-        return position, np.where(np.isnan(position[:, [1, 0, 2]]), np.nan, sigma), rtk
+        return position, np.where(np.isnan(position), np.nan, sigma), rtk
 
     def _angle(self, tag: str, negative: str) -> FloatArray:
         """Return degrees (n,), negative by their sign or by the hemisphere beside them."""
@@ -294,28 +292,17 @@ def _tails(name: str) -> list[str]:
 
 def parsed_time(text: str) -> datetime | None:
     """Return a date and time of day, with its offset where it states one; None where it is none."""
-    form = _TIME.fullmatch(text.strip())
-    if form is None or float((form[6] or "0").replace(",", ".")) >= 61.0:
-        return None
-    zone = fixed_offset(form[7] or "")
+    iso, dates = _DAY.subn(r"\1-\2-\3T", text.strip().replace(" UTC", "Z").replace(",", "."), count=1)
     try:
-        minute = datetime(int(form[1]), int(form[2]), int(form[3]), int(form[4]), int(form[5]), tzinfo=zone)
+        return datetime.fromisoformat(iso) if dates and iso[10] == "T" and iso.isascii() else None
     except ValueError:
         return None
-    if form[7] and zone is None:
-        return None
-    return minute + timedelta(seconds=float((form[6] or "0").replace(",", ".")))
 
 
-def fixed_offset(text: str) -> timezone | None:
-    """Return the zone of an offset +hh:mm, None where it is none."""
-    form = _OFFSET.fullmatch(text.strip())
-    if text.strip() in ("Z", "UTC"):
-        return UTC
-    if form is None or int(form[2]) > 14 or int(form[3]) > 59:
-        return None
-    minutes = 60 * int(form[2]) + int(form[3])
-    return timezone(timedelta(minutes=int(f"{form[1]}{minutes}")))
+def fixed_offset(text: str) -> tzinfo | None:
+    """Return the zone of an offset +hh:mm, or Z, None where it is none."""
+    time = parsed_time(f"2000-01-01T00:00:00{text.strip()}")
+    return None if time is None else time.tzinfo
 
 
 def zone_of(text: str) -> tzinfo:

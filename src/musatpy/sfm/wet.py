@@ -123,7 +123,7 @@ class WaterArea:
         """Return (k,) which plan positions (k, 2) are in an area, or on the side of the nearest line."""
         inside = np.zeros(len(plan), dtype=bool) if self.area is None else self.area.holds(plan)
         if len(self.shore):
-            for rows in np.array_split(np.arange(len(plan)), 1 + len(plan) * len(self.shore) // 2**22):
+            for rows in np.array_split(np.arange(len(plan)), 1 + len(plan) * len(self.shore) // 2**19):
                 inside[rows] |= self.side * _left_of(self.shore * self.scale, plan[rows] * self.scale) > 0.0
         return inside
 
@@ -157,32 +157,27 @@ def read_water(path: Path, side: str = "", *, geographic: bool) -> WaterArea:
         if kind.removeprefix("Multi") not in kinds or not isinstance(parts, list):
             raise _refused(path, f"a geometry of the kind {kind}", "polygons, or lines of a shore")
         kinds[kind.removeprefix("Multi")] += parts if kind.startswith("Multi") else [parts]
-    rings = [
-        line for line in kinds["LineString"] if isinstance(line, list) and len(line) > 3 and line[0] == line[-1]
-    ]
-    lines = [line for line in kinds["LineString"] if line not in rings]
-    area = None
-    if polygons := [*kinds["Polygon"], *([ring] for ring in rings)]:
-        area = area_of(
-            json.dumps({"type": "MultiPolygon", "coordinates": polygons}), str(path), geographic=geographic
-        )
-    if lines and side not in _SIDES:
+    lines = {True: list[Any](), False: list[Any]()}  # closed ones, and others
+    for line in kinds["LineString"]:
+        lines[isinstance(line, list) and len(line) > 3 and line[0] == line[-1]].append(line)
+    areas = [*kinds["Polygon"], *([ring] for ring in lines[True])]
+    text = json.dumps({"type": "MultiPolygon", "coordinates": areas})
+    area = area_of(text, str(path), geographic=geographic) if areas else None
+    if lines[False] and side not in _SIDES:
         raise _refused(path, "a shoreline that is not closed", "a side of it, left or right, on which the water is")
     try:
-        paths = [np.array(line, dtype=float)[:, :2] for line in lines]
+        paths = [np.array(line, dtype=float)[:, :2] for line in lines[False]]
         shore = np.concatenate([np.zeros((0, 2, 2)), *(np.stack([path[:-1], path[1:]], axis=1) for path in paths)])
     except (ValueError, TypeError, IndexError):
         raise _refused(path, "a line whose coordinates are no positions", "two numbers of each") from None
     shore = shore[(shore[:, 0] != shore[:, 1]).any(axis=1)]
-    if area is None and not len(shore):
+    outlines = [ring for rings in area.polygons for ring in rings] if area else []
+    corners = np.concatenate([shore.reshape(-1, 2), *outlines])
+    if not len(corners):
         raise _refused(path, "nothing", "polygons, or lines of a shore")
-    corners = np.concatenate(
-        [shore.reshape(-1, 2), *(ring for rings in (area.polygons if area else ()) for ring in rings)]
-    )
     if not np.isfinite(corners).all() or (geographic and (np.abs(corners) > (360.0, 90.0)).any()):
-        raise _refused(
-            path, "coordinates that are none", "longitude and latitude in degrees" if geographic else "numbers"
-        )
+        expected = "longitude and latitude in degrees" if geographic else "metres"
+        raise _refused(path, "coordinates that are none", expected)
     scale = np.array([np.cos(np.radians(corners[:, 1].mean())), 1.0]) if geographic else np.ones(2)
     return WaterArea(area=area, shore=shore, side=_SIDES.get(side, 0.0), scale=scale)
 
@@ -194,11 +189,11 @@ def _geometries(path: Path, geographic: bool) -> list[dict[str, Any]]:
         with upsets(path, "is no file of GIS that is read"):
             meta, _, encoded, _ = pyogrio.read(path)
             geometries = shapely.from_wkb(encoded)
-        if geographic and not meta["crs"]:
-            raise _refused(path, "no coordinate system", "one that leads to WGS 84")
-        if geographic:
-            way = pyproj.Transformer.from_crs(meta["crs"], "OGC:CRS84", always_xy=True)
-            geometries = shapely.transform(geometries, lambda xy: np.column_stack(way.transform(*xy.T)))
+            if geographic and not meta["crs"]:
+                raise _refused(path, "no coordinate system", "one that leads to WGS 84")
+            if geographic:
+                way = pyproj.Transformer.from_crs(meta["crs"], "OGC:CRS84", always_xy=True)
+                geometries = shapely.transform(geometries, lambda xy: np.column_stack(way.transform(*xy.T)))
         return [json.loads(text) for text in shapely.to_geojson(geometries).tolist()]
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig", errors="replace"))
