@@ -16,9 +16,9 @@ SCEAUX = Path(__file__).parents[3] / "shared/cases/sfm/sceaux/colmap_bin"
 LENS = PixelLens(width=4000, height=3000, focal=(3600.0, 3600.0), centre=(2000.0, 1500.0))
 
 
-def block(strips: int = 4, each: int = 6, density: float = 12.0, seed: int = 1) -> Model:
+def block(strips: int = 4, each: int = 6, density: float = 12.0, noise: float = 0.5) -> Model:
     """Return photos 80 m above a plane, 60 % and 40 % over each other, with points of `density` in 10 m squares."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     x, y = np.meshgrid(35.0 * np.arange(each), 40.0 * np.arange(strips))
     centre = np.column_stack([x.ravel(), y.ravel(), np.full(strips * each, 80.0)])
     low, high = centre[:, :2].min(axis=0) - 45.0, centre[:, :2].max(axis=0) + 45.0
@@ -32,7 +32,7 @@ def block(strips: int = 4, each: int = 6, density: float = 12.0, seed: int = 1) 
         seen = ((pixel > 0.0) & (pixel < (4000.0, 3000.0))).all(axis=1) & (rng.random(count) < 0.8)
         photos.append(np.full(seen.sum(), photo))
         points.append(np.flatnonzero(seen))
-        pixels.append(pixel[seen] + rng.normal(0.0, 0.5, (seen.sum(), 2)))
+        pixels.append(pixel[seen] + rng.normal(0.0, noise, (seen.sum(), 2)))
     return Model(
         program="test",
         cameras=("1",),
@@ -114,7 +114,7 @@ def test_photos_cells_and_pairs_have_their_numbers() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_no_order_of_photos_points_and_images_matters(seed: int) -> None:
-    rng, model = np.random.default_rng(seed), block(strips=3, each=4)
+    rng, model = np.random.default_rng(seed), block(strips=3, each=4, noise=0.0)  # with ties, which ids decide
     wet = (model.position[:, 0] > 30.0).astype(np.int64)
     always = rng.random(len(model.points)) < 0.01
     result = thinned(model, wet, always)

@@ -111,8 +111,8 @@ def test_a_shoreline_has_the_water_on_one_side(tmp_path: Path) -> None:
     land = np.array([False, True, False, False, False, False, True])
     assert (read_water(path, "left", geographic=False).holds(plan) == land).all()
     assert (read_water(path, "right", geographic=False).holds(plan) == ~land).all()
-    # degrees are shorter along parallels: at 60 degrees the nearest part is another one
-    north = [[0.0, 60.0], [0.01, 60.0], [0.01, 60.02]]
+    # degrees are shorter along parallels: at 60 degrees the arm in the east is nearer than the one in the south
+    north = [[0.0, 60.0], [0.013, 60.0], [0.013, 60.02], [0.0, 60.02]]
     path = geojson(tmp_path, {"type": "LineString", "coordinates": north})
     water = read_water(path, "left", geographic=True)
     assert water.holds(np.array([[0.004, 60.005], [0.02, 60.005], [0.004, 59.995]])).tolist() == [

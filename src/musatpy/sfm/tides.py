@@ -59,7 +59,7 @@ class Tide:
         level[good] = PchipInterpolator(self.time, self.level)(time[good])
         lengths, number = np.unique(np.round(gap), return_inverse=True)
         missed = np.array([self._missed(length) if length <= GAP else 0.0 for length in lengths.tolist()])[number]
-        reading = np.sqrt((1.0 - part) * self.sigma[place] ** 2 + part * self.sigma[place + 1] ** 2)
+        reading = np.hypot((1.0 - part) * self.sigma[place], part * self.sigma[place + 1])
         return level, np.where(good, np.hypot(reading, 4.0 * part * (1.0 - part) * missed), np.nan)
 
     def _missed(self, gap: float) -> float:
