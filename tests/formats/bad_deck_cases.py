@@ -253,7 +253,7 @@ CASES: list[Case] = [
             replace(15, " -71.9650000", "-171.9650000"),
         ),
         "~4 WTR.index [1.319000] 1.319 is out of the ordinary: that of water is 1.32 to 1.36",
-        "~5 CAM.focal_length [0.15200] 0.152 mm is out of the ordinary (10 to 3000 mm)",
+        "~5 CAM.focal_length [0.15200] 0.152 mm is out of the ordinary (3 to 3000 mm)",
         "~9 ATT.x_tilt [-95 17 11.3240] a tilt of -95.2865 degrees, where most photos have less than 30",
         "~15 PLT.y [-171.9650000] y = -171.965 mm lies outside the format of 230 mm of camera RC8",
     ),

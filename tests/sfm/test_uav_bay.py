@@ -39,8 +39,8 @@ def musat(*words: object) -> Result:
 
 def imported(folder: Path, *more: str, status: int = 0) -> str:
     """Import the model of a folder as its owner does, with more options; the last of an option counts."""
-    words = ("import", "colmap", folder, "-o", folder / "bay.job", "--gcp", folder / "gcp_list.txt", "--gnss",
-             folder / "exif.csv", "--tide", folder / "tide.csv", "--tide-datum", "0", "--tide-sigma", "0.02")  # fmt: skip
+    words = ["import", "colmap", folder, "-o", folder / "bay.job", "--tide-datum", "0", "--tide-sigma", "0.02"]
+    words += ["--gcp", folder / "gcp_list.txt", "--gnss", folder / "exif.csv", "--tide", folder / "tide.csv"]
     result = musat(*words, *more)
     assert result.exit_code == status, result.output
     return result.output
@@ -49,8 +49,8 @@ def imported(folder: Path, *more: str, status: int = 0) -> str:
 def corrected(folder: Path) -> dict[str, FloatArray]:
     """The cloud of a bay through its job and its run."""
     assert musat("run", "-q", folder / "bay.job", "-o", folder / "out").exit_code == 0
-    result = musat("correct", "-q", folder / "cloud.csv", "--run", folder / "out" / "bay.json", "--job",
-                   folder / "bay.job", "--crs", "model", "-o", folder / "true.csv", "--cloud-sigma", "0.5")  # fmt: skip
+    words = ["correct", "-q", folder / "cloud.csv", "--run", folder / "out" / "bay.json", "-o", folder / "true.csv"]
+    result = musat(*words, "--job", folder / "bay.job", "--crs", "model", "--cloud-sigma", "0.5")
     assert result.exit_code == 0, result.output
     with (folder / "true.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -123,8 +123,8 @@ def test_a_run_of_another_job_is_refused(files: tuple[Bay, Path], tmp_path: Path
     imported(folder)
     deck = Path(__file__).parents[2] / "fixtures" / "st_thomas" / "st_thomas.crd"
     assert musat("run", "-q", deck, "-o", tmp_path).exit_code == 0
-    result = musat("correct", folder / "cloud.csv", "--run", tmp_path / "st_thomas.json", "--job", folder / "bay.job",
-                   "-o", tmp_path / "x.csv")  # fmt: skip
+    words = ["correct", folder / "cloud.csv", "--run", tmp_path / "st_thomas.json", "-o", tmp_path / "x.csv"]
+    result = musat(*words, "--job", folder / "bay.job")
     assert result.exit_code == 1 and "none of its photos is one of the cameras of the job" in result.output
 
 

@@ -149,7 +149,7 @@ def georeferenced(
 def _too_few(control: int, photos: int) -> str:
     return (
         f"{control} control points with coordinates and two images or more, and {photos} photos with positions are "
-        "known: three places that are not on a line are needed"
+        "known: three places that are not on a line are needed (--gcp, --gnss)"
     )
 
 
