@@ -119,6 +119,7 @@ def test_a_wrong_opensfm_is_named(tmp_path: Path, wrong: str) -> None:
     assert names_in(refusal(opensfm.read_model(write_opensfm(tmp_path, scene_of(wrong), wrong)))) == [wrong]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", METASHAPE)
 def test_a_wrong_metashape_is_named(tmp_path: Path, wrong: str) -> None:
     model = of_metashape(tmp_path / "cameras.xml", scene_of(wrong), wrong)

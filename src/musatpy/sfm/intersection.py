@@ -41,9 +41,9 @@ def intersections(model: Model, photo: IntArray, point: IntArray, pixel: FloatAr
     for _ in range(_ROUNDS):
         N = _sums(point, (weight[:, None, None] * across).reshape(-1, 9), count).reshape(-1, 3, 3)
         right = _sums(point, weight[:, None] * np.einsum("mij,mj->mi", across, foot), count)
-        # The smallest eigenvalue of rays at an angle a is about a^2 / 2 of the mean weight.
+        # The smallest eigenvalue of two rays at an angle a is about a^2 / 4 of their weights; of one it is 0.
         total = np.bincount(point, weight, count)
-        good = (rays > 1) & (np.linalg.eigvalsh(N)[:, 0] > 0.25 * _LEAST_ANGLE**2 * total)
+        good = np.linalg.eigvalsh(N)[:, 0] > 0.25 * _LEAST_ANGLE**2 * total
         out[good] = np.linalg.solve(N[good], right[good][..., None])[..., 0]
         out[~good] = np.nan
         length = np.linalg.norm(out[point] - foot, axis=1)
