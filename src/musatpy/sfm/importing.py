@@ -92,7 +92,7 @@ def imported(asked: Asked, title: str) -> Imported:
     """Return the job of a model. Raises `ModelError`, `DeckError`, `SystemsError` and `OSError`."""
     model = read_model(asked)
     if not len(model.photo):
-        message = "it has no images of points, which an adjustment needs: export the model as COLMAP, and import that"
+        message = "it has no images of points, which an adjustment needs: export it as COLMAP, and import that"
         raise ModelError([Problem(message=message, file=str(asked.path))])
     lines, warnings = [_size(model)], list(model.notes)
     proof = prove(model, str(asked.path))
