@@ -127,7 +127,7 @@ def test_public_names_do_what_the_command_does(deck):
 
 
 def test_every_example_is_of_files_that_are_there_and_of_commands():
-    assert list(examples()) == ["st_thomas", "cayman", "lagoon"]
+    assert list(examples()) == ["st_thomas", "cayman", "lagoon", "uav_bay"]
     assert musat("example").stdout.startswith("st_thomas  three photos over a shore, eight points under water")
     for example in examples().values():
         assert all((FIXTURES / file).is_file() for file in example.files)

@@ -36,7 +36,7 @@ WRONG = [  # words, message
     ("run job.crd --punch-family patb", "say what to punch: --punch restart or --punch result"),
     ("run job.crd --punch restart --punch-kind F", "the points of a restart are check points"),
     ("run job.crd --punch restart --no-punch-sigmas", "sigmas"),
-    ("run job.crd --punch result --punch-family PATC", "no family 'PATC'; there are musat, bingo, giant"),
+    ("run job.crd --punch result --punch-family PATC", "no family 'PATC'; there are musat, job, bingo, giant"),
     ("run job.crd --crs EPSG:4267", "--crs goes with --gis"),
     *((f"run - {more}", "- with other decks, or with files besides the listing, needs -o")
       for more in ("--csv", "--gis", "--punch result", "--punch-edits", "job.crd")),
@@ -61,7 +61,7 @@ WRONG = [  # words, message
     (f"{EXTRACT} --box 1,2,3 -o out.crd", "--box 1,2,3: not four numbers W,S,E,N"),
     ("convert job.crd job.xyz", "give its family with --to"),
     ("convert job.crd .", "give its family with --to"),
-    ("convert job.crd job.im --to nobody", "no family 'nobody'; there are musat, bingo, giant"),
+    ("convert job.crd job.im --to nobody", "no family 'nobody'; there are musat, job, bingo, giant"),
     ("convert job.crd job.crd", "the result would overwrite"),
     ("convert job.crd job.im --deck job.crd", "FROM is a deck itself"),
     ("convert none.crd job.im", "does not exist"),

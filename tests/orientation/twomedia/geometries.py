@@ -300,6 +300,7 @@ def block_of(scene: Scene, sights: Sights, start: Orientation) -> model.Block:
             fixed=(sights.control_sigma[known] == 0.0).all(axis=1),
             position=sights.control[known],
             sigma=np.where(sights.control_sigma[known] > 0.0, sights.control_sigma[known], np.nan),
+            correlation=np.full((len(known), 3), np.nan),
         ),
     )
 
