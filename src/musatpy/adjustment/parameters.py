@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import TIES, AdjustedParameters
 
 if TYPE_CHECKING:
@@ -50,6 +50,21 @@ class Parameters:
     def weighted(self, factor: FloatArray | float) -> Self:
         """Return the same with the weights times `factor`."""
         return replace(self, weight=self.weight * factor)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CameraParameters(Parameters):
+    """Those of c cameras, k of each, of which some are unknown: camera by camera."""
+
+    camera: IntArray  # (n,) of each photo
+    held: FloatArray  # (c, k) values as given, of the unknown ones too
+    unknown: BoolArray  # (c, k)
+
+    def table(self, values: FloatArray) -> FloatArray:
+        """Return all parameters (c, k) at `values` (x,) of the unknown ones."""
+        table = self.held.copy()
+        table[self.unknown] = values
+        return table
 
 
 def adjusted_parameters(
