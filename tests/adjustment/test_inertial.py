@@ -343,6 +343,17 @@ def test_other_angles_are_named(true: str, read: str) -> None:
     assert f"read as {true} (" in rejected(altered(block, inertial_convention={"angles": read}))
 
 
+def test_wrong_control_is_no_matter_of_conventions() -> None:
+    block = flown(17, inertial={"free": False}).block
+    wrong = altered(block, control={"position": lambda at: at + put((1, 2), 30.0)(np.zeros_like(at))})
+    solution = musatpy.adjust(wrong)
+    assert solution.misread == ""
+    assert (solution.causes[0].kind, solution.causes[0].points) == (
+        CauseKind.VERTICAL,
+        (block.points.ids[block.control.point[1]],),
+    )
+
+
 def test_a_misalignment_of_the_other_sense_is_named() -> None:
     block = flown(14, inertial={"misalignment": [1.0, -2.0, 88.0], "free": False}).block
     inverse = body_angles(
