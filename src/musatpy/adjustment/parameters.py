@@ -78,7 +78,7 @@ def adjusted_parameters(
     """Return the further parameters of a solution, None where there are none.
 
     `name` names the unknowns of the normal equations; `mean_depth` (u + 1,) has their cofactors with the mean depth
-    of submerged points, then its own. What the free `motions` (u, d) of a block change is arbitrary as its place is.
+    of submerged points, then its own. What the free `motions` (u, d) of a block change is not determined.
     """
     kinds = [kind for kind in network.parameters if network.border.count(kind)]
     if not kinds:

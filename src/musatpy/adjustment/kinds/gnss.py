@@ -40,6 +40,10 @@ class AntennaTies(MeasuredTies):
     numbers: IntArray  # (d, 9) of the lever arm, the shift and the drift
     since: FloatArray  # (d,) s since the mean time of the line
 
+    def to_components(self, network: Network) -> FloatArray:
+        """Return (d, 3, 3) from working axes to the components."""
+        return self.principal @ np.asarray(network.frame.axes(network.frame.working(self.value)))
+
 
 def flight_lines(block: Block) -> tuple[IntArray, FloatArray]:
     """Return the row (a,) in the table of lines of each antenna position, -1 for none, and its time (a,) in s.
@@ -129,8 +133,7 @@ class Antenna(PhotoVector):
         """Return adjusted minus observed, along the principal axes of each."""
         of = _ties(network)
         photo, first = of.photo[:, 0], [network.border.at(kind).start for kind in _UNKNOWN]
-        observed = network.frame.working(of.value)
-        to_components = of.principal @ network.frame.axes(observed)
+        observed, to_components = network.frame.working(of.value), of.to_components(network)
         arm, shift, drift = np.split(_values(of, state), 3, axis=1)
         M, axes = state.M[photo], network.axes[photo]
         from_centre = np.einsum("dji,dj->di", M, arm)
@@ -293,7 +296,7 @@ def _following(network: Network, state: State, moved: FloatArray) -> dict[Observ
     Only free ones change: others are held by what is known of them.
     """
     of = _ties(network)
-    change = of.principal @ network.frame.axes(network.frame.working(of.value)) @ moved
+    change = of.to_components(network) @ moved
     part = ANTENNA.deviations(network, state)
     g, d = network.border.first_kept, len(change)
     J = np.zeros((d, 3, g))
