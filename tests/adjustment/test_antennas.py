@@ -135,6 +135,17 @@ def test_partials_of_photos_along_turned_axes() -> None:
         np.testing.assert_allclose(part.by_station[:, :, k], by_difference, atol=1e-7)
 
 
+def test_covariances_weigh_as_their_inverses() -> None:
+    """The weighted squares of components along principal axes are v' C^-1 v along east, north, up."""
+    block = flown(7, {"correlation": [0.6, -0.3, 0.2]}).block
+    job, state = prepared(block, None)
+    rows = ANTENNA.rows(job.network, state)
+    v = ANTENNA.values(block, job.network, state)
+    C = block.antenna_covariances.matrices
+    expected = np.einsum("ai,aij,aj->a", v, np.linalg.inv(C), v)
+    np.testing.assert_allclose((rows.weight * rows.residual**2).reshape(-1, 3).sum(axis=1), expected, rtol=1e-9)
+
+
 def test_free_shifts_of_all_lines_leave_a_block_undetermined() -> None:
     """Without control the cards are refused with words; where nobody reads them, the motions are named."""
     free = {"shift_sigma": None, "shift_free": True}

@@ -14,6 +14,7 @@ import numpy as np
 
 from musatpy.adjustment.iteration import LEVEL, State, tide_groups
 from musatpy.adjustment.kinds import MEASURED, PRIORS, direct_rows
+from musatpy.adjustment.kinds.gnss import AntennaTies
 from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.sightings import index_partials, residuals
@@ -193,7 +194,9 @@ def _direct(model: LinearModel) -> Iterator[Hypothesis]:
         c = len(kind.observed.components)  # of a row of the table, one after the other
         partials, index = rows.partials.reshape(-1, c, rows.index.shape[1]), rows.index[::c]
         Q = partials @ model.cofactors.between(index, index) @ np.swapaxes(partials, 1, 2)
-        drop = dropped(rows.residual.reshape(-1, c), rows.weight.reshape(-1, c), Q, _COMMON_CHECKED)
+        ties = model.network.measured[kind.observed]
+        mixed = np.swapaxes(ties.principal, 1, 2) if isinstance(ties, AntennaTies) else None
+        drop = dropped(rows.residual.reshape(-1, c), rows.weight.reshape(-1, c), Q, _COMMON_CHECKED, mixed)
         for k in _most(drop):
             given_up = GivenUp.of_row(kind.observed, int(rows.row[c * k]), np.arange(c))
             yield giving_up(model.scene.block, kinds[kind.observed].cause, given_up, **_explained(drop, k))
