@@ -194,3 +194,16 @@ def test_errors_are_as_large_as_their_sigmas() -> None:
     np.testing.assert_array_less(np.abs(rms - 1.0), 3.0 / np.sqrt(2 * 200))
     assert abs(np.sqrt(np.mean(np.square(ratios))) - 1.0) < 0.05
     assert 0.9 * 200 <= passes
+
+
+def test_antenna_positions_place_a_block_that_nothing_else_does() -> None:
+    """COMPUTE without control and without station cards."""
+    computed = {"program": "IIIA", "initial": "COMPUTE"}
+    simulated = flown(4, control=[], options=computed, points={"extra": [{"number": 60}]})
+    text = deck_bytes(simulated.block, card_family()).decode()
+    cards = [card for card in text.splitlines(keepends=True) if not card.startswith(("STX", "ATT"))]
+    block, problems = check_deck("".join(cards).encode(), card_family())
+    assert block is not None, problems
+    solution = converged(block)
+    assert musatpy.verdict(solution).grade is Grade.ACCEPTED
+    assert np.abs(solution.stations.position - simulated.truth.stations.xyz).max() < 2.0
