@@ -52,7 +52,7 @@ def antennas(block: Block) -> dict[str, Table]:
         "antenna_positions": AntennaPositions(
             photo=some,
             line=np.where(some < n - 1, "A", ""),
-            position=block.photos.position + [1e-7, 2e-7, 3.0],
+            position=block.photos.position + np.array([1e-7, 2e-7, 3.0]),
             sigma=sigma,
         ),
         "antenna_covariances": AntennaCovariances(
