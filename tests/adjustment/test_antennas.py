@@ -16,7 +16,12 @@ from musatpy.errors import AdjustmentError
 from musatpy.formats.job_tables import card_family
 from musatpy.formats.musat import check_deck, deck_bytes
 from musatpy.geometry.collinearity import attitude_from_matrix
-from musatpy.model import Block, Grade
+from musatpy.jobs.agreement import Part
+from musatpy.jobs.extract import extracted
+from musatpy.jobs.merge import MergeOptions, merged
+from musatpy.model import Block, EllipsoidSpec, Grade, SystemSpec
+from musatpy.model.block import in_order_of_ids
+from musatpy.model.tables import columns
 from musatpy.simulation import Simulation
 
 CONTROL = [{"kind": "full", "number": 4, "sigma": 0.03, "error": 0.03}]
@@ -180,6 +185,34 @@ def test_decks_of_every_system_give_the_same(system: str) -> None:
     tables = again.antenna_positions, block.antenna_positions
     np.testing.assert_allclose(tables[0].position, tables[1].position, rtol=1e-15, atol=1e-9)
     assert np.abs(deviations(flown(6, job={"system": system}), again)).max() < 4.0
+
+
+@pytest.mark.parametrize("sigmas", ["LOCL", "SYST"])
+@pytest.mark.parametrize("kind", ["PROJ", "GEOC", "GEOG"])
+def test_decks_in_other_words_come_back(kind: str, sigmas: str) -> None:
+    """A projected system, geocentric axes: positions to the rounding of cards, covariances to that of sigmas."""
+    block = flown(6, {"correlation": [0.5, -0.3, 0.2]}, job={"centre": [18.0, -65.0]}).block
+    definition = "EPSG:32620" if kind == "PROJ" else ""
+    spec = SystemSpec(kind=kind, definition=definition, sigmas=sigmas)
+    block = replace(block, given_in=spec, ellipsoid=EllipsoidSpec(name="WGS84"))
+    again, problems = check_deck(deck_bytes(block, card_family()), card_family())
+    assert again is not None, problems
+    off = (again.antenna_positions.position - block.antenna_positions.position) * [6.4e6, 6.4e6, 1.0]
+    assert np.abs(off).max() < 1e-3
+    matrices = again.antenna_covariances.matrices, block.antenna_covariances.matrices
+    np.testing.assert_allclose(matrices[0], matrices[1], rtol=1e-4, atol=1e-7)
+
+
+def test_parts_of_a_job_and_merged_jobs_keep_them() -> None:
+    block = flown(6, {"correlation": [0.5, -0.3, 0.2]}).block
+    first, rest = (extracted(block, photos).block for photos in (np.arange(8) < 4, np.arange(8) >= 2))
+    assert first.antenna_lines.line.tolist() == ["L1"] and first.antenna_positions.count == 4
+    parts = [Part(name="first", block=first), Part(name="rest", block=rest)]
+    whole = merged(parts, MergeOptions(join_photos=True)).block
+    for name in ("antenna_positions", "antenna_covariances", "exposure_times", "antenna_lines", "lever_arms"):
+        one, other = (in_order_of_ids(each).tables()[name] for each in (block, whole))
+        for column in columns(type(one)):
+            np.testing.assert_array_equal(getattr(one, column), getattr(other, column), err_msg=name)
 
 
 @pytest.mark.slow
