@@ -15,7 +15,7 @@ from musatpy.adjustment.network import inverse_squares
 from musatpy.adjustment.parameters import CameraParameters
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
-from musatpy.model import PORT_PARAMETERS, PORT_UNITS, Block
+from musatpy.model import PORT_PARAMETERS, PORT_SIZES, PORT_UNITS, Block
 from musatpy.refraction import port
 from musatpy.units import DEGREE
 
@@ -27,19 +27,6 @@ _MOST = 0.02  # of the distance of an image from the principal point: beyond suc
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PortView:
-    """Vectors v (..., 3) in whose directions points are seen in the housing, in working axes, and their partials.
-
-    By the vectors to the points, by the attitude (..., 3, 3), by all parameters of the port (..., 3, 6).
-    """
-
-    v: FloatArray
-    by_vector: FloatArray
-    by_attitude: FloatArray
-    by_port: FloatArray
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class CameraPorts(CameraParameters):
     """What is known of the ports of c cameras, in the order and units of `PORT_PARAMETERS`."""
 
@@ -48,7 +35,7 @@ class CameraPorts(CameraParameters):
         """Return the ports of a block."""
         cameras, table = block.cameras, block.lens_unknowns.of(PORT_PARAMETERS)
         held = np.tile(_NO_PORT, (cameras.count, 1))
-        sizes = (getattr(block.ports, name) for name in ("distance", "thickness", "glass_index", "water_index"))
+        sizes = [getattr(block.ports, name) for name in PORT_SIZES]
         held[block.ports.camera] = np.column_stack([*sizes, block.ports.tilt / DEGREE])
         at = table.camera, np.array([PORT_PARAMETERS.index(name) for name in table.parameter.tolist()], dtype=int)
         unknown, sigma = np.zeros(held.shape, dtype=bool), np.full(held.shape, np.nan)
@@ -76,31 +63,27 @@ class CameraPorts(CameraParameters):
         u = port.direction(np.einsum("...ij,...j->...i", M, v), self._ports(values, photo))
         return np.einsum("...ji,...j->...i", M, u)
 
-    def view(self, values: FloatArray, photo: IntArray, v: FloatArray, M: FloatArray, dM: FloatArray) -> PortView:
-        """Return how points at v (..., 3) from the stations of photos (...) are seen; values (x,) of the unknown.
+    def view(
+        self, values: FloatArray, photo: IntArray, v: FloatArray, M: FloatArray, dM: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return in which directions (..., 3) of working axes points at v (..., 3) from their stations are seen.
 
-        M (..., 3, 3) and dM (..., 3, 3, 3) are rotations and their derivatives. Partials by attitude are those with
-        which the image moves: M itself, that takes vectors to the photo, is held.
+        And the partials by v and by the attitude (..., 3, 3), while M that takes them to the photo is held, and by
+        all parameters of the ports (..., 3, 6). M (..., 3, 3), dM (..., 3, 3, 3): rotations, by the attitude.
         """
-        seen = port.seen(np.einsum("...ij,...j->...i", M, v), self._ports(values, photo))
+        u, by_point, by_port = port.seen(np.einsum("...ij,...j->...i", M, v), self._ports(values, photo))
         back = np.swapaxes(M, -1, -2)
-        by_point = back @ seen.by_point
-        return PortView(
-            v=(back @ seen.u[..., None])[..., 0],
-            by_vector=by_point @ M,
-            by_attitude=by_point @ np.einsum("...aij,...j->...ia", dM, v),
-            by_port=back @ (seen.by_port * _INSIDE),
-        )
+        by_point = back @ by_point
+        by_attitude = by_point @ np.einsum("...aij,...j->...ia", dM, v)
+        return (back @ u[..., None])[..., 0], by_point @ M, by_attitude, back @ (by_port * _INSIDE)
 
     def rays(
         self, values: FloatArray, photo: IntArray, camera: FloatArray, direction: FloatArray, M: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return where rays of directions (..., 3) in the housing leave the glass, and directions in water."""
         origin, w = port.ray(np.einsum("...ij,...j->...i", M, direction), self._ports(values, photo))
-        return (
-            camera + np.einsum("...ji,...j->...i", M, origin),
-            np.einsum("...ji,...j->...i", M, w),
-        )
+        back = np.swapaxes(M, -1, -2)
+        return camera + (back @ origin[..., None])[..., 0], (back @ w[..., None])[..., 0]
 
     def _ports(self, values: FloatArray, photo: IntArray) -> port.Port:
         return _ports(self.table(values).take(self.camera.take(photo), axis=0))
@@ -129,6 +112,6 @@ def _effect(table: FloatArray, reach: FloatArray, f: FloatArray) -> FloatArray:
     ports, level = _ports(table), np.eye(3)
     corner = np.column_stack([reach, reach]) / np.sqrt(2.0)
     origin, w = port.ray(collinearity.image_vector(corner, f, np.zeros(2)), ports)
-    seen = port.seen(origin + _RANGE * w, ports)
-    _, by_u = collinearity.image_by_vector(seen.u, level, f, np.zeros(2))
-    return np.linalg.norm(by_u @ (seen.by_port * _INSIDE), axis=1)
+    u, _, by_port = port.seen(origin + _RANGE * w, ports)
+    _, by_u = collinearity.image_by_vector(u, level, f, np.zeros(2))
+    return np.linalg.norm(by_u @ (by_port * _INSIDE), axis=1)

@@ -63,15 +63,14 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
         v[wet] = bent.v
     if network.ports is not None:
         dM = state.dM.take(photo, axis=0)
-        port = network.ports.view(state.parameters[ObservationKind.PORT], photo, v, M, dM)
-        v = port.v
+        v, *port = network.ports.view(state.parameters[ObservationKind.PORT], photo, v, M, dM)
     if not stations:
         xy, by_v = collinearity.image_by_vector(v, M, f, pp)
         if network.lenses is not None:
             xy, by_ideal, _ = _lens_partials(network.lenses, network, state, rays, xy - pp, f, pp)
             by_v = by_ideal @ by_v
         if network.ports is not None:
-            by_v = by_v @ port.by_vector
+            by_v = by_v @ port[0]
         by_station, by_water = np.zeros((*v.shape[:-1], 2, 0)), None
     else:
         xy, by_v, by_attitude = collinearity.image_partials(v, M, state.dM.take(photo, axis=0), f, pp)
@@ -79,7 +78,7 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
             xy, by_ideal, by_lens = _lens_partials(network.lenses, network, state, rays, xy - pp, f, pp)
             by_v, by_attitude = by_ideal @ by_v, by_ideal @ by_attitude
         if network.ports is not None:
-            by_port, by_attitude, by_v = by_v @ port.by_port, by_v @ port.by_attitude, by_v @ port.by_vector
+            by_v, by_attitude, by_port = (by_v @ partials for partials in port)
         waves = network.border.count(ObservationKind.WAVE)
         unknown = network.water.unknown or waves > 0
         by_camera, by_water = -by_v, np.zeros((*v.shape[:-1], 2, 4 + waves)) if unknown else None

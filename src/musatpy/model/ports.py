@@ -9,6 +9,7 @@ from musatpy.model.tables import Table, per_row
 
 # Distance and thickness, index of the glass and of the water, tilts about x and y: as CAL cards call and mean them.
 PORT_PARAMETERS = ("PD", "PT", "PG", "PW", "PX", "PY")
+PORT_SIZES = ("distance", "thickness", "glass_index", "water_index")  # the columns of the first four
 PORT_UNITS = ("mm", "mm", "", "", "deg", "deg")
 
 

@@ -127,10 +127,7 @@ def port_fault(tables: Tables) -> str:
 
 
 def cameras_of(tables: Tables) -> Cameras:
-    """Return the cameras of a record, as adjusted; of an adjusted distortion they know nothing.
-
-    Raises `RecordError` where one is behind a port.
-    """
+    """Return the cameras of a run, as adjusted, without distortion. Raises `RecordError` where one has a port."""
     if fault := port_fault(tables):
         raise RecordError([Problem(message=fault)])
     cameras, adjusted = tables["cameras"], tables["adjusted_parameters"]

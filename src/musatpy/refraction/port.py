@@ -38,40 +38,26 @@ class Port:
     tilt: FloatArray  # (..., 2)
 
     @property
-    def normal(self) -> FloatArray:
-        """(..., 3) unit, towards the scene."""
+    def normal(self) -> tuple[FloatArray, FloatArray]:
+        """(..., 3) unit, towards the scene; and its partials (..., 3, 2) by the tilts."""
         (sa, sb), (ca, cb) = (np.moveaxis(of(self.tilt), -1, 0) for of in (np.sin, np.cos))
-        return np.stack([-ca * sb, sa, -ca * cb], axis=-1)
-
-    @property
-    def normal_by_tilt(self) -> FloatArray:
-        """(..., 3, 2)."""
-        (sa, sb), (ca, cb) = (np.moveaxis(of(self.tilt), -1, 0) for of in (np.sin, np.cos))
-        rows = ((sa * sb, -ca * cb), (ca, np.zeros_like(ca)), (sa * cb, ca * sb))
-        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Seen:
-    """Directions u (..., 3) in the housing, and their partials.
-
-    By the point (..., 3, 3), and by distance, thickness, both indices, both tilts (..., 3, 6).
-    """
-
-    u: FloatArray
-    by_point: FloatArray
-    by_port: FloatArray
+        by_first, by_second = (sa * sb, ca, sa * cb), (-ca * cb, 0.0 * ca, ca * sb)
+        by_tilts = (np.stack(partials, axis=-1) for partials in (by_first, by_second))
+        return np.stack([-ca * sb, sa, -ca * cb], axis=-1), np.stack(list(by_tilts), axis=-1)
 
 
 def direction(p: FloatArray, port: Port) -> FloatArray:
     """Return the directions u (..., 3) in the housing in which points p (..., 3) m are seen."""
     q, _, _, G = _solved(p, port)
-    return port.normal + q / G[..., None]
+    return port.normal[0] + q / G[..., None]
 
 
-def seen(p: FloatArray, port: Port) -> Seen:
-    """Return what `direction` does, with partials."""
-    n, dn = port.normal, port.normal_by_tilt
+def seen(p: FloatArray, port: Port) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what `direction` does, and its partials.
+
+    By the points (..., 3, 3), and by distance, thickness, both indices, both tilts (..., 3, 6).
+    """
+    n, dn = port.normal
     q, h, T, G = _solved(p, port)
     t, n_g, n_w, z = port.thickness, port.glass, port.water, h + port.distance + port.thickness
     r_g, r_w = water_tangent_ratio(T, n_g), water_tangent_ratio(T, n_w)
@@ -87,11 +73,8 @@ def seen(p: FloatArray, port: Port) -> Seen:
     per_G = (q / np.square(G)[..., None])[..., :, None]
     by_tilt = dn + dq / G[..., None, None] - per_G * G_tilt[..., None, :]
     by_sizes = -per_G * (np.stack(np.broadcast_arrays(*by_size), axis=-1) * (G / F)[..., None])[..., None, :]
-    return Seen(
-        u=n + q / G[..., None],
-        by_point=across - per_G * G_p[..., None, :],
-        by_port=np.concatenate([by_sizes, by_tilt], axis=-1),
-    )
+    by_port = np.concatenate([by_sizes, by_tilt], axis=-1)
+    return n + q / G[..., None], across - per_G * G_p[..., None, :], by_port
 
 
 def ray(u: FloatArray, port: Port) -> tuple[FloatArray, FloatArray]:
@@ -99,7 +82,7 @@ def ray(u: FloatArray, port: Port) -> tuple[FloatArray, FloatArray]:
 
     Points (..., 3) m from the projection centre, and unit directions (..., 3).
     """
-    n = port.normal
+    n, _ = port.normal
     tangent = u / np.sum(u * n, axis=-1, keepdims=True) - n
     T = np.linalg.norm(tangent, axis=-1)
     across = port.distance + port.thickness * water_tangent_ratio(T, port.glass)
@@ -113,7 +96,7 @@ def _solved(p: FloatArray, port: Port) -> tuple[FloatArray, FloatArray, FloatArr
 
     NaN where an index below 1 lets no ray through.
     """
-    n, d, t, n_g, n_w = port.normal, port.distance, port.thickness, port.glass, port.water
+    n, d, t, n_g, n_w = port.normal[0], port.distance, port.thickness, port.glass, port.water
     z = np.sum(n * p, axis=-1)
     q = p - z[..., None] * n
     rho, h = np.linalg.norm(q, axis=-1), z - d - t

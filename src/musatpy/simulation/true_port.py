@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.draws import Draws
-from musatpy.model import PORT_PARAMETERS, LensUnknowns, ObservationKind, Ports
+from musatpy.model import PORT_PARAMETERS, PORT_SIZES, LensUnknowns, ObservationKind, Ports
 from musatpy.model.tables import empty
 from musatpy.simulation.scene_keys import PortKeys
 from musatpy.simulation.simulation_spec import SimulationSpec
-from musatpy.simulation.true_lens import TrueParameter
+from musatpy.simulation.true_lens import TrueParameter, state_unknowns
 from musatpy.units import DEGREE
 
 
@@ -26,23 +26,7 @@ def state_port(port: PortKeys | None, draws: Draws) -> tuple[Ports, LensUnknowns
     """Return what PRT and CAL cards of the deck say."""
     if port is None:
         return empty(Ports), empty(LensUnknowns)
-    true, unknown = dict(zip(PORT_PARAMETERS, port.values, strict=True)), port.unknown
-    sigma = np.array([np.nan if given.sigma is None else given.sigma for given in unknown])
-    error = np.array([(given.sigma or 0.0) if given.error is None else given.error for given in unknown])
-    value = np.array([true[given.name] for given in unknown]) + error * draws.normal("port", len(unknown))
-    cards = LensUnknowns(
-        camera=np.zeros(len(unknown), dtype=int),
-        parameter=np.array([given.name for given in unknown], dtype=np.str_),
-        value=np.array([float(f"{one:.9e}") for one in value.tolist()]),
-        sigma=sigma,
-    )
-    distance, thickness, glass, water, *tilt = (np.array([one]) for one in port.values)
-    ports = Ports(
-        camera=np.zeros(1, dtype=int),
-        distance=distance,
-        thickness=thickness,
-        glass_index=glass,
-        water_index=water,
-        tilt=np.column_stack(tilt) * DEGREE,
-    )
-    return ports, cards
+    true = dict(zip(PORT_PARAMETERS, port.values, strict=True))
+    cards = state_unknowns(true, port.unknown, draws.normal("port", len(port.unknown)))
+    sizes = {name: np.array([value]) for name, value in zip(PORT_SIZES, port.values, strict=False)}
+    return Ports(camera=np.zeros(1, dtype=int), **sizes, tilt=np.array([port.tilt]) * DEGREE), cards

@@ -18,8 +18,11 @@ _USUAL = {  # beyond what cannot be and what is an error, and within what is usu
     "glass_index": ("an index of {:g} is out of the ordinary for glass", 1.0, 1.4, 1.9, 2.0),
     "water_index": ("an index of {:g} is out of the ordinary for water", 1.0, *USUAL_INDICES, 2.0),
 }
-_LEAST = {"PD": 0.0, "PT": 0.0, "PG": 1.0, "PW": 1.0, "PX": -30.0, "PY": -30.0}  # in the units of CAL cards
-_MOST = {"PG": 2.0, "PW": 2.0, "PX": 30.0, "PY": 30.0}
+_WITHIN = {  # what values on CAL cards cannot be beyond, in their units
+    **dict.fromkeys(("PD", "PT"), (0.0, np.inf, "not negative")),
+    **dict.fromkeys(("PG", "PW"), (1.0, 2.0, "within 1 and 2")),
+    **dict.fromkeys(("PX", "PY"), (-30.0, 30.0, "within 30 degrees")),
+}
 
 
 @check(of_card=True)
@@ -38,11 +41,9 @@ def unknown_values(draft: Draft) -> Iterator[Problem]:
     """Yield values of parameters of ports on CAL cards that cannot be."""
     role, path = "lens_unknowns", "lens_unknowns.value"
     parameter, value = draft.rows[role]["lens_unknowns.parameter"], draft.rows[role][path]
-    for name, least in _LEAST.items():
-        most = _MOST.get(name, np.inf)
-        message = f"{name} of a port is " + ("not negative" if most == np.inf else f"within {least:g} and {most:g}")
+    for name, (least, most, words) in _WITHIN.items():
         bad = (parameter == name) & ((value < least) | (value > most))
-        yield from draft.problems(role, bad, message, path=path)
+        yield from draft.problems(role, bad, f"{name} of a port is {words}", path=path)
 
 
 @check()
