@@ -224,6 +224,19 @@ CASES: list[Case] = [
             add(port("RC8 ", 35.0, 10.0, 1.5, 1.33)),
         ),
         "46 PRT [] program IIA has no flat ports: program IIIA adjusts cameras behind them",
+    case(
+        deck(
+            add(
+                "DST RC8  RADL  0.300000000E-07  0.000000000E+00  0.000000000E+00",
+                "CAL RC8  F     0.153000000E+03  0.100000000E-01",
+                "CAL RC8  K1    0.500000000E-07  0.100000000E-08",
+                "CAL RC8  XP    0.500000000E-01  0.100000000E-02",  # the card of the camera says nothing: zero
+                "CAL RC8  K2    0.500000000E-12  0.100000000E-13",
+            ),
+            IIIA,
+        ),
+        "~50 CAL.value [0.153000000E+03] 100 standard deviations off the 152 of CAM or DST, which does not count",
+        "~51 CAL.value [0.500000000E-07] 20 standard deviations off the 3e-08 of CAM or DST, which does not count",
     ),
     # --- references ---
     case(
