@@ -281,8 +281,12 @@ def describe_weakness(
 def _name_parameters(
     network: Network, weak: FloatArray, name: Callable[[int], str]
 ) -> tuple[list[str], FloatArray]:
-    """Return sentences on weak directions (u, w) that move further parameters, and the other ones."""
-    columns = [network.pattern.order + network.border.numbers(kind) for kind in network.parameters]
+    """Return sentences on weak directions (u, w) that change images by parameters, and the other ones."""
+    columns = [
+        network.pattern.order + network.border.numbers(kind)
+        for kind, known in network.parameters.items()
+        if known.in_images
+    ]
     if not columns:
         return [], weak
     rows = np.concatenate(columns)
