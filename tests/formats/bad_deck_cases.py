@@ -224,6 +224,7 @@ CASES: list[Case] = [
             add(port("RC8 ", 35.0, 10.0, 1.5, 1.33)),
         ),
         "46 PRT [] program IIA has no flat ports: program IIIA adjusts cameras behind them",
+    ),
     case(
         deck(
             add(
