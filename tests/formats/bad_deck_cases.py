@@ -201,7 +201,7 @@ CASES: list[Case] = [
         ),
         "12 TID.height [0.2000] the camera of photo 841 is under water behind a port, and sees nothing through the",
         "21 PLT.bathymetric [B] through the water surface: no flag B",
-        "50 PRT.distance [-35.000] the distance of a port cannot be negative",
+        "50 PRT.distance [-35.000] the distance of a port must be greater than zero",
         "50 PRT.thickness [-1.000] the thickness of a port cannot be negative",
         "50 PRT.glass [0.90000] an index is between 1 and 2",
         "50 PRT.water [2.10000] an index is between 1 and 2",
