@@ -118,7 +118,7 @@ def _causes(
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     """Return the causes of a run that is not accepted, or has no solution, and that their search was stopped."""
     from musatpy.blunders.causes import first_look  # most runs are accepted
-    from musatpy.blunders.scene import GIVEN_UP, SearchLimitError
+    from musatpy.blunders.scene import GIVEN_UP, LIMIT, SearchLimitError
     from musatpy.blunders.search import usual_effort
 
     if causes is CauseSearch.NONE:
@@ -128,13 +128,17 @@ def _causes(
         return (Cause(kind=kind, cards=tuple(kind.cards.split()), advice=kind.advice),), ()
     effort = usual_effort(block, solution, {CauseSearch.USUAL: 2.0, CauseSearch.ALL: 8.0}[causes])
     found: tuple[Cause, ...] = ()
+    ended = True
     with suppress(AdjustmentError, *GIVEN_UP):  # nothing holds the block well enough to tell
         try:
             found = causes_of(block, sea, progress, effort)
         except SearchLimitError:
-            if solution is not None:
-                with numerics("causes"), np.errstate(all="ignore"):
-                    found = first_look(solution, sea)
+            ended = False
+        if solution is not None and (not ended or (not found and block.antenna_positions.count)):
+            with numerics("causes"), np.errstate(all="ignore"):
+                found = first_look(solution, sea)
+            if ended:  # shifts of lines follow a wrong lever arm: no robust weights show that
+                found = tuple(cause for cause in found if cause.test > LIMIT)
     return found, (_STOPPED,) if effort.left <= 0 else ()
 
 

@@ -16,7 +16,12 @@ from musatpy.errors import AdjustmentError
 from musatpy.formats.job_tables import card_family
 from musatpy.formats.musat import check_deck, deck_bytes
 from musatpy.geometry.collinearity import attitude_from_matrix
-from musatpy.model import Block, Grade
+from musatpy.jobs.agreement import Part
+from musatpy.jobs.extract import extracted
+from musatpy.jobs.merge import MergeOptions, merged
+from musatpy.model import Block, EllipsoidSpec, Grade, SystemSpec
+from musatpy.model.block import in_order_of_ids
+from musatpy.model.tables import columns
 from musatpy.simulation import Simulation
 
 CONTROL = [{"kind": "full", "number": 4, "sigma": 0.03, "error": 0.03}]
@@ -135,6 +140,17 @@ def test_partials_of_photos_along_turned_axes() -> None:
         np.testing.assert_allclose(part.by_station[:, :, k], by_difference, atol=1e-7)
 
 
+def test_covariances_weigh_as_their_inverses() -> None:
+    """The weighted squares of components along principal axes are v' C^-1 v along east, north, up."""
+    block = flown(7, {"correlation": [0.6, -0.3, 0.2]}).block
+    job, state = prepared(block, None)
+    rows = ANTENNA.rows(job.network, state)
+    v = ANTENNA.values(block, job.network, state)
+    C = block.antenna_covariances.matrices
+    expected = np.einsum("ai,aij,aj->a", v, np.linalg.inv(C), v)
+    np.testing.assert_allclose((rows.weight * rows.residual**2).reshape(-1, 3).sum(axis=1), expected, rtol=1e-9)
+
+
 def test_free_shifts_of_all_lines_leave_a_block_undetermined() -> None:
     """Without control the cards are refused with words; where nobody reads them, the motions are named."""
     free = {"shift_sigma": None, "shift_free": True}
@@ -171,6 +187,34 @@ def test_decks_of_every_system_give_the_same(system: str) -> None:
     assert np.abs(deviations(flown(6, job={"system": system}), again)).max() < 4.0
 
 
+@pytest.mark.parametrize("sigmas", ["LOCL", "SYST"])
+@pytest.mark.parametrize("kind", ["PROJ", "GEOC", "GEOG"])
+def test_decks_in_other_words_come_back(kind: str, sigmas: str) -> None:
+    """A projected system, geocentric axes: positions to the rounding of cards, covariances to that of sigmas."""
+    block = flown(6, {"correlation": [0.5, -0.3, 0.2]}, job={"centre": [18.0, -65.0]}).block
+    definition = "EPSG:32620" if kind == "PROJ" else ""
+    spec = SystemSpec(kind=kind, definition=definition, sigmas=sigmas)
+    block = replace(block, given_in=spec, ellipsoid=EllipsoidSpec(name="WGS84"))
+    again, problems = check_deck(deck_bytes(block, card_family()), card_family())
+    assert again is not None, problems
+    off = (again.antenna_positions.position - block.antenna_positions.position) * [6.4e6, 6.4e6, 1.0]
+    assert np.abs(off).max() < 1e-3
+    matrices = again.antenna_covariances.matrices, block.antenna_covariances.matrices
+    np.testing.assert_allclose(matrices[0], matrices[1], rtol=1e-4, atol=1e-7)
+
+
+def test_parts_of_a_job_and_merged_jobs_keep_them() -> None:
+    block = flown(6, {"correlation": [0.5, -0.3, 0.2]}).block
+    first, rest = (extracted(block, photos).block for photos in (np.arange(8) < 4, np.arange(8) >= 2))
+    assert first.antenna_lines.line.tolist() == ["L1"] and first.antenna_positions.count == 4
+    parts = [Part(name="first", block=first), Part(name="rest", block=rest)]
+    whole = merged(parts, MergeOptions(join_photos=True)).block
+    for name in ("antenna_positions", "antenna_covariances", "exposure_times", "antenna_lines", "lever_arms"):
+        one, other = (in_order_of_ids(each).tables()[name] for each in (block, whole))
+        for column in columns(type(one)):
+            np.testing.assert_array_equal(getattr(one, column), getattr(other, column), err_msg=name)
+
+
 @pytest.mark.slow
 def test_errors_are_as_large_as_their_sigmas() -> None:
     """Two hundred draws: RMS of errors over sigmas, within three of its own; the test of sigma0."""
@@ -183,3 +227,16 @@ def test_errors_are_as_large_as_their_sigmas() -> None:
     np.testing.assert_array_less(np.abs(rms - 1.0), 3.0 / np.sqrt(2 * 200))
     assert abs(np.sqrt(np.mean(np.square(ratios))) - 1.0) < 0.05
     assert 0.9 * 200 <= passes
+
+
+def test_antenna_positions_place_a_block_that_nothing_else_does() -> None:
+    """COMPUTE without control and without station cards."""
+    computed = {"program": "IIIA", "initial": "COMPUTE"}
+    simulated = flown(4, control=[], options=computed, points={"extra": [{"number": 60}]})
+    text = deck_bytes(simulated.block, card_family()).decode()
+    cards = [card for card in text.splitlines(keepends=True) if not card.startswith(("STX", "ATT"))]
+    block, problems = check_deck("".join(cards).encode(), card_family())
+    assert block is not None, problems
+    solution = converged(block)
+    assert musatpy.verdict(solution).grade is Grade.ACCEPTED
+    assert np.abs(solution.stations.position - simulated.truth.stations.xyz).max() < 2.0

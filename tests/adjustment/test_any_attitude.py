@@ -1,11 +1,12 @@
 """Photographs round a monument: horizontal, upward and rolled cameras, by cards and from nothing but plates."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
 
-from monuments import FOCAL_LENGTH, Monument, monument, rotation
+from monuments import FOCAL_LENGTH, Monument, angles, monument, rotation
 from musatpy import adjust, adjustment, verdict
 from musatpy.adjustment.initial import initial_photos
 from musatpy.model import Grade, Program, Solution
@@ -171,6 +172,20 @@ def test_a_card_with_phi_beyond_90_degrees_is_the_same_attitude() -> None:
     M = [np.array([rotation(*attitude) for attitude in of.photos.attitude]) for of in (block, stated)]
     np.testing.assert_allclose(*M, atol=1e-12)
     assert (np.abs(stated.photos.attitude[:, 1]) <= 0.5 * np.pi).all()
+
+
+@pytest.mark.parametrize("turn", [-2.0 * np.pi, 0.0, 2.0 * np.pi])
+def test_angles_at_the_wrap_stay_on_cards(turn: float) -> None:
+    """Photos upside down, and a photo of which the cards say 360 degrees, that is adjusted a little beyond."""
+    M = upright().M
+    A = M[POLE]  # after which all angles of the photo are zero
+    attitude = np.array([angles((m @ A.T)[None])[0] for m in M])
+    attitude[POLE, 2] = turn
+    solution = adjustment.adjust(monument(1, turned=A, attitude=attitude, **SMALL).block)
+    assert solution.converged and solution.sigma0 == pytest.approx(1.0, abs=0.1)
+    assert np.abs(solution.stations.attitude).max() <= 2.0 * np.pi
+    again = replace(solution.block, photos=replace(solution.block.photos, attitude=solution.stations.attitude))
+    assert adjustment.adjust(again).sum_of_squares == pytest.approx(solution.sum_of_squares, rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", [30, 45, 70, 87])

@@ -32,6 +32,7 @@ from musatpy.model import (
     LeverArms,
     Misalignments,
     ObservationKind,
+    Ports,
     Program,
     Solution,
 )
@@ -52,7 +53,7 @@ def antennas(block: Block) -> dict[str, Table]:
         "antenna_positions": AntennaPositions(
             photo=some,
             line=np.where(some < n - 1, "A", ""),
-            position=block.photos.position + [1e-7, 2e-7, 3.0],
+            position=block.photos.position + np.array([1e-7, 2e-7, 3.0]),
             sigma=sigma,
         ),
         "antenna_covariances": AntennaCovariances(
@@ -91,12 +92,13 @@ def at_start(name: str) -> tuple[Network, State]:
         block = sea_block(**WATER[name])
         bases = AirBases(photo=[[0, 1], [3, 1]], length=[900.0, 1800.0], sigma=[0.1, 0.2])
         attitude = np.full_like(block.photos.attitude, 1e-4)
-        sigma = np.array([0.1, 0.2])
+        sigma = np.array([0.1, 0.2, 0.3])
         lens = LensUnknowns(
-            camera=np.zeros(2, dtype=int), parameter=np.array(["F", "B1"]), value=sigma + 152.0, sigma=sigma
+            camera=np.zeros(3, dtype=int), parameter=np.array(["F", "B1", "PD"]), value=sigma + 152.0, sigma=sigma
         )
         block = altered(block, air_bases=bases, photos={"attitude_sigma": attitude}, lens_unknowns=lens)
-        block = replace(block, **antennas(block), **inertial(block))
+        window = Ports(camera=[0], distance=[152.0], thickness=[10.0], glass_index=[1.5], water_index=[1.0])
+        block = replace(block, **antennas(block), **inertial(block), ports=window)
     else:
         block = read_deck(FIXTURES / "waves" / "unknown.crd")
     job, state = prepared(block, None)

@@ -95,6 +95,12 @@ def covariances(point: str, first: str = "0.200000") -> str:
     return f"CTC {point:<8}  0.015000  0.012000  0.031000 {first:>9} -0.150000  0.300000"
 
 
+def port(camera: str, distance: float, thickness: float, glass: float, water: float, *tilts: float) -> str:
+    """Return a card of a flat port."""
+    sizes = f"{distance:9.3f}{thickness:9.3f}{glass:9.5f}{water:9.5f}"
+    return f"PRT {camera} {sizes}" + "".join(f"{tilt:9.4f}" for tilt in tilts)
+
+
 def tie(mnemonic: str, first: str, second: str, value: float) -> str:
     """Return a card of a distance or a height difference."""
     return f"{mnemonic} {first:<8} {second:<8} {value:12.4f} {0.02:8.4f}"
@@ -177,6 +183,61 @@ CASES: list[Case] = [
         deck(IIIA, replace(6, "RC8 ", "RC9 "), add(CAM, "INO OPK", ins("842"), mis("RC9", free="F"), mis("RC7"))),
         "52 MIS.camera [RC9] no photo of camera RC9 has an INS card, which could determine its misalignment",
         "53 MIS.camera [RC7] camera RC7 has no CAM card",
+    ),
+    # --- ports ---
+    case(
+        deck(
+            IIIA,
+            replace(6, "RC8 ", "RC9 "),
+            add(
+                CAM,
+                port("RC9 ", -35.0, -1.0, 0.9, 2.1, 31.0, -31.0),
+                port("RC9 ", 0.035, 0.01, 1.3, 1.5),
+                port("RC7 ", 35.0, 10.0, 1.5, 1.33),
+                "CAL RC8  PD",
+                "CAL RC9  PD   -0.100000000E+01 0.100000000E+00",
+                "CAL RC9  PW    0.210000000E+01 0.100000000E-01",
+            ),
+        ),
+        "12 TID.height [0.2000] the camera of photo 841 is under water behind a port, and sees nothing through the",
+        "21 PLT.bathymetric [B] through the water surface: no flag B",
+        "50 PRT.distance [-35.000] the distance of a port must be greater than zero",
+        "50 PRT.thickness [-1.000] the thickness of a port cannot be negative",
+        "50 PRT.glass [0.90000] an index is between 1 and 2",
+        "50 PRT.water [2.10000] an index is between 1 and 2",
+        "50 PRT.tilt_x [31.0000] a port is not tilted by more than 30 degrees",
+        "50 PRT.tilt_y [-31.0000] a port is not tilted by more than 30 degrees",
+        "51 PRT.camera [RC9] the port of camera RC9 is already given on line 50",
+        "~51 PRT.distance [0.035] 0.035 mm is out of the ordinary for the distance of a port: 1 to 1000 is usual",
+        "~51 PRT.thickness [0.010] 0.01 mm is out of the ordinary for the thickness of a port: 0.5 to 200 is usual",
+        "~51 PRT.glass [1.30000] an index of 1.3 is out of the ordinary for glass: 1.4 to 1.9 is usual",
+        "~51 PRT.water [1.50000] an index of 1.5 is out of the ordinary for water: 1.32 to 1.36 is usual",
+        "52 PRT.camera [RC7] camera RC7 has no CAM card",
+        "53 CAL.parameter [PD] camera RC8 has no port (PRT card) of which PD could be estimated",
+        "54 CAL.value [-0.100000000E+01] PD of a port is not negative",
+        "55 CAL.value [0.210000000E+01] PW of a port is within 1 and 2",
+    ),
+    case(
+        deck(
+            drop(12, 13, 14),
+            lambda lines: [text.replace("B", " ") if text[:3] == "PLT" else text for text in lines],
+            add(port("RC8 ", 35.0, 10.0, 1.5, 1.33)),
+        ),
+        "46 PRT [] program IIA has no flat ports: program IIIA adjusts cameras behind them",
+    ),
+    case(
+        deck(
+            add(
+                "DST RC8  RADL  0.300000000E-07  0.000000000E+00  0.000000000E+00",
+                "CAL RC8  F     0.153000000E+03  0.100000000E-01",
+                "CAL RC8  K1    0.500000000E-07  0.100000000E-08",
+                "CAL RC8  XP    0.500000000E-01  0.100000000E-02",  # the card of the camera says nothing: zero
+                "CAL RC8  K2    0.500000000E-12  0.100000000E-13",
+            ),
+            IIIA,
+        ),
+        "~50 CAL.value [0.153000000E+03] 100 standard deviations off the 152 of CAM or DST, which does not count",
+        "~51 CAL.value [0.500000000E-07] 20 standard deviations off the 3e-08 of CAM or DST, which does not count",
     ),
     # --- references ---
     case(

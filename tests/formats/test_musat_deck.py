@@ -66,6 +66,10 @@ def full(system: CoordinateSystem) -> model.Block:
         fiducial_measurements=marks,
         orientation=otherwise(model.OrientationSpec()),
         reduction=otherwise(model.ReductionOptions()),
+        ports=model.Ports(
+            camera=[0], distance=[35.0], thickness=[10.0], glass_index=[1.5], water_index=[1.335],
+            tilt=[[0.1, -0.2]],
+        ),
         lens_unknowns=model.LensUnknowns(
             camera=[0, 0], parameter=["F", "K1"], value=[152.1, np.nan], sigma=[np.nan, 1e-9]
         ),

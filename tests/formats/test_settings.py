@@ -152,9 +152,9 @@ LIMITED = [
     ("spec", "field"), LIMITED, ids=lambda one: one.mnemonic if isinstance(one, CardSpec) else one.name
 )
 def test_a_number_beyond_what_its_field_allows_is_told_there(spec, field):
-    """None of the limits from below allows 0; those from above are passed by 5 of their units."""
+    """Limits from below are passed by 0, or by -1 where they allow it; those from above by 5 of their units."""
     values = {one.name: spec.sample[one.first - 1 : one.last].strip() for one in spec.fields}
-    beyond = [(field.bound, 0.0)] if field.bound else []
+    beyond = [(field.bound, -1.0 if field.bound[:2] == (">=", 0.0) else 0.0)] if field.bound else []
     beyond += [(field.most, sign * (field.most[0] + 5.0)) for sign in (1.0, -1.0) if field.most]
     for (*_, message), number in beyond:
         said = values | {field.name: f"{number:g}"}

@@ -38,6 +38,7 @@ DATUM = (
 RUN_AWAY = "stations or points have run away, so it cannot be said which of them are free"
 _FREE = 0.9  # share of a datum motion that must lie among the weak directions
 _NAMED_SHARE = 0.2  # of the largest part of a motion, for a part to be named
+_OF_PARAMETERS = 0.1  # share of parameters in a weak direction that is theirs, and none of the datum
 _NAMED = 4  # unknowns named for one weak direction
 _CYCLES = 10  # of the move to the inner constraints: its rotations are finite, two or three serve
 _HELD = 1e-11  # of the scaled normal matrix: rounding holds a motion by 1e-12
@@ -267,13 +268,35 @@ def describe_weakness(
     if not (np.isfinite(motions).all() and np.isfinite(weak).all()):
         return [RUN_AWAY]
     holder = "no observation holds" if block.options.datum is Datum.FREE else "the control does not hold"
+    name = unknown_name(network, block)
+    of_parameters, weak = _name_parameters(network, weak, name)
     sentences, weak = _name_datum(motions, weak, holder)
     # an orthogonal basis of what is left: each direction names the unknowns that it moves most
     u, singular_values, _ = np.linalg.svd(weak, full_matrices=False)
-    name = unknown_name(network, block)
     for direction in u[:, singular_values > 0.5].T:
         sentences.append(_name_direction(direction, name))
-    return sentences
+    return [*of_parameters, *sentences]
+
+
+def _name_parameters(
+    network: Network, weak: FloatArray, name: Callable[[int], str]
+) -> tuple[list[str], FloatArray]:
+    """Return sentences on weak directions (u, w) that change images by parameters, and the other ones."""
+    columns = [
+        network.pattern.order + network.border.numbers(kind)
+        for kind, known in network.parameters.items()
+        if known.in_images
+    ]
+    if not columns:
+        return [], weak
+    rows = np.concatenate(columns)
+    _, sizes, turn = np.linalg.svd(weak[rows])
+    count = int((sizes > _OF_PARAMETERS).sum())
+    sentences = []
+    for direction in (weak @ turn[:count].T).T:
+        first = name(int(rows[np.abs(direction[rows]).argmax()]))
+        sentences.append(f"{_name_direction(direction, name)}; hold {first}, or give it a sigma")
+    return sentences, weak @ turn[count:].T
 
 
 def _name_datum(motions: FloatArray, weak: FloatArray, holder: str) -> tuple[list[str], FloatArray]:

@@ -31,11 +31,12 @@ from musatpy.adjustment.propagation import PointRows, point_rows
 from musatpy.adjustment.sightings import residuals
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.geodesy import water_heights
-from musatpy.model import Block, HeldParameters, Program
+from musatpy.model import PORT_PARAMETERS, Block, HeldParameters, ObservationKind, Program
 from musatpy.model.tables import finite_rows
 
 # Reference errors: a share, mm, 1, m, a share
 FOCAL_LENGTH, PRINCIPAL_POINT, INDEX, HEIGHT, SCALE = 1e-3, 0.02, 0.005, 0.1, 1e-4
+PORT_DISTANCE, MOST_PORT_DISTANCE = 1.0, 50.0  # mm
 MOST_CAMERA, MOST_INDEX, MOST_HEIGHT, MOST_SCALE = 0.02, 0.02, 5.0, 0.01  # of focal lengths, 1, m, 1
 TIDES, CONTROL_HEIGHTS = "tides", "heights of control"
 _STEP = 0.01  # of the reference error: rounding leaves six digits of the differences, curvature four
@@ -109,6 +110,8 @@ class _AtRest:
         old, before = self.network, self.state
         camera = np.column_stack([network.focal_length, network.principal_point])
         photo = (camera != np.column_stack([old.focal_length, old.principal_point])).any(axis=1)
+        if network.ports is not None and old.ports is not None:
+            photo |= (network.ports.held != old.ports.held).any(axis=1)[network.ports.camera]
         wet, point = (state.tide != before.tide) | (state.index != before.index), state.ground != before.ground
         return photo[old.photo] | (old.refracted & wet[old.photo]) | point.any(axis=1)[old.point]
 
@@ -263,6 +266,7 @@ def _parameters(block: Block, network: Network, part: Participation) -> Iterator
     """Yield the parameters that are held, neither adjusted nor considered."""
     for camera in np.unique(block.photos.camera[network.photo[part.used]]).tolist():
         yield from _of_camera(block, camera)
+        yield from _of_port(block, network, camera)
     priors, stations = network.priors, network.position_weight > 0.0
     bound = np.zeros(network.points, dtype=bool)
     for group in (*network.control_groups, *network.kept_groups):
@@ -319,6 +323,26 @@ def _of_camera(block: Block, camera: int) -> Iterator[Parameter]:
         if parameter in known:
             continue
         yield Parameter(name=what, unit="mm", reference=reference, limit=MOST_CAMERA * focal, altered=altered)
+
+
+def _of_port(block: Block, network: Network, camera: int) -> Iterator[Parameter]:
+    """Yield the distance of the port of a camera, and the index of the water outside."""
+    ports, name = network.ports, block.cameras.ids[camera]
+    for column, what, unit, reference, limit in (
+        (PORT_PARAMETERS.index("PD"), f"distance of port, {name}", "mm", PORT_DISTANCE, MOST_PORT_DISTANCE),
+        (PORT_PARAMETERS.index("PW"), f"water at port, {name}", "", INDEX, MOST_INDEX),
+    ):
+        if ports is not None and camera in block.ports.camera and not ports.unknown[camera, column]:
+            altered = partial(_port, camera, column)
+            yield Parameter(name=what, unit=unit, reference=reference, limit=limit, altered=altered)
+
+
+def _port(camera: int, column: int, network: Network, state: State, size: float) -> Altered:
+    ports = network.ports
+    assert ports is not None, "some camera has a port"
+    held = ports.held.copy()
+    held[camera, column] += size
+    return network.with_parameters({ObservationKind.PORT: replace(ports, held=held)}), state
 
 
 def _index_considered(block: Block, network: Network) -> bool:

@@ -244,8 +244,12 @@ def given_minus(photos: Photos, frame: Frame, position: FloatArray, M: FloatArra
 
 
 def attitude_in(state: State, axes: FloatArray, near: FloatArray) -> FloatArray:
-    """Return attitudes (n, 3) referred to other local axes, each angle within half a turn of `near`."""
-    return wrapped(attitude_from_matrix(state.M @ np.swapaxes(axes, -1, -2)), near)
+    """Return attitudes (n, 3) referred to other local axes, each angle within half a turn of `near`, or of zero.
+
+    No card has an angle beyond a whole turn.
+    """
+    angles = wrapped(attitude_from_matrix(state.M @ np.swapaxes(axes, -1, -2)), near)
+    return np.where(np.abs(angles) > 2.0 * np.pi, wrapped(angles), angles)
 
 
 _NEAREST = 5.0 * DEGREE  # of phi to 90: so far given attitudes may be off where adjustments start well

@@ -297,10 +297,11 @@ def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) ->
     if block.options.initial is not Initial.GIVEN:
         from musatpy.adjustment.initial import started  # costs the start of every run else
 
-        if block.lens_unknowns.count:
+        if block.lens_unknowns.count or block.ports.count:
             from musatpy.adjustment.lenses import ideal_plates  # most jobs hold their cameras
+            from musatpy.adjustment.ports import without_ports
 
-            first, notes = started(ideal_plates(block))
+            first, notes = started(without_ports(ideal_plates(block)))
             block = replace(block, photos=first.photos)
         else:
             block, notes = started(block)

@@ -18,8 +18,8 @@ from typing import Any, Self
 import numpy as np
 
 from musatpy.adjustment.network import inverse_squares
-from musatpy.adjustment.parameters import Parameters
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.adjustment.parameters import CameraParameters
+from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.model import (
     GRID_PLACES,
     LENS_PARAMETERS,
@@ -41,14 +41,11 @@ _MOST = 0.02  # of the distance of an image from the principal point: beyond suc
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CameraLenses(Parameters):
+class CameraLenses(CameraParameters):
     """What is known of the lenses of c cameras, parameters in the order of `LENS_PARAMETERS`; millimetres."""
 
-    camera: IntArray  # (n,) of each photo
     lenses: tuple[Lens, ...]  # (c,) about the principal point, with what is no parameter
     sign: float  # of polynomials: -1 where they are corrections
-    held: FloatArray  # (c, 10) values as given, of the unknown ones too
-    unknown: BoolArray  # (c, 10)
     ids: TextArray  # (c,)
     extent: FloatArray  # (c, 2) how far images lie from the principal point at most, in x and y
 
@@ -56,23 +53,24 @@ class CameraLenses(Parameters):
     def of(cls, block: Block) -> Self:
         """Return the lenses of a block. Raises `DeckError` where the cards of a camera contradict each other."""
         options, cameras = block.reduction or ReductionOptions(), block.cameras
+        table = block.lens_unknowns.of(LENS_PARAMETERS)
         sign = -1.0 if options.polynomials is options.polynomials.CORRECTION else 1.0
         given = np.zeros((cameras.count, len(LENS_PARAMETERS)))
         given[:, _F], given[:, _XP : _YP + 1] = cameras.focal_length, cameras.principal_point
         lenses = []
         for camera in range(cameras.count):
-            estimated = camera in block.lens_unknowns.camera  # images of others are ideal already
+            estimated = camera in table.camera  # images of others are ideal already
             lens = lens_of(block, camera, options) if estimated else None
             lens = lens or Lens(centre=np.zeros(2), side=Side(options.side.value))
             given[camera, _COEFFICIENTS] = sign * np.concatenate([lens.k[1:], lens.p[:2]])
             lenses.append(replace(lens, centre=np.zeros(2)))
-        table, unknown, sigma = block.lens_unknowns, np.zeros(given.shape, dtype=bool), np.full(given.shape, np.nan)
+        unknown, sigma = np.zeros(given.shape, dtype=bool), np.full(given.shape, np.nan)
         column = np.array([LENS_PARAMETERS.index(name) for name in table.parameter.tolist()], dtype=int)
         at = table.camera, column
         given[at] = np.where(np.isnan(table.value), given[at], table.value)
         unknown[at] = True
         sigma[at] = table.sigma
-        (reach, extent), (owner, parameter) = _reach(block, given), np.nonzero(unknown)
+        (reach, extent), (owner, parameter) = image_reach(block, given[:, _XP : _YP + 1]), np.nonzero(unknown)
         return cls(
             noun="camera",
             owner=tuple(cameras.ids[owner].tolist()),
@@ -92,12 +90,6 @@ class CameraLenses(Parameters):
             ids=cameras.ids,
             extent=extent,
         )
-
-    def table(self, values: FloatArray) -> FloatArray:
-        """Return all parameters (c, 10) at `values` (x,) of the unknown ones."""
-        table = self.held.copy()
-        table[self.unknown] = values
-        return table
 
     def places(
         self, values: FloatArray, photo: IntArray, measured: FloatArray, ideal: FloatArray, p: FloatArray
@@ -221,12 +213,13 @@ def ideal_plates(block: Block) -> Block:
 
     Parameters with a sigma stay, about these coordinates.
     """
-    if not block.lens_unknowns.count:
+    table = block.lens_unknowns.of(LENS_PARAMETERS)
+    if not table.count:
         return block
     lenses, plates, cameras = CameraLenses.of(block), block.plates, block.cameras
     xy = lenses.ideal(lenses.given, plates.photo, plates.xy, lenses.cameras()[1][plates.photo])
     focal, principal = lenses.held[:, _F], lenses.held[:, _XP : _YP + 1]
-    known, table = np.isfinite(block.lens_unknowns.sigma), block.lens_unknowns
+    known = np.isfinite(table.sigma)
     return replace(
         block,
         plates=replace(plates, xy=xy),
@@ -242,11 +235,11 @@ def _effect(r: FloatArray, f: FloatArray) -> FloatArray:
     return np.stack([r / f, unit, unit, r**3, r**5, r**7, 3.0 * r**2, 3.0 * r**2, r, r], axis=1)
 
 
-def _reach(block: Block, given: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return how far (c,) and (c, 2) mm images of cameras lie from their principal points, and in x and y."""
+def image_reach(block: Block, principal_point: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how far (c,) mm images of cameras lie from principal points (c, 2), and in x and y (c, 2)."""
     camera = block.photos.camera[block.plates.photo]
-    off = block.plates.xy - given[camera, _XP : _YP + 1]
-    reach, extent = np.zeros(len(given)), np.zeros((len(given), 2))
+    off = block.plates.xy - principal_point[camera]
+    reach, extent = np.zeros(len(principal_point)), np.zeros(principal_point.shape)
     np.fmax.at(reach, camera, np.linalg.norm(off, axis=1))
     np.fmax.at(extent, camera, np.abs(off))
     return reach, extent

@@ -27,7 +27,7 @@ from musatpy.adjustment.waterline import SHORT, at_rest_in_water, best_line, wat
 from musatpy.adjustment.watpt import corrected_plates
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.errors import AdjustmentError
+from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.collinearity import coplanarity, scale_restraint
 from musatpy.model import Block, Options, Refraction, Solution, WaterPass, Weights
 from musatpy.model.progress import Progress, begin
@@ -40,6 +40,9 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     adjusted: no usable measurements, missing water data, photos without initial values, normal equations that leave
     stations free.
     """
+    if block.ports.count:
+        cameras = ", ".join(block.cameras.ids[block.ports.camera].tolist())
+        raise AdjustmentError([Problem(message=f"camera {cameras} is under water behind a port: IIIA adjusts it")])
     if block.lens_unknowns.count:
         from musatpy.adjustment.lenses import ideal_plates  # most jobs know their cameras without error
 

@@ -131,10 +131,11 @@ class _RunOfIIIA:
 
         try:
             job, first = prepared(without_inertial(block), None)
-            (_, outcome, _), _ = replace(self, job=job).best_of_starts(first)
+            (without, outcome, _), _ = replace(self, job=job).best_of_starts(first)
         except AdjustmentError:
             return ""
-        return "" if outcome.failure else fitting_convention(block, network, outcome.state)
+        sound = sum_of_squares(without, outcome.state) < block.options.sigma0_limit**2 * redundancy(without)
+        return fitting_convention(block, network, outcome.state) if sound and not outcome.failure else ""
 
     def restarted(self, state: State) -> tuple[State, WaterLine] | None:
         """Return the state of a restart, points at their best, and where rays are; None where that is no minimum.

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from musatpy.adjustment.iteration import WaterKnowledge
     from musatpy.adjustment.lenses import CameraLenses
     from musatpy.adjustment.parameters import Parameters
+    from musatpy.adjustment.ports import CameraPorts
 
 ORDER, BACK = [1, 2, 0], [2, 0, 1]  # of turned axes: north, up, east; where east, north, up are among them
 _FEW = 2**12  # rays
@@ -189,6 +190,11 @@ class Network:
     def lenses(self) -> CameraLenses | None:
         """The lenses that have unknown parameters, None where cameras are held."""
         return cast("CameraLenses | None", self.parameters.get(ObservationKind.LENS))
+
+    @property
+    def ports(self) -> CameraPorts | None:
+        """The ports of cameras under water, known or not; None where all cameras are in air."""
+        return cast("CameraPorts | None", self.parameters.get(ObservationKind.PORT))
 
     def with_parameters(self, known: Mapping[ObservationKind, Parameters]) -> Self:
         """Return the network with others of its further unknowns."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import TIES, AdjustedParameters
 
 if TYPE_CHECKING:
@@ -52,6 +52,21 @@ class Parameters:
         return replace(self, weight=self.weight * factor)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CameraParameters(Parameters):
+    """Those of c cameras, k of each, of which some are unknown: camera by camera."""
+
+    camera: IntArray  # (n,) of each photo
+    held: FloatArray  # (c, k) values as given, of the unknown ones too
+    unknown: BoolArray  # (c, k)
+
+    def table(self, values: FloatArray) -> FloatArray:
+        """Return all parameters (c, k) at `values` (x,) of the unknown ones."""
+        table = self.held.copy()
+        table[self.unknown] = values
+        return table
+
+
 def adjusted_parameters(
     network: Network,
     state: State,
@@ -63,7 +78,7 @@ def adjusted_parameters(
     """Return the further parameters of a solution, None where there are none.
 
     `name` names the unknowns of the normal equations; `mean_depth` (u + 1,) has their cofactors with the mean depth
-    of submerged points, then its own. What the free `motions` (u, d) of a block change is arbitrary as its place is.
+    of submerged points, then its own. What the free `motions` (u, d) of a block change is not determined.
     """
     kinds = [kind for kind in network.parameters if network.border.count(kind)]
     if not kinds:

@@ -48,6 +48,7 @@ NOTHING_HELD = np.zeros(0, dtype=np.int64)
 _DECIMALS = 4  # of correlations, as they are printed
 CORRELATED = 0.95  # correlations from here on are listed
 PART_OF_HEIGHT = 0.1  # of the flying height: a place or a level with a larger sigma is not known
+_MANY = 1000  # submerged points, beyond which some of them tell what all do
 FARTHEST = 100.0  # flying heights: a point of the adjustment that is farther has run away, and is rejected
 
 
@@ -286,11 +287,13 @@ def _depths(errors: ErrorSources, block: Block, points: FloatArray) -> FloatArra
 def mean_depth(block: Block, network: Network, state: State, known: Covariances) -> FloatArray | None:
     """Return the cofactors (u + 1,) of the mean depth of submerged points with all unknowns, then its own.
 
-    None where no such point takes part. No motion of the datum is free.
+    None where no such point takes part; of more than a thousand, every second, third, ... counts. No motion of the
+    datum is free.
     """
+    step = 1 + np.count_nonzero(block.points.bathymetric) // _MANY
     partials, own, count = np.zeros(network.pattern.order + network.border.size), 0.0, 0
     for group in network.groups:
-        part = group.part(block.points.bathymetric[group.point])
+        part = group.part(np.flatnonzero(block.points.bathymetric[group.point])[::step])
         for _, piece in pieces(network, state, part, known.cofactors):
             columns, by_unknowns, by_point = propagation.depth_partials(network, state, piece)
             np.add.at(partials, network.unknowns(piece.group, columns), by_unknowns)

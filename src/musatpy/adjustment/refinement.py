@@ -16,7 +16,8 @@ from musatpy.adjustment.sightings import image_coordinates, residuals, straight_
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity, similarity
 from musatpy.geometry.collinearity import attitude_from_matrix, widest_angle
-from musatpy.model import Block, ControlKind, Options, Treatment, WaterLevel
+from musatpy.model import AntennaPositions, Block, ControlKind, Options, Treatment, WaterLevel
+from musatpy.model.tables import empty
 
 if TYPE_CHECKING:
     from musatpy.adjustment.initial import PhotoPlaces
@@ -87,6 +88,7 @@ def _without_the_lost(block: Block, place: PhotoPlaces, height: float) -> Block:
         ),
         plates=replace(block.plates, triangulated=block.plates.triangulated & ~lost[block.plates.photo]),
         control=replace(control, kind=np.where(place.wrong, ControlKind.CHECK, control.kind)),
+        antenna_positions=empty(AntennaPositions),  # whose errors no weights take out here
     )
 
 

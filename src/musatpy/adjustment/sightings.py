@@ -29,7 +29,7 @@ class RayImages:
     """Images of ground points: xy (..., 2) mm, partials by station (..., 2, q) and by ground point (..., 2, 3).
 
     By the water (..., 2, 4 + w): level, tilt east, tilt north, index, w parameters of waves; None where nothing of
-    it is unknown. By the parameters of lenses (..., 2, 10); None where these are held.
+    it is unknown. By the parameters of lenses (..., 2, 10) and of ports (..., 2, 6); None where there are none.
     """
 
     xy: FloatArray
@@ -37,6 +37,7 @@ class RayImages:
     by_ground: FloatArray
     by_water: FloatArray | None
     by_lens: FloatArray | None = None
+    by_port: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,21 +57,28 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
     """
     photo, wet = network.photo[rays], np.nonzero(network.refracted[rays])
     camera, M, f, pp = _of_photos(network, state, photo)
-    v, bent, by_lens = ground - camera, None, None
+    v, bent, by_lens, by_port = ground - camera, None, None, None
     if len(wet[0]):
         over, bent = _incidence(network, state, photo[wet], camera[wet], ground[wet])
         v[wet] = bent.v
+    if network.ports is not None:
+        dM = state.dM.take(photo, axis=0)
+        v, *port = network.ports.view(state.parameters[ObservationKind.PORT], photo, v, M, dM)
     if not stations:
         xy, by_v = collinearity.image_by_vector(v, M, f, pp)
         if network.lenses is not None:
             xy, by_ideal, _ = _lens_partials(network.lenses, network, state, rays, xy - pp, f, pp)
             by_v = by_ideal @ by_v
+        if network.ports is not None:
+            by_v = by_v @ port[0]
         by_station, by_water = np.zeros((*v.shape[:-1], 2, 0)), None
     else:
         xy, by_v, by_attitude = collinearity.image_partials(v, M, state.dM.take(photo, axis=0), f, pp)
         if network.lenses is not None:
             xy, by_ideal, by_lens = _lens_partials(network.lenses, network, state, rays, xy - pp, f, pp)
             by_v, by_attitude = by_ideal @ by_v, by_ideal @ by_attitude
+        if network.ports is not None:
+            by_v, by_attitude, by_port = (by_v @ partials for partials in port)
         waves = network.border.count(ObservationKind.WAVE)
         unknown = network.water.unknown or waves > 0
         by_camera, by_water = -by_v, np.zeros((*v.shape[:-1], 2, 4 + waves)) if unknown else None
@@ -83,7 +91,9 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
         by_station = np.concatenate([by_camera @ axes, by_attitude, *own_level], axis=-1)
     if bent is not None:
         by_v[wet] = by_v[wet] @ bent.by_ground
-    return RayImages(xy=xy, by_station=by_station, by_ground=by_v, by_water=by_water, by_lens=by_lens)
+    return RayImages(
+        xy=xy, by_station=by_station, by_ground=by_v, by_water=by_water, by_lens=by_lens, by_port=by_port
+    )
 
 
 def image_coordinates(network: Network, state: State, rays: IntArray, ground: FloatArray) -> FloatArray:
@@ -93,6 +103,8 @@ def image_coordinates(network: Network, state: State, rays: IntArray, ground: Fl
     v = ground - camera
     if wet.any():
         v[wet] = _water_vectors(network, state, photo[wet], camera[wet], ground[wet])
+    if network.ports is not None:
+        v = network.ports.vectors(state.parameters[ObservationKind.PORT], photo, v, M)
     xy = collinearity.image(v, M, f, pp)
     return xy if network.lenses is None else _through_lenses(network.lenses, network, state, rays, xy - pp, pp)
 
@@ -201,12 +213,16 @@ def _refracted_ray(
 
 
 def straight_rays(network: Network, state: State, rays: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return origins and unit directions (..., 3) of the measured rays in air."""
-    camera, M, f, pp = _of_photos(network, state, network.photo[rays])
+    """Return origins and unit directions (..., 3) of the measured rays: in air, or in the water behind a port."""
+    photo = network.photo[rays]
+    camera, M, f, pp = _of_photos(network, state, photo)
     xy = network.xy.take(rays, axis=0)
     if network.lenses is not None:
-        xy = network.lenses.ideal(state.parameters[ObservationKind.LENS], network.photo[rays], xy, pp)
-    return camera, collinearity.ray(xy, M, f, pp)
+        xy = network.lenses.ideal(state.parameters[ObservationKind.LENS], photo, xy, pp)
+    direction = collinearity.ray(xy, M, f, pp)
+    if network.ports is None:
+        return camera, direction
+    return network.ports.rays(state.parameters[ObservationKind.PORT], photo, camera, direction, M)
 
 
 def condition_rays(network: Network, state: State, rays: IntArray, xy: FloatArray, ground: FloatArray) -> BentRays:

@@ -42,6 +42,7 @@ SENSIBLE = {  # sizes of errors that are common to many observations, and can be
     CauseKind.PRINCIPAL_POINT: 10.0,  # mm
     CauseKind.INDEX: 0.2,
     CauseKind.TIDES: 30.0,  # m
+    CauseKind.ANTENNA_TIMES: 3600.0,  # s
 }
 _DOUBT = 2.0  # times what the linear model has misjudged of the best: by so much more it may of the others
 NEARLY = 0.5  # of the squares that the best explains in the linear model: less is not tried

@@ -12,13 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from musatpy.adjustment import propagation
 from musatpy.adjustment.iteration import LEVEL, State, tide_groups
-from musatpy.adjustment.kinds import MEASURED, PRIORS
+from musatpy.adjustment.kinds import MEASURED, PRIORS, direct_rows
+from musatpy.adjustment.kinds.gnss import AntennaTies
 from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.sightings import index_partials, residuals
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.blunders.antennas import line_errors, with_exchanged_lines, with_other_sign, with_other_times
 from musatpy.blunders.linear_model import Drop, LinearModel, PointChecks, dropped, put_in_again
 from musatpy.blunders.scene import IMAGES_CHECKED, PENALTY, Factors
 from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
@@ -187,13 +188,18 @@ def _direct(model: LinearModel) -> Iterator[Hypothesis]:
     kinds = {kind.observed: kind for kind in MEASURED if len(model.network.measured[kind.observed].row)}
     if not kinds:
         return
-    for part in propagation.direct(model.network, model.minimum, model.cofactors):
-        if part.kind in kinds:
-            v, weight, Q = part.residual[:, None], part.weight[:, None], part.cofactor[:, None, None]
-            drop = dropped(v, weight, Q, _COMMON_CHECKED)
-            for k in _most(drop):
-                given_up = GivenUp.of_row(part.kind, int(part.row[k]), part.component[k : k + 1])
-                yield giving_up(model.scene.block, kinds[part.kind].cause, given_up, **_explained(drop, k))
+    for kind, rows in direct_rows(model.network, model.minimum):
+        if kind.observed not in kinds:
+            continue
+        c = len(kind.observed.components)  # of a row of the table, one after the other
+        partials, index = rows.partials.reshape(-1, c, rows.index.shape[1]), rows.index[::c]
+        Q = partials @ model.cofactors.between(index, index) @ np.swapaxes(partials, 1, 2)
+        ties = model.network.measured[kind.observed]
+        mixed = np.swapaxes(ties.principal, 1, 2) if isinstance(ties, AntennaTies) else None
+        drop = dropped(rows.residual.reshape(-1, c), rows.weight.reshape(-1, c), Q, _COMMON_CHECKED, mixed)
+        for k in _most(drop):
+            given_up = GivenUp.of_row(kind.observed, int(rows.row[c * k]), np.arange(c))
+            yield giving_up(model.scene.block, kinds[kind.observed].cause, given_up, **_explained(drop, k))
 
 
 def _most(drop: Drop, among: BoolArray | bool = True) -> list[int]:
@@ -239,7 +245,35 @@ def common_errors(model: LinearModel) -> list[Hypothesis]:
     tides: Iterator[Hypothesis] = iter(())
     if network.water.per_photo:
         tides = common_tides(block, network, model.station_weight[:, LEVEL], model.stations[:, LEVEL], model.factor)
-    return [*_unknowns_more(columns, weight, pull, coupling, model.factor), *tides]
+    return [*_unknowns_more(columns, weight, pull, coupling, model.factor), *tides, *_of_lines(model)]
+
+
+def _of_lines(model: LinearModel) -> Iterator[Hypothesis]:
+    """Yield what antenna positions have in common; signs of lever arms with what just these explain."""
+    network, block = model.network, model.scene.block
+    errors = list(line_errors(block, network, model.minimum)) if block.antenna_positions.count else []
+    columns = [Hypothesis(kind=one.kind, member=one.member, photo=one.photo, name=one.name) for one in errors]
+    u = len(model.step)
+    weight, pull, coupling = np.zeros(len(errors)), np.zeros(len(errors)), np.zeros((len(errors), u))
+    for kind, rows in direct_rows(network, model.minimum) if errors else ():
+        for number, error in enumerate(errors):
+            c = error.of(kind.observed, block, network)
+            if c is not None:
+                weight[number] += float(rows.weight @ np.square(c))
+                pull[number] += float(rows.weight @ (c * rows.residual))
+                weighted = (rows.weight * c)[:, None] * rows.partials
+                coupling[number] += np.bincount(rows.index.reshape(-1), weighted.reshape(-1), u)
+    for one in _unknowns_more(columns, weight, pull, coupling, model.factor):
+        if one.kind is CauseKind.LEVER_ARM_SIGN:  # (c'Pv)^2 / c'.. c belongs to that many reversals, not to one
+            arm = next(error.lever_arm for error in errors if error.member == one.member and error.name == one.name)
+            size, sigma = float(one.error[0]), float(one.sigma[0])
+            one = replace(
+                one,
+                squares=(2.0 * size - 1.0) / sigma**2,
+                error=arm.sum(axis=0),
+                sigma=np.abs(arm).sum(axis=0) * sigma,
+            )
+        yield one
 
 
 def common_tides(
@@ -321,6 +355,12 @@ def revised(block: Block, revision: Hypothesis) -> Block:
             position = photos.position.copy()
             position[photo] = position[photo[::-1]]
             return replace(block, photos=replace(photos, position=position))
+        case CauseKind.ANTENNA_TIMES:
+            return with_other_times(block, photo, value)
+        case CauseKind.LEVER_ARM_SIGN:
+            return with_other_sign(block, revision.member)
+        case CauseKind.ANTENNA_LINES:
+            return with_exchanged_lines(block, photo, revision.member)
         case CauseKind.EXCHANGED_CONTROL:
             point = _exchanged(block.control.point, np.array(revision.point, dtype=int))
             return replace(block, control=replace(block.control, point=point))

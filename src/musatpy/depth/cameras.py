@@ -204,7 +204,7 @@ def _water_faults(tables: Tables, waves: bool) -> list[str]:
     """Return why the water of a record cannot be used."""
     faults, water = [], tables["adjusted_water"]
     if water is None:
-        return ["the run knows no water"]
+        return [run_tables.port_fault(tables) or "the run knows no water"]
     if fault := run_tables.water_fault(tables):
         faults.append(fault)
     if any(water["tilt"]) and tables["options"]["initial"] != Initial.GIVEN:

@@ -60,6 +60,7 @@ OPTIONAL = (
     "wave_origin",
     "orientation",
     COVARIANCES,
+    "ports",
 )
 
 # Of points, on the cards of their images and of control.

@@ -43,6 +43,7 @@ from musatpy.model.options import (
     Weights,
 )
 from musatpy.model.parameters import GRID_PLACES, TIES, AdjustedParameters, DistortionGrid
+from musatpy.model.ports import PORT_PARAMETERS, PORT_SIZES, PORT_UNITS, Ports
 from musatpy.model.reduction import (
     Atmosphere,
     ComparatorSpec,

@@ -24,6 +24,7 @@ from musatpy.model.gnss import AntennaCovariances, AntennaLines, AntennaPosition
 from musatpy.model.inertial import InertialAttitudes, InertialConvention, Misalignments
 from musatpy.model.lenses import LensUnknowns
 from musatpy.model.options import EllipsoidSpec, Options, OrientationSpec, SystemSpec
+from musatpy.model.ports import Ports
 from musatpy.model.reduction import (
     ComparatorSpec,
     CrossMeasurements,
@@ -305,6 +306,7 @@ class Block:
     cameras: Cameras
     distortion: Distortion = field(default_factory=partial(empty, Distortion))
     lens_unknowns: LensUnknowns = field(default_factory=partial(empty, LensUnknowns))
+    ports: Ports = field(default_factory=partial(empty, Ports))
     fiducials: Fiducials = field(default_factory=partial(empty, Fiducials))
     lever_arms: LeverArms = field(default_factory=partial(empty, LeverArms))
     antenna_lines: AntennaLines = field(default_factory=partial(empty, AntennaLines))

@@ -84,6 +84,15 @@ class CauseKind(StrEnum):
     ANTENNA = (
         "antenna position", "antenna position", "dropped", "GNS/GNX", "position", "m", _POSITION,
         "read the card of the antenna position again: digits, the name of the photo; was the receiver locked?")
+    ANTENNA_TIMES = (
+        "times of antenna positions", "", Action.NONE, "GNT GNS/GNX", "", "sec", "",
+        "all positions of the line are off along the flight: compare the clocks of receiver and camera")
+    LEVER_ARM_SIGN = (
+        "sign of a lever arm", "", Action.NONE, "LVR", "", "m", "x y z",
+        "reverse the sign, or read how the axes of the lever arm were defined")
+    ANTENNA_LINES = (
+        "exchanged antenna positions", "", Action.NONE, "GNS/GNX", "", None, "",
+        "each position lies where another card says: read the lines and photos on these cards again")
     INERTIAL_ATTITUDE = (
         "inertial attitude", "inertial attitude", Action.DROPPED, "INS", "angles", "arc sec", "x y z",
         "read the card of the inertial attitude again: photo, digits, signs; is it that of another exposure?")
@@ -161,7 +170,8 @@ _NOUNS = {  # of a cause, before the name of its point or photo
     CauseKind.IMAGES: "all images",
 }
 _NAMED_BY_COMPONENT = (
-    CauseKind.AXES, CauseKind.CONTROL, CauseKind.LABELS, CauseKind.PRINCIPAL_POINT, CauseKind.START, CauseKind.TIDES
+    CauseKind.ANTENNA_LINES, CauseKind.ANTENNA_TIMES, CauseKind.AXES, CauseKind.CONTROL, CauseKind.LABELS,
+    CauseKind.LEVER_ARM_SIGN, CauseKind.PRINCIPAL_POINT, CauseKind.START, CauseKind.TIDES,
 )  # fmt: skip
 
 

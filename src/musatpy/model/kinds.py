@@ -49,6 +49,7 @@ class ObservationKind(IntEnum):
     ANTENNA_DRIFT = 16, "antenna drifts", "drift", "", ("value",), ""
     INERTIAL_ATTITUDE = 17, "inertial attitudes", "inert.", "inertial_attitudes", BODY_AXES, '"', ARC_SECOND
     MISALIGNMENT = 18, "misalignment angles", "misal.", "", ("value",), ""  # AdjustedParameters
+    PORT = 19, "parameters of ports", "port", "", ("value",), ""
     for number, (name, statement) in enumerate(extensions.stated("OBSERVATIONS").items(), 20):
         locals()[name] = number, *statement
 

@@ -88,7 +88,8 @@ class AdjustedParameters(Table):
         """The names of what is not determined, with what it is correlated."""
         for row in np.flatnonzero(~self.determined).tolist():
             pair = self._partner(row)
-            tie = f" (correlation {pair[1]} with {pair[0]})" if pair else ""
+            tie = f"correlation {pair[1]} with {pair[0]}; " if pair else ""
+            tie = f" ({tie}a sigma of {self.most[row]:.1g} {self.unit[row]} would do)"
             yield f"{self.parameter[row]} of {self.noun[row]} {self.owner[row]}{tie}"
 
     def owners(self, kind: ObservationKind) -> list[list[str]]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.errors import Problem, RecordError
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.systems import Geographic, System, geographic
 from musatpy.model import (
@@ -53,6 +54,7 @@ STATIONS = (
     "wave_origin",
     "cameras",
     "adjusted_parameters",
+    "ports",
     "stations",
 )
 BLOCK = (*STATIONS, "points", "plates")
@@ -118,8 +120,16 @@ def lens_fault(tables: Tables) -> str:
     )
 
 
+def port_fault(tables: Tables) -> str:
+    """Return why images of the run are not those of cameras in air, empty where they are."""
+    behind = ", ".join(texts(tables["ports"], "camera").tolist())
+    return behind and f"camera {behind} is under water behind a port: this command does not trace images through it"
+
+
 def cameras_of(tables: Tables) -> Cameras:
-    """Return the cameras of a record, as adjusted; of an adjusted distortion they know nothing."""
+    """Return the cameras of a run, as adjusted, without distortion. Raises `RecordError` where one has a port."""
+    if fault := port_fault(tables):
+        raise RecordError([Problem(message=fault)])
     cameras, adjusted = tables["cameras"], tables["adjusted_parameters"]
     lens = texts(adjusted, "kind") == ObservationKind.LENS.label
     ids, parameter = texts(cameras, "camera"), texts(adjusted, "parameter")[lens]

@@ -11,6 +11,7 @@ from musatpy.errors import DeckError, PlatesError, Problem
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import (
+    LENS_PARAMETERS,
     Atmosphere,
     Block,
     ComparatorSpec,
@@ -137,7 +138,7 @@ def _calibration(block: Block, camera: int, options: ReductionOptions) -> Calibr
         mark_sigma=block.fiducials.sigma[fiducials],
         distances=_distances(block, camera) if by_distances else None,
         reseau=_reseau(block, camera),
-        lens=None if camera in block.lens_unknowns.camera else lens_of(block, camera, options),
+        lens=None if camera in block.lens_unknowns.of(LENS_PARAMETERS).camera else lens_of(block, camera, options),
     )
 
 

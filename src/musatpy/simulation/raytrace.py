@@ -1,4 +1,4 @@
-"""Exact ray tracing through a calm water surface, for simulated images only.
+"""Exact ray tracing through a calm water surface, or a flat port, for simulated images only.
 
 The surface is the one of constant ellipsoidal height t (the plane Z = t in local jobs), or one whose height above
 that grows evenly along a slope vector. Fermat: the light path from
@@ -18,6 +18,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.errors import MusatError
 from musatpy.geometry.collinearity import local_vertical
+from musatpy.units import DEGREE
 
 # Places (k, 3) of level water in the axes of the job -> heights (k,) m of waves over it, their gradients (k, 3).
 Rise = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
@@ -25,6 +26,7 @@ Rise = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 RELATIVE_PRECISION = 1e-13  # of the incidence point, against the depth
 MAX_STEPS = 50
 _FAR = 1e7  # m: no ray goes so far
+_NEAR = 1e-5  # between directions of which the differential is taken
 
 
 class RayTraceError(MusatError):
@@ -250,3 +252,43 @@ def _level_surface(
     foot = east_radius[:, None] * to_local[:, 2]
     foot[:, 2] -= e2 * (east_radius - level) * np.sin(latitude)
     return surface, to_local, foot
+
+
+def through_port(
+    points: FloatArray, distance: float, thickness: float, glass: float, water: float, *tilts: float
+) -> FloatArray:
+    """Return the directions (k, 3) in the housing in which a camera behind a flat port sees points.
+
+    `points` (k, 3) m along the axes of the image, from the projection centre; the port as `PortKeys` has it.
+    Rays are shot by Snell's law in vectors until they hit: Newton, the differential of where they hit by
+    differences. NaN for points that are not beyond the glass. Raises `RayTraceError` where no ray hits a point.
+    """
+    (sa, sb), (ca, cb) = np.sin(np.multiply(tilts, DEGREE)), np.cos(np.multiply(tilts, DEGREE))
+    about_x, about_y = (
+        np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]]),
+        np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]]),
+    )
+    to_port = (about_y @ about_x).T  # its z axis is the normal, which points to the camera
+    target, inner, outer = points @ to_port.T, -distance / 1e3, -(distance + thickness) / 1e3
+    beyond, out = target[:, 2] < outer, np.full_like(target, np.nan)
+    target = target[beyond]
+    tangents = target[:, :2] / -target[:, 2:]
+
+    def missed(tangents: FloatArray) -> FloatArray:
+        """Return by how much (k, 2) rays (x, y, -1), in the axes of the port, miss the points in their planes."""
+        ray, place = _unit(np.column_stack([tangents, -np.ones(len(tangents))])), np.zeros_like(target)
+        for depth, ratio in ((inner, 1.0 / glass), (outer, glass / water), (target[:, 2], 1.0)):
+            place = place + ray * ((depth - place[:, 2]) / ray[:, 2])[:, None]
+            along = ratio * ray[:, :2]
+            ray = np.column_stack([along, -np.sqrt(1.0 - np.sum(along**2, axis=1))])
+        return (place - target)[:, :2]
+
+    for _ in range(MAX_STEPS):
+        differences = [missed(tangents + step) - missed(tangents - step) for step in _NEAR * np.eye(2)]
+        slope = np.stack(differences, axis=2) / (2.0 * _NEAR)
+        step = np.linalg.solve(slope, missed(tangents)[..., None])[..., 0]
+        tangents = tangents - step
+        if not (np.abs(step) > RELATIVE_PRECISION * (1.0 + np.abs(tangents))).any():
+            out[beyond] = np.column_stack([tangents, -np.ones(len(tangents))]) @ to_port
+            return out
+    raise RayTraceError("no ray through the port hits a point")

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from musatpy.model import LENS_PARAMETERS, CoordinateSystem, DistortionSide, Polynomials, WaterConditions
+from musatpy.model import (
+    LENS_PARAMETERS,
+    PORT_PARAMETERS,
+    CoordinateSystem,
+    DistortionSide,
+    Polynomials,
+    WaterConditions,
+)
 from musatpy.model.water import index_fault
 from musatpy.specs import Area, Pair, Triple, key
 
@@ -66,6 +73,42 @@ class LensKeys:
     def __post_init__(self) -> None:
         if len({given.name for given in self.parameter}) < len(self.parameter):
             raise ValueError("a parameter is given twice")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PortUnknownKeys:
+    """[[port.unknown]]: a parameter of the port, and its CAL card."""
+
+    name: str = key(doc="as on the card", choices=PORT_PARAMETERS)
+    sigma: float | None = key(None, "on the card; absent: free", low=0.0)
+    error: float | None = key(None, "actual error of the value on the card, 1 sigma; absent: as sigma", low=0.0)
+
+    def __post_init__(self) -> None:
+        if self.sigma == 0.0:
+            raise ValueError("sigma must be greater than zero")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PortKeys:
+    """[port]: the camera is under water behind a flat port; its true values, which its PRT card has too."""
+
+    distance: float = key(
+        doc="of the inner face of the glass from the projection centre", unit="mm", low=0.0, high=1000.0
+    )
+    thickness: float = key(10.0, "of the glass", unit="mm", low=0.0, high=1000.0)
+    glass: float = key(1.52, "its refractive index", low=1.0, high=2.0)
+    water: float = key(1.335, "refractive index of the water", low=1.0, high=2.0)
+    tilt: Pair = key((0.0, 0.0), "of the glass about image x, then y", unit="deg", low=-30.0, high=30.0)
+    unknown: tuple[PortUnknownKeys, ...] = key(())
+
+    def __post_init__(self) -> None:
+        if len({given.name for given in self.unknown}) < len(self.unknown):
+            raise ValueError("a parameter is given twice")
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """In the order of `PORT_PARAMETERS`."""
+        return (self.distance, self.thickness, self.glass, self.water, *self.tilt)
 
 
 @dataclass(frozen=True, kw_only=True)

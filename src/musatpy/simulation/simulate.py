@@ -14,7 +14,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model.block import with_tables
-from musatpy.model.tables import empty
+from musatpy.model.tables import empty, stacked
 from musatpy.simulation.antennas import GivenAntennas, state_antennas
 from musatpy.simulation.compiled_models import CompiledTruth, compile_models
 from musatpy.simulation.flight import fly, plan_flight
@@ -36,6 +36,7 @@ from musatpy.simulation.terrain import Scene, lay_ground
 from musatpy.simulation.true_images import TrueImages, take_images
 from musatpy.simulation.true_inertial import state_inertial, true_misalignment
 from musatpy.simulation.true_lens import TrueParameter, state_lens, true_parameters
+from musatpy.simulation.true_port import state_port, true_port
 from musatpy.simulation.true_water import GivenWater, state_water
 from musatpy.simulation.world import TruePlaces, World
 from musatpy.specs import echoed, keys
@@ -181,7 +182,12 @@ def _truth(scene: Scene, images: TrueImages, given: Given) -> Truth:
         base_lengths=given.bases.true,
         distances=given.distances.true,
         height_differences=given.height_differences.true,
-        parameters=(*true_parameters(scene.spec), *given.antennas.parameters, *true_misalignment(scene.spec)),
+        parameters=(
+            *true_parameters(scene.spec),
+            *given.antennas.parameters,
+            *true_misalignment(scene.spec),
+            *true_port(scene.spec),
+        ),
     )
 
 
@@ -190,6 +196,7 @@ def _block(scene: Scene, given: Given) -> model.Block:
     camera, flight, rows, links = scene.spec.camera, scene.flight, given.rows, given.links
     bases, distances, heights = given.bases, given.distances, given.height_differences
     lens_unknowns, reduction = state_lens(scene.spec, scene.draws)
+    ports, port_unknowns = state_port(scene.spec.port, scene.draws)
     block = model.Block(
         titles=scene.spec.title,
         options=_options(scene.spec),
@@ -202,7 +209,8 @@ def _block(scene: Scene, given: Given) -> model.Block:
             format_size=np.array([camera.format]),
         ),
         distortion=empty(model.Distortion),
-        lens_unknowns=lens_unknowns,
+        lens_unknowns=stacked([lens_unknowns, port_unknowns]),
+        ports=ports,
         reduction=reduction,
         fiducials=empty(model.Fiducials),
         photos=model.Photos(

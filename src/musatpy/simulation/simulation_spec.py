@@ -35,6 +35,7 @@ from musatpy.simulation.scene_keys import (
     JobKeys,
     LensKeys,
     PointKeys,
+    PortKeys,
     ShoalKeys,
     SurfaceKeys,
     TerrainKeys,
@@ -242,6 +243,7 @@ class SimulationSpec:
     job: JobKeys = key(JobKeys)
     camera: CameraKeys = key(CameraKeys)
     lens: LensKeys | None = key(None)
+    port: PortKeys | None = key(None, quiet=True)
     flight: FlightKeys = key(FlightKeys)
     terrain: TerrainKeys = key(TerrainKeys)
     water: SurfaceKeys | None = key(None)
@@ -270,6 +272,8 @@ class SimulationSpec:
             raise ValueError("submerged points need a [water] table")
         if self.water and self.water.tides and len(self.water.tides) != self.flight.strips * self.flight.photos:
             raise ValueError(f"water.tides has {len(self.water.tides)} values, not one per photo")
+        if self.port and self.water:
+            raise ValueError("a camera behind a [port] is under water: no [water] table goes with it")
         if self.wave and (self.water is None or any(self.water.tilt)):
             raise ValueError("waves need a [water] table, and level water: no tilt")
         if len({train.id for train in self.wave}) < len(self.wave):

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem, SpecError
 from musatpy.geometry.collinearity import attitude_matrix
-from musatpy.simulation.raytrace import trace
+from musatpy.simulation.raytrace import through_port, trace
 from musatpy.simulation.terrain import Scene
 from musatpy.simulation.true_lens import through_lens, true_lens
 
@@ -72,7 +72,10 @@ def project(scene: Scene, photo: IntArray, point: IntArray) -> TrueImages:
         ellipsoid = scene.world.axes_of_ellipsoid
         direction[wet] = trace(C, G, level[wet], water.index, ellipsoid, flight.water.slope, rise).air
     local = np.einsum("kij,kj->ki", stations.vertical, direction)
-    U, V, S = np.einsum("kij,kj->ki", attitude_matrix(flight.attitude)[photo], local).T
+    seen = np.einsum("kij,kj->ki", attitude_matrix(flight.attitude)[photo], local)
+    if scene.spec.port is not None:
+        seen = through_port(seen, *scene.spec.port.values)
+    U, V, S = seen.T
     S = np.where(S < 0.0, S, np.nan)
     f = true_lens(scene.spec)["F"]
     xy = np.column_stack([-f * U / S, -f * V / S])

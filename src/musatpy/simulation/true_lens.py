@@ -5,6 +5,7 @@ The formulas are those of the adjustment in other words, and share no code with 
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ from musatpy.model import (
     ReductionOptions,
 )
 from musatpy.model.tables import empty
-from musatpy.simulation.scene_keys import LensKeys
+from musatpy.simulation.scene_keys import LensKeys, LensParameterKeys, PortUnknownKeys
 from musatpy.simulation.simulation_spec import SimulationSpec
 
 _REACH = 1.2  # half diagonals of the plate: polynomials say nothing of what lies beyond
@@ -98,17 +99,25 @@ def state_lens(spec: SimulationSpec, draws: Draws) -> tuple[LensUnknowns, Reduct
     """Return what CAL and RED cards of the deck say."""
     if spec.lens is None:
         return empty(LensUnknowns), None
-    true, unknown = true_lens(spec), [given for given in spec.lens.parameter if given.unknown]
+    unknown = [given for given in spec.lens.parameter if given.unknown]
+    cards = state_unknowns(true_lens(spec), unknown, draws.normal("lens", len(unknown)))
+    side, polynomials = DistortionSide(spec.lens.side), Polynomials(spec.lens.polynomials)
+    return cards, ReductionOptions(side=side, polynomials=polynomials)
+
+
+def state_unknowns(
+    true: Mapping[str, float], unknown: Sequence[LensParameterKeys | PortUnknownKeys], deviate: FloatArray
+) -> LensUnknowns:
+    """Return what CAL cards say of true parameters that are unknown (k); `deviate` (k,) are normal deviates."""
     value, sigma = (np.full(len(unknown), np.nan) for _ in range(2))
-    for row, (given, deviate) in enumerate(zip(unknown, draws.normal("lens", len(unknown)).tolist(), strict=True)):
-        if given.sigma is not None:
-            error = given.sigma if given.error is None else given.error
-            value[row], sigma[row] = float(f"{true[given.name] + error * deviate:.9e}"), given.sigma
-    cards = LensUnknowns(
+    for row, given in enumerate(unknown):
+        error = given.sigma if given.error is None else given.error
+        if error is not None:
+            value[row] = float(f"{true[given.name] + error * deviate[row]:.9e}")
+        sigma[row] = np.nan if given.sigma is None else given.sigma
+    return LensUnknowns(
         camera=np.zeros(len(unknown), dtype=int),
         parameter=np.array([given.name for given in unknown], dtype=np.str_),
         value=value,
         sigma=sigma,
     )
-    side, polynomials = DistortionSide(spec.lens.side), Polynomials(spec.lens.polynomials)
-    return cards, ReductionOptions(side=side, polynomials=polynomials)

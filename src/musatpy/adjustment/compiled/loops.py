@@ -116,7 +116,7 @@ class CompiledLoops(Loops):
         others: list[PointGroup] = []
         for group in groups:
             by_numpy = border.count(ObservationKind.EQUAL_ELEVATION) or network.priors.decorrelation is not None
-            if network.lenses or group.kept or (group.known and by_numpy):
+            if network.lenses or network.ports or group.kept or (group.known and by_numpy):
                 others.append(group)
             elif unknown:
                 wet = np.asarray(network.refracted[group.rays].any(axis=1))

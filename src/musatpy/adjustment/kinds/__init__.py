@@ -193,7 +193,8 @@ def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts
     further["inner constraints"] = free_motions
     for observed, parameters in network.parameters.items():
         further[observed.noun] = int(np.count_nonzero(parameters.weight))
-        unknowns[observed.noun] = len(parameters.weight)
+        if len(parameters.weight):
+            unknowns[observed.noun] = len(parameters.weight)
     observations |= {kind: number for kind, number in further.items() if number}
     if levels + of_water:
         unknowns["water"] = levels + of_water

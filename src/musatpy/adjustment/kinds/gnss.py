@@ -18,7 +18,7 @@ import numpy as np
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds.parameter import ParameterUnknown
 from musatpy.adjustment.kinds.photo_vectors import Deviations, PhotoVector
-from musatpy.adjustment.network import MeasuredTies, Network, job_frame
+from musatpy.adjustment.network import NOTHING, MeasuredTies, Network, job_frame
 from musatpy.adjustment.parameters import Parameters
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.similarity import Similarity
@@ -39,6 +39,15 @@ class AntennaTies(MeasuredTies):
     arm: FloatArray  # (d, 3) m, lever arm as given
     numbers: IntArray  # (d, 9) of the lever arm, the shift and the drift
     since: FloatArray  # (d,) s since the mean time of the line
+
+    def on_card(self, row: int, error: FloatArray) -> FloatArray:
+        """Return errors of a row of the table along east, north, up, of those of all its components."""
+        along = self.principal[self.row == row]
+        return error @ along[0] if len(along) and len(error) == len(along[0]) else error
+
+    def to_components(self, network: Network) -> FloatArray:
+        """Return (d, 3, 3) from working axes to the components."""
+        return self.principal @ np.asarray(network.frame.axes(network.frame.working(self.value)))
 
 
 def flight_lines(block: Block) -> tuple[IntArray, FloatArray]:
@@ -100,9 +109,9 @@ class Antenna(PhotoVector):
 
     def measured(self, block: Block, enters: BoolArray) -> MeasuredTies:
         """Return the antenna positions that take part: all, in IIIA."""
-        table = block.antenna_positions
-        used = np.full(table.count, self.applies(block))
-        axes, sigma = principal_axes(block)
+        if not self.applies(block):
+            return NOTHING
+        table, (axes, sigma) = block.antenna_positions, principal_axes(block)
         line, since = flight_lines(block)
         camera = block.photos.camera[table.photo]
         arm, arms = np.zeros((block.cameras.count, 3)), np.full(block.cameras.count, -1)
@@ -114,37 +123,34 @@ class Antenna(PhotoVector):
             _numbers(unknown_drifts(block)[0], line),
         ]
         return AntennaTies(
-            row=np.flatnonzero(used),
-            photo=table.photo[used][:, None],
-            point=np.zeros((int(used.sum()), 0), dtype=np.int64),
-            value=table.position[used],
-            weight=1.0 / np.square(sigma[used]),
-            principal=axes[used],
-            arm=arm[camera][used],
-            numbers=np.concatenate(numbers, axis=1)[used],
-            since=np.nan_to_num(since[used]),
+            row=np.arange(table.count),
+            photo=table.photo[:, None],
+            point=np.zeros((table.count, 0), dtype=np.int64),
+            value=table.position,
+            weight=1.0 / np.square(sigma),
+            principal=axes,
+            arm=arm[camera],
+            numbers=np.concatenate(numbers, axis=1),
+            since=np.nan_to_num(since),
         )
 
     def deviations(self, network: Network, state: State) -> Deviations:
         """Return adjusted minus observed, along the principal axes of each."""
         of = _ties(network)
-        photo, first = of.photo[:, 0], [network.border.at(kind).start for kind in _UNKNOWN]
-        observed = network.frame.working(of.value)
-        to_components = of.principal @ network.frame.axes(observed)
+        photo, numbers = of.photo[:, 0], np.split(of.numbers, 3, axis=1)
+        observed, to_components = network.frame.working(of.value), of.to_components(network)
         arm, shift, drift = np.split(_values(of, state), 3, axis=1)
         M, axes = state.M[photo], network.axes[photo]
         from_centre = np.einsum("dji,dj->di", M, arm)
         off = np.einsum("dij,dj->di", to_components, state.position[photo] + from_centre - observed)
         by_attitude = to_components @ np.einsum("daji,dj->dia", state.dM[photo], arm)
         by_shift = of.principal
+        parts = [to_components @ np.swapaxes(M, 1, 2), by_shift, by_shift * of.since[:, None, None]]
         return Deviations(
             residual=off + np.einsum("dij,dj->di", of.principal, shift + drift * of.since[:, None]),
             by_station=np.concatenate([to_components @ np.swapaxes(axes, 1, 2), by_attitude], axis=2),
-            column=np.where(of.numbers >= 0, of.numbers + np.repeat(first, 3), 0),
-            by_parameters=_known_columns(of)
-            * np.concatenate(
-                [to_components @ np.swapaxes(M, 1, 2), by_shift, by_shift * of.since[:, None, None]], axis=2
-            ),
+            column=np.concatenate(list(map(self.columns, [network] * 3, _UNKNOWN, numbers)), axis=1),
+            by_parameters=np.concatenate(parts, axis=2) * (of.numbers >= 0)[:, None],
         )
 
     def values(self, block: Block, network: Network, state: State) -> FloatArray:
@@ -266,11 +272,6 @@ def _ties(network: Network) -> AntennaTies:
     return ties
 
 
-def _known_columns(of: AntennaTies) -> FloatArray:
-    """Return (d, 1, 9) 1 for what is an unknown, else 0."""
-    return (of.numbers >= 0).astype(float)[:, None]
-
-
 def _values(of: AntennaTies, state: State) -> FloatArray:
     """Return lever arm, shift and drift (d, 9) of antenna positions at `state`."""
     out = np.concatenate([of.arm, np.zeros((len(of.row), 6))], axis=1)
@@ -293,7 +294,7 @@ def _following(network: Network, state: State, moved: FloatArray) -> dict[Observ
     Only free ones change: others are held by what is known of them.
     """
     of = _ties(network)
-    change = of.principal @ network.frame.axes(network.frame.working(of.value)) @ moved
+    change = of.to_components(network) @ moved
     part = ANTENNA.deviations(network, state)
     g, d = network.border.first_kept, len(change)
     J = np.zeros((d, 3, g))

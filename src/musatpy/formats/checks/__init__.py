@@ -19,6 +19,7 @@ from musatpy.formats.checks import (
     inertial,
     places,
     plates,
+    ports,
     references,
     systems,
     values,
@@ -28,7 +29,7 @@ from musatpy.formats.checks import (
 from musatpy.formats.checks.check import DeckCheck
 from musatpy.formats.draft import Draft
 
-_SUBJECTS = (references, values, plates, places, systems, water, waves, antennas, inertial, datum, images)
+_SUBJECTS = (references, values, plates, places, systems, water, waves, antennas, inertial, datum, images, ports)
 _EVERY = (one for subject in _SUBJECTS for one in vars(subject).values() if isinstance(one, DeckCheck))
 CHECKS = tuple(dict.fromkeys(_EVERY))  # some look at what others find
 

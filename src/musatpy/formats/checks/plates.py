@@ -18,6 +18,9 @@ from musatpy.model import Atmosphere, CoordinateSystem, Curvature, Program, Refu
 
 _SOME, _SMALL = 3, 0.01  # images of a camera, and the share of its format in which all of them do not lie
 _MICROMETRES = 500.0  # of a format in mm: half of it in the smaller unit
+_INTERIOR = {"F": 0, "XP": 1, "YP": 2}
+_POLYNOMIALS = {"RADL": ("K1", "K2", "K3"), "DCEN": ("P1", "P2")}
+_CONTRADICTS = 5.0  # standard deviations between two values of one parameter
 _FOCAL_LENGTHS_OFF = 5.0  # 79 degrees off the axis: no frame camera has images farther out
 _NEAR = 30.0  # mm: so well the images of another photo say where one is
 _AROUND = 3.0  # extents of all other positions, beyond which zeros are no position
@@ -242,6 +245,40 @@ def lens_unknowns(draft: Draft) -> Iterator[Problem]:
     others = np.isin(camera, draft.camera["lenses"])
     message = "a lens with a principal point of best symmetry of its own (LNS) cannot be estimated"
     yield from draft.problems(role, others, message, path="lens_unknowns.camera")
+
+
+@check(of_run=True)
+def lens_values(draft: Draft) -> Iterator[Problem]:
+    """Yield values of CAL cards that lie many of their standard deviations off those of CAM and DST."""
+    cameras, distortion, cal = (draft.rows[role] for role in ("cameras", "distortion", "lens_unknowns"))
+    given: dict[tuple[int, str], float] = {}
+    for name, column in _INTERIOR.items():
+        values = np.column_stack([cameras["cameras.focal_length"], cameras["cameras.principal_point"]])[:, column]
+        given |= {
+            (link, name): value
+            for link, value in zip(draft.camera["cameras"].tolist(), values.tolist(), strict=True)
+        }
+    for link, kind, values in zip(
+        draft.camera["distortion"].tolist(),
+        distortion["distortion.kind"],
+        distortion["distortion.values"],
+        strict=True,
+    ):
+        given |= {
+            (link, name): float(value) for name, value in zip(_POLYNOMIALS.get(kind, ()), values, strict=False)
+        }
+    for row, (link, name, value, sigma) in enumerate(
+        zip(
+            draft.camera["lens_unknowns"].tolist(),
+            *(cal[f"lens_unknowns.{column}"].tolist() for column in ("parameter", "value", "sigma")),
+            strict=True,
+        )
+    ):
+        other = given.get((link, name), 0.0)
+        off = abs(value - other) / sigma if other and sigma else 0.0  # zero says nothing
+        if off > _CONTRADICTS:
+            message = f"{off:.0f} standard deviations off the {other:g} of CAM or DST, which does not count"
+            yield draft.problem("lens_unknowns", row, message, path="lens_unknowns.value", severity="warning")
 
 
 @check(raw=True)

@@ -49,7 +49,8 @@ def magnitudes(draft: Draft) -> Iterator[Problem]:
             continue
         value, unit = np.abs(number) / mapping.factor(slot, angle), slot.fields[0].unit
         largest = _LARGEST.get(unit, np.inf)
-        small = (value > 0.0) & (value < _SMALLEST_SIGMA) & ("sigma" in slot.path)
+        is_sigma = "sigma" in slot.path and role != "lens_unknowns"  # whose units are powers of mm
+        small = (value > 0.0) & (value < _SMALLEST_SIGMA) & is_sigma
         for bad, what in (
             (value > largest, f"is beyond {largest:g} {unit}".rstrip()),
             (small, f"is next to nothing: {_SMALLEST_SIGMA:g} {unit} at least, or a blank"),

@@ -1,0 +1,117 @@
+"""The flat ports of a simultaneous adjustment: cameras under water behind planes of glass, known or unknown.
+
+A camera without a port has one that bends nothing: all photos go through the same lines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from musatpy.adjustment.lenses import image_reach
+from musatpy.adjustment.network import inverse_squares
+from musatpy.adjustment.parameters import CameraParameters
+from musatpy.arrays import FloatArray, IntArray
+from musatpy.geometry import collinearity
+from musatpy.model import PORT_PARAMETERS, PORT_SIZES, PORT_UNITS, Block
+from musatpy.refraction import port
+from musatpy.units import DEGREE
+
+_NO_PORT = (1.0, 0.0, 1.0, 1.0, 0.0, 0.0)
+_INSIDE = np.array([1e-3, 1e-3, 1.0, 1.0, DEGREE, DEGREE])  # m, 1, rad
+_REST = 1e-5  # mm of an image in the corner of the plate, of a point at
+_RANGE = 1.0  # m from the glass
+_MOST = 0.02  # of the distance of an image from the principal point: beyond such a sigma, nothing is determined
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CameraPorts(CameraParameters):
+    """What is known of the ports of c cameras, in the order and units of `PORT_PARAMETERS`."""
+
+    @classmethod
+    def of(cls, block: Block) -> Self:
+        """Return the ports of a block."""
+        cameras, table = block.cameras, block.lens_unknowns.of(PORT_PARAMETERS)
+        held = np.tile(_NO_PORT, (cameras.count, 1))
+        sizes = [getattr(block.ports, name) for name in PORT_SIZES]
+        held[block.ports.camera] = np.column_stack([*sizes, block.ports.tilt / DEGREE])
+        at = table.camera, np.array([PORT_PARAMETERS.index(name) for name in table.parameter.tolist()], dtype=int)
+        unknown, sigma = np.zeros(held.shape, dtype=bool), np.full(held.shape, np.nan)
+        held[at] = np.where(np.isnan(table.value), held[at], table.value)
+        unknown[at], sigma[at] = True, table.sigma
+        (reach, _), (owner, parameter) = image_reach(block, cameras.principal_point), np.nonzero(unknown)
+        return cls(
+            noun="camera",
+            owner=tuple(cameras.ids[owner].tolist()),
+            parameter=tuple(PORT_PARAMETERS[row] for row in parameter.tolist()),
+            unit=tuple(PORT_UNITS[row] for row in parameter.tolist()),
+            given=held[unknown],
+            weight=inverse_squares(sigma[unknown]),
+            effect=_effect(held, reach, cameras.focal_length)[unknown],
+            rest=_REST,
+            most=_MOST * reach[owner],
+            in_images=True,
+            camera=block.photos.camera,
+            held=held,
+            unknown=unknown,
+        )
+
+    def vectors(self, values: FloatArray, photo: IntArray, v: FloatArray, M: FloatArray) -> FloatArray:
+        """Return the vectors (..., 3) of `view` alone."""
+        u = port.direction(np.einsum("...ij,...j->...i", M, v), self._ports(values, photo))
+        return np.einsum("...ji,...j->...i", M, u)
+
+    def view(
+        self, values: FloatArray, photo: IntArray, v: FloatArray, M: FloatArray, dM: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return in which directions (..., 3) of working axes points at v (..., 3) from their stations are seen.
+
+        And the partials by v and by the attitude (..., 3, 3), while M that takes them to the photo is held, and by
+        all parameters of the ports (..., 3, 6). M (..., 3, 3), dM (..., 3, 3, 3): rotations, by the attitude.
+        """
+        u, by_point, by_port = port.seen(np.einsum("...ij,...j->...i", M, v), self._ports(values, photo))
+        back = np.swapaxes(M, -1, -2)
+        by_point = back @ by_point
+        by_attitude = by_point @ np.einsum("...aij,...j->...ia", dM, v)
+        return (back @ u[..., None])[..., 0], by_point @ M, by_attitude, back @ (by_port * _INSIDE)
+
+    def rays(
+        self, values: FloatArray, photo: IntArray, camera: FloatArray, direction: FloatArray, M: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return where rays of directions (..., 3) in the housing leave the glass, and directions in water."""
+        origin, w = port.ray(np.einsum("...ij,...j->...i", M, direction), self._ports(values, photo))
+        back = np.swapaxes(M, -1, -2)
+        return camera + (back @ origin[..., None])[..., 0], (back @ w[..., None])[..., 0]
+
+    def _ports(self, values: FloatArray, photo: IntArray) -> port.Port:
+        return _ports(self.table(values).take(self.camera.take(photo), axis=0))
+
+
+def without_ports(block: Block) -> Block:
+    """Return the block with the images of cameras that stand in the water: good enough for first values."""
+    if not block.ports.count:
+        return block
+    ports, plates, cameras, of = CameraPorts.of(block), block.plates, block.cameras, block.photos.camera
+    camera, level = of[block.plates.photo], np.eye(3)
+    f, pp = cameras.focal_length[camera], cameras.principal_point[camera]
+    in_water = ports.rays(ports.given, plates.photo, np.zeros(3), collinearity.ray(plates.xy, level, f, pp), level)
+    return replace(block, plates=replace(plates, xy=collinearity.image(in_water[1], level, f, pp)))
+
+
+def _ports(table: FloatArray) -> port.Port:
+    """Return ports (...) of parameters (..., 6)."""
+    inside = table * _INSIDE
+    distance, thickness, glass, water = np.moveaxis(inside[..., :4], -1, 0)
+    return port.Port(distance=distance, thickness=thickness, glass=glass, water=water, tilt=inside[..., 4:])
+
+
+def _effect(table: FloatArray, reach: FloatArray, f: FloatArray) -> FloatArray:
+    """Return what (c, 6) mm one unit of a parameter does to the image of a point at `_RANGE` in the corner."""
+    ports, level = _ports(table), np.eye(3)
+    corner = np.column_stack([reach, reach]) / np.sqrt(2.0)
+    origin, w = port.ray(collinearity.image_vector(corner, f, np.zeros(2)), ports)
+    u, _, by_port = port.seen(origin + _RANGE * w, ports)
+    _, by_u = collinearity.image_by_vector(u, level, f, np.zeros(2))
+    return np.linalg.norm(by_u @ (by_port * _INSIDE), axis=1)
