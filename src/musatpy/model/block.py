@@ -206,7 +206,8 @@ class Control(Table):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (smallest_eigenvalues(self.correlation[self.correlated]) < LEAST_EIGENVALUE).any():
+        known = self.correlation[self.correlated]
+        if len(known) and (smallest_eigenvalues(known) < LEAST_EIGENVALUE).any():
             raise ValueError("correlations of control that make no positive definite matrix")
 
     @property
