@@ -226,8 +226,9 @@ class Control(Table):
     @property
     def covariance(self) -> FloatArray:
         """(k, 3, 3) m2, of east, north, up; zero for a sigma that is not given."""
-        sigma, R = np.nan_to_num(self.sigma), np.where(self.correlated[:, None], self.correlation, 0.0)
-        return sigma[:, :, None] * sigma[:, None, :] * correlations_of(R)
+        sigma, known = np.nan_to_num(self.sigma), self.correlated
+        R = correlations_of(np.where(known[:, None], self.correlation, 0.0)) if known.any() else np.eye(3)
+        return sigma[:, :, None] * sigma[:, None, :] * R
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
