@@ -10,7 +10,7 @@ import pytest
 
 from adjustment.test_equivalence import assert_covariances_equal, assert_equals_bundle, simulated
 from adjustment.test_musat3a import TIGHT, exact_where_known, sea_block
-from altered import altered, with_options
+from altered import added, altered, with_options
 from blocks import converged, simulation
 from musatpy import adjust, listing
 from musatpy.adjustment.ground import point_normals, prior_rows
@@ -158,6 +158,19 @@ def test_the_tests_of_components_are_those_of_baarda() -> None:
     assert checked.sum() > 10
     np.testing.assert_allclose(np.array(found)[checked], np.array(expected)[checked], atol=1e-6)
     np.testing.assert_allclose(np.array(detectable)[checked], 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("component", range(3))
+def test_an_error_of_a_component_moves_its_point_as_told(component: int) -> None:
+    """By differences: a card that is a millimetre off in one component."""
+    block = with_options(case("local")[0], program=Program.IIIA, **TIGHT)
+    solution, card = converged(block), 3
+    moved = converged(altered(block, control={"position": added((card, component), 1e-3)}))
+    of = (solution.observed.kind == ObservationKind.CONTROL) & (solution.observed.row == card)
+    (told,) = solution.observed.influence[of & (solution.observed.component == component)]
+    point = block.control.point[card]
+    change = moved.points.position[point] - solution.points.position[point]
+    np.testing.assert_allclose(change / 1e-3, told, atol=1e-4)  # curvature
 
 
 @pytest.mark.parametrize(

@@ -179,7 +179,9 @@ def test_an_independent_bundle_finds_the_same(tilt: float) -> None:
     sigma = (
         np.sqrt(np.diagonal(np.linalg.inv(answer.jac.T @ answer.jac)))[6 * n : 6 * n + 3] / DEGREE * solution.sigma0
     )
-    np.testing.assert_allclose(body_matrix(misalignment(solution) * DEGREE, BodyAngles("OPK")), B, atol=1e-8)
+    np.testing.assert_allclose(
+        body_matrix(misalignment(solution) * DEGREE, BodyAngles("OPK")), B, atol=1e-7
+    )  # scipy takes differences
     np.testing.assert_allclose(solution.parameters.sigma, sigma, rtol=1e-4)
 
 

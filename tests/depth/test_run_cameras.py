@@ -19,6 +19,7 @@ from depth.lagoon import rows
 from json_schema import load_schema
 from musatpy.depth.cameras import Tilt, read_run
 from musatpy.depth.correction import Correction
+from musatpy.errors import RecordError
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid, GeocentricFrame, surface
 from musatpy.geometry.projected import Projected
@@ -58,6 +59,14 @@ def written(tmp_path: Path, run: Any) -> Path:
     path = tmp_path / "run.json"
     path.write_text(json.dumps(with_columns(run)))
     return path
+
+
+def test_cameras_behind_a_port_are_refused(tmp_path: Path) -> None:
+    run = lagoon_run()
+    port = {"distance": 35.0, "thickness": 10.0, "glass_index": 1.49, "water_index": 1.34, "tilt": [0.0, 0.0]}
+    run["ports"] = [{"camera": "RC8", **port}]
+    with pytest.raises(RecordError, match="camera RC8 is under water behind a port"):
+        read_run(written(tmp_path, run))
 
 
 def test_a_run_corrects_as_the_file_of_its_stations(tmp_path: Path) -> None:

@@ -193,6 +193,15 @@ def test_covariances_of_control_are_counted_and_come_from_the_deck(tmp_path):
     assert again.control.correlated.sum() == full.sum()
 
 
+def test_terrestrial_survey_is_left_out_with_words(tmp_path):
+    bingo.dump_one(in_system(CoordinateSystem.LOCAL), tmp_path)
+    place = tmp_path / "geoin.dat"
+    place.write_text(place.read_text() + "HDIR 1101 1105 41.2071 0.0005\n")
+    (warning,) = bingo.read(tmp_path, {})[1]
+    assert warning.message.startswith("1 record 'HDIR' left out")
+    assert "terrestrial survey are not adjusted here: adjust them first" in warning.message
+
+
 def test_stations_without_attitude_are_left_out_where_one_row_says_both(tmp_path):
     block = in_system(CoordinateSystem.LOCAL)
     lines = bingo.dump_one(altered(block, photos={"attitude": put(1, np.nan)}), tmp_path)

@@ -62,6 +62,7 @@ def test_every_problem_is_reported_at_once():
             {"control": [{"kind": "vertical", "number": 1, "sigma": 1.0, "correlation": 0.1}]},
             "correlation is for full control that is not fixed",
         ),
+        ({"antenna": {"correlation": [0.9, -0.9, 0.9]}}, "antenna: correlation: no positive definite matrix"),
         ({"flight": {"strips": 2, "photos": 30, "strip_step": 20}}, "ids would repeat"),
         ({"job": {"centre": [91.0, 0.0]}}, "latitude within 89"),
         ({"blunders": {"number": 1, "share": 0.1}}, "not both"),

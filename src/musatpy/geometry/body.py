@@ -20,17 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import FloatArray
-from musatpy.geometry.collinearity import (
-    AngleForm,
-    angles_of,
-    attitude_from_matrix,
-    attitude_matrix,
-    matrix_of,
-    skew,
-)
+from musatpy.geometry.collinearity import AngleForm, angles_of, matrix_of, skew
 
 _F = np.diag([1.0, -1.0, -1.0])
 _C = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+_OPK = AngleForm.OMEGA_PHI_KAPPA
 _SMALL = 1e-4  # rad: below, series have all digits
 
 
@@ -46,7 +40,7 @@ def body_matrix(angles: ArrayLike, form: BodyAngles) -> FloatArray:
     """Return P (..., 3, 3), reference axes to body, of angles (..., 3) rad."""
     if form is not BodyAngles.ROLL_PITCH_HEADING:
         return matrix_of(angles, AngleForm(form.value))
-    R = attitude_matrix(-np.asarray(angles, dtype=float))  # rotations of vectors are those of axes turned back
+    R = matrix_of(-np.asarray(angles, dtype=float), _OPK)  # rotations of vectors are those of axes turned back
     return np.asarray(_F @ np.swapaxes(R, -1, -2) @ _C)
 
 
@@ -54,7 +48,7 @@ def body_angles(P: ArrayLike, form: BodyAngles) -> FloatArray:
     """Return the angles (..., 3) rad of P (..., 3, 3), each within half a turn: the inverse of `body_matrix`."""
     if form is not BodyAngles.ROLL_PITCH_HEADING:
         return angles_of(P, AngleForm(form.value))
-    return -attitude_from_matrix(np.swapaxes(_F @ np.asarray(P, dtype=float) @ _C.T, -1, -2))
+    return -angles_of(np.swapaxes(_F @ np.asarray(P, dtype=float) @ _C.T, -1, -2), _OPK)
 
 
 def rotation_vector(R: FloatArray) -> FloatArray:

@@ -20,6 +20,7 @@ import numpy as np
 import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import extensions
+from musatpy.model.correlations import LEAST_EIGENVALUE, correlations_of, smallest_eigenvalues
 from musatpy.model.gnss import AntennaCovariances, AntennaLines, AntennaPositions, ExposureTimes, LeverArms
 from musatpy.model.inertial import InertialAttitudes, InertialConvention, Misalignments
 from musatpy.model.lenses import LensUnknowns
@@ -173,9 +174,7 @@ class ControlKind(IntEnum):
     CHECK = 3  # none: compared with the result only
 
 
-LEAST_EIGENVALUE = 1e-6  # of a matrix of correlations: a millionth is their last digit on cards
 COVARIANCES = "control_covariances"  # role of the cards with correlations
-_PAIRS = np.triu_indices(3, 1)
 _LETTERS = {
     "": ControlKind.CHECK,
     "F": ControlKind.FULL,
@@ -207,7 +206,8 @@ class Control(Table):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (smallest_eigenvalues(self.correlation[self.correlated]) < LEAST_EIGENVALUE).any():
+        known = self.correlation[self.correlated]
+        if len(known) and (smallest_eigenvalues(known) < LEAST_EIGENVALUE).any():
             raise ValueError("correlations of control that make no positive definite matrix")
 
     @property
@@ -226,20 +226,9 @@ class Control(Table):
     @property
     def covariance(self) -> FloatArray:
         """(k, 3, 3) m2, of east, north, up; zero for a sigma that is not given."""
-        sigma, R = np.nan_to_num(self.sigma), np.where(self.correlated[:, None], self.correlation, 0.0)
-        return sigma[:, :, None] * sigma[:, None, :] * correlations_of(R)
-
-
-def correlations_of(values: FloatArray) -> FloatArray:
-    """Return the matrices (k, 3, 3) of correlations (k, 3): of the first two, the first and third, the last two."""
-    matrix = np.tile(np.eye(3), (len(values), 1, 1))
-    matrix[:, _PAIRS[0], _PAIRS[1]] = matrix[:, _PAIRS[1], _PAIRS[0]] = values
-    return matrix
-
-
-def smallest_eigenvalues(values: FloatArray) -> FloatArray:
-    """Return those (k,) of the matrices of correlations (k, 3)."""
-    return np.asarray(np.linalg.eigvalsh(correlations_of(values))[:, 0])
+        sigma, known = np.nan_to_num(self.sigma), self.correlated
+        R = correlations_of(np.where(known[:, None], self.correlation, 0.0)) if known.any() else np.eye(3)
+        return sigma[:, :, None] * sigma[:, None, :] * R
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.model.correlations import correlations_of, on_cards
 from musatpy.model.tables import POSITION_UNIT, Table, per_row
 
 AXES = (
@@ -16,7 +17,6 @@ AXES = (
 )  # of a lever arm: along the image axes x, y and their third axis, from the ground to the camera
 DIRECTIONS = ("E", "N", "U")  # of shifts and drifts: east, north, up at the antenna; X, Y, Z of a local job
 _FREE = {"": False, "F": True}
-_FIRST, _SECOND = [0, 0, 1], [1, 2, 2]  # of the components of a correlation
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,16 +45,12 @@ class AntennaCovariances(Table):
     @property
     def matrices(self) -> FloatArray:
         """(b, 3, 3) m2, along east, north, up."""
-        out = np.tile(np.eye(3), (self.count, 1, 1))
-        out[:, _FIRST, _SECOND] = out[:, _SECOND, _FIRST] = self.correlation
-        return out * self.sigma[:, :, None] * self.sigma[:, None, :]
+        return correlations_of(self.correlation) * self.sigma[:, :, None] * self.sigma[:, None, :]
 
     def of_what_depends(self, partials: FloatArray) -> AntennaCovariances:
         """Return the covariances of what depends on the positions by partials (b, 3, 3)."""
-        matrices = partials @ self.matrices @ np.swapaxes(partials, 1, 2)
-        sigma = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2))
-        scaled = matrices / (sigma[:, :, None] * sigma[:, None, :])
-        return replace(self, sigma=sigma, correlation=scaled[:, _FIRST, _SECOND])
+        sigma, correlation = on_cards(partials @ self.matrices @ np.swapaxes(partials, 1, 2))
+        return replace(self, sigma=sigma, correlation=correlation)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

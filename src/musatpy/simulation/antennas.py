@@ -9,6 +9,7 @@ import numpy as np
 from musatpy import model
 from musatpy.arrays import FloatArray
 from musatpy.geometry.collinearity import attitude_matrix
+from musatpy.model.correlations import correlations_of
 from musatpy.model.gnss import AXES, DIRECTIONS
 from musatpy.model.tables import Table
 from musatpy.simulation.scene_keys import AntennaKeys
@@ -42,8 +43,7 @@ def state_antennas(scene: Scene) -> GivenAntennas:
     shift = np.round(draws.normal("antenna shifts", strips, 3) * keys.shift, _SHIFT)
     drift = np.round(draws.normal("antenna drifts", strips, 3) * keys.drift, _DRIFT)
     arm_error = np.round(draws.normal("lever arm errors", 3) * keys.lever_arm_error, _ARM)
-    R = np.eye(3)
-    R[[0, 0, 1], [1, 2, 2]] = R[[1, 2, 2], [0, 0, 1]] = keys.correlation
+    R = correlations_of(np.array([keys.correlation]))[0]
     error = draws.normal("antenna errors", n, 3) @ np.linalg.cholesky(R).T * keys.error
     local = error + shift[line] + drift[line] * since[:, None]
     local += np.einsum("nji,j->ni", attitude_matrix(scene.flight.attitude), np.array(keys.lever_arm))

@@ -12,7 +12,7 @@ from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.model import Control, ControlKind, CoordinateSystem, PlateMeasurements
-from musatpy.model.block import correlations_of
+from musatpy.model.correlations import correlations_of
 from musatpy.simulation.mistakes import drawn_sizes, gross_control
 from musatpy.simulation.simulation_spec import AirBaseKeys, ControlKeys, DistanceKeys
 from musatpy.simulation.terrain import GIVEN, Scene, TrueGround, inside, spread

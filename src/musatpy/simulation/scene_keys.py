@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from musatpy.model import (
     LENS_PARAMETERS,
     PORT_PARAMETERS,
@@ -12,8 +14,9 @@ from musatpy.model import (
     Polynomials,
     WaterConditions,
 )
+from musatpy.model.correlations import LEAST_EIGENVALUE, smallest_eigenvalues
 from musatpy.model.water import index_fault
-from musatpy.specs import Area, Pair, Triple, key
+from musatpy.specs import Area, Pair, Triple, key, require
 
 AREA = "only inside this rectangle: east from, to, north from, to"
 INDEX_DECIMALS = 12  # of an index that is computed: the truth is the same on every machine
@@ -164,6 +167,16 @@ class AntennaKeys:
     drift_sigma: Triple | None = key(None, "on its card; absent: held, or free", unit="m/s", low=0.000001)
     drift_free: bool = key(False, "free, where it has no sigma")
     interval: float = key(5.0, "from exposure to exposure", unit="s", low=0.001)
+
+    def __post_init__(self) -> None:
+        require_positive(self.correlation)
+
+
+def require_positive(correlation: Triple) -> None:
+    """Raise `ValueError` for correlations that no three errors have."""
+    smallest = float(smallest_eigenvalues(np.array([correlation]))[0])
+    what = f"correlation: no positive definite matrix, smallest eigenvalue {smallest:.3g}"
+    require(smallest > LEAST_EIGENVALUE, what)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from musatpy.errors import Problem, SpecError
 from musatpy.files import real_path
 from musatpy.model import (
@@ -24,7 +22,6 @@ from musatpy.model import (
     WaterLevel,
     Weights,
 )
-from musatpy.model.block import LEAST_EIGENVALUE, smallest_eigenvalues
 from musatpy.simulation.scene_keys import (
     AREA,
     AntennaKeys,
@@ -40,6 +37,7 @@ from musatpy.simulation.scene_keys import (
     SurfaceKeys,
     TerrainKeys,
     WaveTrain,
+    require_positive,
 )
 from musatpy.specs import Area, Pair, Triple, key, require, spec_of, spec_table
 
@@ -69,9 +67,7 @@ class ControlKeys:
             raise ValueError("control that is neither fixed nor a check point needs a sigma above zero")
         if self.correlation:
             require(self.kind == "full" and not self.fixed, "correlation is for full control that is not fixed")
-            smallest = float(smallest_eigenvalues(np.array([self.correlation]))[0])
-            what = f"correlation: no positive definite matrix, smallest eigenvalue {smallest:.3g}"
-            require(smallest > LEAST_EIGENVALUE, what)
+            require_positive(self.correlation)
 
 
 @dataclass(frozen=True, kw_only=True)

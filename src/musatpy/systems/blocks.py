@@ -18,6 +18,7 @@ from musatpy.geometry.body import BodyAngles, body_angles, body_matrix
 from musatpy.geometry.collinearity import in_axes, orthogonal, wrapped
 from musatpy.geometry.systems import Geocentric, MapFactors, System
 from musatpy.model import Block, CoordinateSystem, ReductionOptions, Solution, WaveOrigin
+from musatpy.model.correlations import on_cards
 from musatpy.systems.statement import (
     Axes,
     Sigmas,
@@ -359,11 +360,7 @@ def _restated(
     turn = Owners(kind="photo", ids=photos.ids, what="attitudes")
     mark = Owners(kind="control point", ids=block.points.ids[control.point], what="coordinates")
     alone, whole = system.plane_alone, control.correlated[:, None]
-    covariance = by_mark @ control.covariance @ np.swapaxes(by_mark, 1, 2)
-    size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    first, second = np.triu_indices(3, 1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        correlation = covariance[:, first, second] / (size[:, first] * size[:, second])
+    size, correlation = on_cards(by_mark @ control.covariance @ np.swapaxes(by_mark, 1, 2))
     sigma = propagated(np.where(whole, np.nan, control.sigma), by_mark, mark, alone, findings)
     return (
         propagated(photos.position_sigma, by_station, station, alone, findings),

@@ -24,6 +24,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, ObservationKind
 from musatpy.model.gnss import AXES, DIRECTIONS
+from musatpy.model.tables import taken
 
 _REST = 1e-4  # m at an antenna
 _MOST = 0.01  # of the extent of the antenna positions: beyond such a sigma nothing is determined
@@ -133,6 +134,12 @@ class Antenna(PhotoVector):
             numbers=np.concatenate(numbers, axis=1),
             since=np.nan_to_num(since),
         )
+
+    def without(self, block: Block, out: BoolArray) -> Block:
+        """Return the block without the antenna positions that are `out` (a,), and without their covariances."""
+        block = super().without(block, out)
+        stay = np.isin(block.antenna_covariances.photo, block.antenna_positions.photo)
+        return replace(block, antenna_covariances=taken(block.antenna_covariances, stay))
 
     def deviations(self, network: Network, state: State) -> Deviations:
         """Return adjusted minus observed, along the principal axes of each."""

@@ -12,7 +12,8 @@ from musatpy.formats.checks.check import check
 from musatpy.formats.checks.images import metric
 from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import ROLES
-from musatpy.model import AntennaCovariances, Program
+from musatpy.model import Program
+from musatpy.model.correlations import smallest_eigenvalues
 
 _TABLES = ("antenna_positions", "antenna_covariances", "lever_arms", "antenna_lines")
 _LONGEST = 30.0  # m, of a lever arm in an aircraft
@@ -46,10 +47,8 @@ def antenna_sigmas(draft: Draft) -> Iterator[Problem]:
     message = "photo {} has a covariance, and no antenna position"
     yield from draft.problems(role, alone, message, draft.names("photos", role), path=f"{role}.photo")
     correlation = draft.rows[role][f"{role}.correlation"]
-    ones = np.ones_like(correlation)
-    matrices = AntennaCovariances(photo=draft.photo[role], sigma=ones, correlation=correlation).matrices
-    known = np.flatnonzero(np.isfinite(correlation).all(axis=1) & (np.abs(correlation) <= 1.0).all(axis=1))
-    known = known[np.linalg.eigvalsh(matrices[known])[:, 0] <= 0.0]
+    known = np.flatnonzero((np.abs(correlation) <= 1.0).all(axis=1))
+    known = known[smallest_eigenvalues(correlation[known]) <= 0.0]
     message = "no three errors have these correlations: their matrix is not positive definite"
     yield from draft.problems(role, known, message, path=f"{role}.correlation")
 

@@ -18,7 +18,8 @@ from musatpy.formats.draft import AGREES, Draft, first_of_names
 from musatpy.formats.job_tables import table_of
 from musatpy.formats.system_rows import radians_of
 from musatpy.model import ControlKind, CoordinateSystem
-from musatpy.model.block import COVARIANCES, LEAST_EIGENVALUE, smallest_eigenvalues
+from musatpy.model.block import COVARIANCES
+from musatpy.model.correlations import LEAST_EIGENVALUE, smallest_eigenvalues
 from musatpy.units import DEGREE
 
 _WITHIN = {">": np.greater, ">=": np.greater_equal}
