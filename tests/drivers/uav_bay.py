@@ -240,14 +240,40 @@ def files_of(bay: Bay, folder: Path) -> None:
             file.write(f"{np.degrees(lon):.9f},{np.degrees(lat):.9f},{height:.4f},{int(wet)}\n")
 
 
+def picture(folder: Path, path: Path) -> None:
+    """Draw errors of heights over depth: of the cloud as it was, and in `true.csv` of its folder."""
+    import matplotlib.pyplot as plt
+
+    from musatpy.sfm.source import cameras_of_job
+
+    with (folder / "true.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    height = np.genfromtxt(folder / "truth.csv", delimiter=",", skip_header=1)[:, 2]
+    corrected = np.array([float(row["true_z"] or "nan") for row in rows])
+    cloud = np.array([[float(row[axis]) for axis in "xyz"] for row in rows])
+    before = cameras_of_job(folder / "bay.job").placement.positions(cloud)[:, 2]
+    plt.rcParams |= {"svg.hashsalt": "musatpy", "svg.fonttype": "none"}
+    figure, axes = plt.subplots(figsize=(7.0, 3.4), layout="constrained")
+    for values, colour, label in ((before, "#b03a2e", "the model as it was"), (corrected, "#1f4e8c", "corrected")):
+        axes.plot(LEVEL - height, values - height, ".", markersize=3, color=colour, label=label)
+    axes.axvline(0.0, color="0.6", linewidth=0.8)
+    axes.set(xlabel="depth below the water, m (land to the left)", ylabel="height, estimated minus true, m")
+    axes.legend(frameon=False, loc="center left")
+    figure.savefig(path, metadata={"Date": None})
+
+
 def main() -> None:
-    """Write the files of one seed."""
+    """Write the files of one seed, or a picture of what has come of them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cloud", type=int, default=3000, help="points of the cloud")
     parser.add_argument("--points", type=int, default=900, help="points of the model")
+    parser.add_argument("--picture", type=Path, help="draw this from a folder that was imported and corrected")
     given = parser.parse_args()
+    if given.picture:
+        picture(given.folder, given.picture)
+        return
     files_of(bay(given.seed, given.folder, given.cloud, given.points), given.folder)
 
 

@@ -17,7 +17,8 @@ from musatpy.formats.short_ids import short_names
 from musatpy.model import Block
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
-DECKS = sorted(path for path in FIXTURES.glob("*/*.crd") if path.parent.name not in ("bad_decks", "as11"))
+NO_JOBS = ("bad_decks", "cayman_as11", "st_thomas_as11", "three_photos", "as11_mirrored")  # or with errors
+DECKS = sorted(path for path in FIXTURES.glob("*/*.crd") if not {path.parent.name, path.stem} & {*NO_JOBS})
 
 
 def same(a: Block, b: Block) -> None:
@@ -31,11 +32,7 @@ def same(a: Block, b: Block) -> None:
 
 @pytest.mark.parametrize("deck", DECKS, ids=lambda path: path.stem)
 def test_a_job_says_what_its_deck_does_and_equal_jobs_are_equal_files(deck: Path, tmp_path: Path) -> None:
-    try:
-        block = musatpy.read_deck(deck)
-    except DeckError:
-        pytest.skip("the deck has errors")
-    folder = tmp_path / "x.job"
+    block, folder = musatpy.read_deck(deck), tmp_path / "x.job"
     contents = job_files(block, folder)
     write_files(contents)
     again = musatpy.read_deck(folder)
