@@ -153,6 +153,7 @@ def test_covariances_weigh_as_their_inverses() -> None:
     assert 2 not in left.antenna_positions.photo and left.antenna_covariances.count == block.photos.count - 1
 
 
+@pytest.mark.slow
 def test_free_shifts_of_all_lines_leave_a_block_undetermined() -> None:
     """Without control the cards are refused with words; where nobody reads them, the motions are named."""
     free = {"shift_sigma": None, "shift_free": True}

@@ -89,7 +89,7 @@ def test_approximate_attitudes_converge_where_phi_passes_90_degrees(seed: int) -
     assert np.abs(turned.turns(solution.stations.attitude)).max() < np.radians(0.1)
 
 
-@pytest.mark.parametrize("turned", [None, rotation(1.9, 0.4, -2.0)])
+@pytest.mark.parametrize("turned", [None, pytest.param(rotation(1.9, 0.4, -2.0), marks=pytest.mark.slow)])
 def test_photos_round_a_monument_are_found_from_plates_and_control(turned: np.ndarray | None) -> None:
     """Errors in sigmas: the root mean square of some 550 dependent ones is within 0.8 and 1.2 for ten seeds."""
     of = monument(2, off=None, initial="COMPUTE", turned=turned, **SMALL)
@@ -142,6 +142,7 @@ def test_a_free_network_with_one_scale_bar_calibrates_its_camera(block: dict[str
     assert np.abs(error).max() < 4.0
 
 
+@pytest.mark.slow
 def test_given_attitudes_are_checked_where_omega_and_kappa_turn_about_one_line() -> None:
     values = initial_photos(monument(1, off=(0.05, 0.5), turned=facing(POLE, 0.2), initial="CHECK", **SMALL).block)
     assert np.abs(values.difference[POLE, 3:]).max() > np.radians(20.0)

@@ -176,6 +176,7 @@ def test_an_error_of_a_component_moves_its_point_as_told(component: int) -> None
 @pytest.mark.parametrize(
     ("component", "kind"), [("vertical", CauseKind.VERTICAL), ("horizontal", CauseKind.CONTROL)]
 )
+@pytest.mark.slow
 def test_a_wrong_component_is_the_cause_with_its_own_error(component: str, kind: CauseKind) -> None:
     """The errors of a cause are those of east, north, up of the card, whatever is correlated with them."""
     made = strip(4, blunders={"control": [{"number": 1, "component": component, "size": [8.0, 8.0]}]})

@@ -148,6 +148,7 @@ def test_indices_held_by_control_are_found() -> None:
     assert solution.parameters.value[0] == pytest.approx(1.335, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_known_port_is_no_unknown() -> None:
     """Nothing is estimated of it; without glass and water it is no port at all."""
     block = tank(5).block
@@ -161,6 +162,7 @@ def test_a_known_port_is_no_unknown() -> None:
     assert solution.sigma0 < 1.3 and none.sigma0 > 3.0
 
 
+@pytest.mark.slow
 def test_stations_are_computed() -> None:
     """From images and control alone, the same solution."""
     block = tank(6, {"name": "PD", "error": 2.0}).block
@@ -168,6 +170,7 @@ def test_stations_are_computed() -> None:
     np.testing.assert_allclose(computed.stations.position, given.stations.position, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_an_error_of_what_is_held_moves_stations_as_it_is_said() -> None:
     """Index and distance of a port on a card that is wrong: the station that moves most, to 2 %."""
     block = tank(10).block
@@ -197,6 +200,7 @@ def test_what_nothing_determines_is_named() -> None:
     assert "PD of camera T35" in str(verdict) and "PW of camera T35 (correlation 0.99" in str(verdict)
 
 
+@pytest.mark.slow
 def test_a_scale_bar_is_enough() -> None:
     """A free network with three distances: distance and index of the port are determined."""
     unknown = ({"name": "PD", "error": 2.0}, {"name": "PW", "error": 0.003})
