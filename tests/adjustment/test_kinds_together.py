@@ -7,7 +7,7 @@ from blocks import converged, simulation
 from musatpy.model import AdjustedParameters
 from musatpy.simulation.simulate import Simulation
 
-DRAWS = 24
+DRAWS = 12
 LENS = [
     {"name": "F", "change": 0.05, "sigma": 0.05},
     {"name": "XP", "change": 0.02, "sigma": 0.02},
@@ -62,7 +62,7 @@ def ratios(seed: int) -> dict[str, np.ndarray]:
 
 @pytest.mark.slow
 def test_errors_of_all_kinds_together_are_as_large_as_their_sigmas() -> None:
-    """RMS of 24 draws: those of few parameters within 3.5 standard deviations of what so many draws are worth."""
+    """RMS of 12 draws: those of few parameters within 3.5 standard deviations of what so many draws are worth."""
     draws = [ratios(seed) for seed in range(1, DRAWS + 1)]
     for kind in draws[0]:
         values = np.concatenate([draw[kind] for draw in draws])

@@ -232,7 +232,7 @@ def completed(*words):
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
-        (["ex"], ["example", "explain", "extract"]),
+        (["ex"], ["example", "explain", "extract", "export"]),
         (["run", "--st"], ["--strict"]),
         (["run", "--set", "op"], ["OPT.", "OP2."]),
         (["run", "--set", "OP2.water_"], ["OP2.water_level=", "OP2.water_tilt=", "OP2.water_index="]),
