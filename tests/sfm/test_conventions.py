@@ -25,6 +25,7 @@ from sfm.written_models import (
     wrong_pixel,
 )
 
+pytestmark = pytest.mark.slow  # `test_formats` reads right files of all formats
 NAMES = {
     "middle": "pixels count from the middle of the image",
     "corner": "pixels count from the corner of the image",
