@@ -14,7 +14,7 @@ from musatpy.arrays import FloatArray
 from musatpy.cli.main import main
 from musatpy.sfm.block import Placement
 
-SEEDS = (1, 4)  # of six that stand in docs/models.md
+SEEDS = (1,)  # of six that stand in docs/models.md
 
 
 @lru_cache(maxsize=2)
