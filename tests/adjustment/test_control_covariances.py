@@ -232,6 +232,6 @@ def draw(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.slow
 def test_errors_of_correlated_draws_are_as_large_as_their_covariances() -> None:
-    """300 draws: RMS of what the covariances of points and stations make of their errors."""
-    for ratios in zip(*(draw(2000 + seed) for seed in range(300)), strict=True):
+    """150 draws: RMS of what the covariances of points and stations make of their errors."""
+    for ratios in zip(*(draw(2000 + seed) for seed in range(150)), strict=True):
         assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=0.05)

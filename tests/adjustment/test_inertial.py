@@ -299,8 +299,8 @@ def errors(draws: int, **inertial: object) -> tuple[np.ndarray, float]:
     [{}, {"free": False, "misalignment_sigma": [60.0, 60.0, 60.0], "misalignment_error": [60.0, 60.0, 60.0]}],
 )
 def test_errors_agree_with_their_sigmas(prior: dict[str, object]) -> None:
-    rms, passed = errors(200, **prior)
-    np.testing.assert_allclose(rms, 1.0, atol=0.15)  # of 200 draws, three sigmas
+    rms, passed = errors(100, **prior)
+    np.testing.assert_allclose(rms, 1.0, atol=0.21)  # of 100 draws, three sigmas
     assert 0.9 < passed < 0.99
 
 

@@ -157,7 +157,7 @@ def test_the_normal_equations_are_those_of_the_dense_matrix(name: str) -> None:
     # what nothing observes gets a diagonal of one
     np.fill_diagonal(matrix, np.where(np.diagonal(matrix) == 0.0, 1.0, np.diagonal(matrix)))
     found, right = normals.finished()
-    # rounding of sums of a few terms
+    # rounding of sums of a few terms, some of which cancel to zero
     np.testing.assert_allclose(found.times(np.eye(size(network))), matrix, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(right, rhs, rtol=1e-12, atol=1e-9)
     assert direct_squares(network, state) == pytest.approx(squares, rel=1e-12)

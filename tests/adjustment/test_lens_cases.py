@@ -18,7 +18,7 @@ from musatpy.model import Grade, Solution
 from musatpy.simulation import Simulation
 
 LEVEL, INDEX, FOCAL = 0.3, 0.002, 0.05  # sigmas of what is given: m, none, mm
-DRAWS = 200
+DRAWS = 100
 
 
 def over_deep_water(seed: int) -> Simulation:
@@ -89,13 +89,13 @@ def drawn(draws: int, first: int = 0) -> tuple[Mapping[str, float], float]:
 
 @pytest.mark.slow
 def test_errors_over_deep_water_are_as_large_as_their_sigmas() -> None:
-    """Two hundred draws: RMS within three of its sigmas, .15, for what a draw has one of, and .1 for the others.
+    """A hundred draws: RMS within three of its sigmas, .21, for what a draw has one of, and .1 for the others.
 
     A thousand draws gave .958 (focal length) to 1.019 (wet heights), and 947 that passed the test of sigma0.
     """
     ratios, passed = drawn(DRAWS)
     for name, ratio in ratios.items():
-        assert ratio == pytest.approx(1.0, abs=0.15 if name in ("F", "level", "index") else 0.1), name
+        assert ratio == pytest.approx(1.0, abs=0.21 if name in ("F", "level", "index") else 0.1), name
     assert 0.92 < passed < 0.98
 
 
