@@ -145,8 +145,8 @@ def fitting_convention(block: Block, network: Network, alone: State) -> str:
     if fits.min() <= enough:
         good = np.flatnonzero(fits <= max(_ALIKE * fits.min(), _FINEST)).tolist()
         fewest = min(len(readings[row]) for row in good)
-        told = [" and ".join(one.words for one in readings[row]) for row in good if len(readings[row]) == fewest]
-        words, apart = f"read {', or '.join(told[:_TOLD])}", fits.min()
+        names = [" and ".join(one.words for one in readings[row]) for row in good if len(readings[row]) == fewest]
+        words, apart = f"read {', or '.join(names[:_TOLD])}", fits.min()
     elif apart <= enough:
         numbers = ", ".join(f"{angle / DEGREE:.3f}" for angle in attitude_from_matrix(B).tolist())
         words = f"with a misalignment of {numbers} degrees"

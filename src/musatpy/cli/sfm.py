@@ -71,9 +71,9 @@ def import_command(form: str, path: Path, out: Path, quiet: bool, **given: Any) 
         raise click.UsageError("--tide needs --tide-datum, the height of its zero")
     photos = out.with_name(f"{out.stem}.photos.csv")
     refuse_overwriting([photos], [path, *(given[name] for name in ("gcp", "gnss", "tide", "flags") if given[name])])
-    said: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    said |= {"side": said.pop("water_side", ""), "held": said.pop("camera") == "held"}
-    asked = Asked(form=form, path=path, **said | {"pixel_size": said["pixel_size"] * MICROMETRE})
+    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    options |= {"side": options.pop("water_side", ""), "held": options.pop("camera") == "held"}
+    asked = Asked(form=form, path=path, **options | {"pixel_size": options["pixel_size"] * MICROMETRE})
     done = imported(asked, out.stem.upper()[:68])
     for warning in done.warnings:
         complain(f"{name_of(path)}: warning: {warning}")

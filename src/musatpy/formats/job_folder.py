@@ -80,10 +80,10 @@ def job_files(
 
 
 def files_of_tables(
-    said: Tables, folder: Path, source: Mapping[str, Array] | None = None, inputs: Mapping[str, str] | None = None
+    given: Tables, folder: Path, source: Mapping[str, Array] | None = None, inputs: Mapping[str, str] | None = None
 ) -> dict[Path, bytes]:
     """Return the two files of a job folder that says what tables do."""
-    tables = {role: {path: table[path] for path in nothing(role) if path in table} for role, table in said.items()}
+    tables = {role: {path: table[path] for path in nothing(role) if path in table} for role, table in given.items()}
     tables = {role: table for role, table in tables.items() if size(table)}
     once = {role: table for role, table in tables.items() if _stands_in_text(role)}
     arrays = {
@@ -215,7 +215,7 @@ def _of_text(file: str, role: str, rows: Any, problems: list[Problem]) -> Table:
 
 def _of_arrays(file: str, data: bytes, problems: list[Problem]) -> tuple[Tables, dict[str, Array]]:
     """Return the tables and the source in tables.npz; what is wrong goes to `problems`."""
-    found: dict[str, dict[str, Any]] = {}
+    read: dict[str, dict[str, Any]] = {}
     source: dict[str, Array] = {}
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
@@ -224,12 +224,12 @@ def _of_arrays(file: str, data: bytes, problems: list[Problem]) -> tuple[Tables,
                     source[key.removeprefix(SOURCE)] = arrays[key]
                 else:
                     role, _, path = key.partition("/")
-                    found.setdefault(role, {})[path] = arrays[key]
+                    read.setdefault(role, {})[path] = arrays[key]
     except (ValueError, OSError, EOFError, zipfile.BadZipFile, KeyError) as error:
         problems.append(Problem(file=file, message=f"it cannot be read: {error}"))
         return {}, {}
     tables: Tables = {}
-    for role, values in found.items():
+    for role, values in read.items():
         if role in ROLES and not _stands_in_text(role):
             tables[role] = _table(file, role, values, problems)
         else:

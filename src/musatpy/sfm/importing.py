@@ -81,10 +81,10 @@ def read_model(asked: Asked) -> Model:
             raise ModelError([Problem(message=message, file=str(path))])
         return colmap.read_model(path)
     if asked.form == "opensfm":
-        found = path if path.is_file() else opensfm.reconstruction_of(path)
-        if found is None:
+        reconstruction = path if path.is_file() else opensfm.reconstruction_of(path)
+        if reconstruction is None:
             raise ModelError([Problem(message="it has no reconstruction.json", file=str(path))])
-        return opensfm.read_model(found, asked.component)
+        return opensfm.read_model(reconstruction, asked.component)
     return metashape.read_model(path, asked.component)
 
 
@@ -176,10 +176,10 @@ def _placed(
     elif np.isfinite(model.reference).any():
         stations, _ = level_positions(model.reference, model.reference_system, asked.crs)
         sigma = np.where(np.isfinite(stations), 10.0, np.nan)
-    own = file_placement(model)
-    if control is None and stations is None and own is not None:
+    of_file = file_placement(model)
+    if control is None and stations is None and of_file is not None:
         nothing = np.full((len(model.photos), 3), np.nan)
-        return Georeference(placement=own, control=level, photos=nothing, wrong=(), notes=()), level
+        return Georeference(placement=of_file, control=level, photos=nothing, wrong=(), notes=()), level
     return georeferenced(model, ellipsoid, control, level, stations, sigma), level
 
 

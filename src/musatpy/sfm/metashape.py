@@ -147,8 +147,8 @@ def _component(
         return aligned, _to_geocentric(chunk.find("transform"))
     part = components[max(component, 1) - 1]
     chosen = [camera for camera in aligned if camera.get("component_id", part.get("id")) == part.get("id")]
-    own = part.find("transform")
-    return chosen, _to_geocentric(chunk.find("transform") if own is None else own)
+    of_component = part.find("transform")
+    return chosen, _to_geocentric(chunk.find("transform") if of_component is None else of_component)
 
 
 def _to_geocentric(transform: Element | None) -> FloatArray | None:
