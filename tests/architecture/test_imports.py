@@ -113,6 +113,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "interchange",
         "pointfiles",
         "sea",
+        "soundings",
     },
     "runs": {
         "memory",
@@ -196,6 +197,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 # (room, other room) -> the only modules of the other that it may import.
 ONLY = {
     ("cli", "geometry"): {"musatpy.geometry.areas"},  # those of options
+    ("correction", "soundings"): {"musatpy.soundings.s44"},
     ("adjustment", "reduction"): {"musatpy.reduction.distortion", "musatpy.reduction.refined_block"},  # lenses
     ("simulation", "formats"): {"musatpy.formats.refractive_index"},  # the refractive index of what a WTC card says
     ("formats", "statistics"): {"musatpy.statistics.gates"},  # when a height contradicts a flag

@@ -27,6 +27,7 @@ from musatpy.cli.options import (
     quiet_option,
     refuse_overwriting,
     strict_option,
+    water_options,
 )
 from musatpy.cli.sea import pair_by
 from musatpy.cli.sea_correct import CONTROL_SIGMA, control_options, correct_by_control, correct_through
@@ -80,6 +81,7 @@ correction_options = options_of(
     "--rays", type=click.IntRange(min=2), default=12, show_default=True, help="Rays of a point, with --job."
 )
 @click.option("--cloud-sigma", type=POSITIVE, metavar="PX", help="Sigma of the matcher's images, with --job.")
+@water_options
 @click.option("--stations", type=NamedPath(), metavar="CSV", help="Take the stations of this table.")
 @click.option("--sea", type=NamedPath(), metavar="SURFACE.json", help="Correct through this surface of 'sea fit'.")
 @click.option(
@@ -100,6 +102,8 @@ def command(
     job: Path | None,
     rays: int,
     cloud_sigma: float | None,
+    water: Path | None,
+    water_side: str | None,
     **given: Any,
 ) -> None:
     """Correct the apparent points of POINTS for refraction, by all photos that see them.
@@ -119,7 +123,8 @@ def command(
 
     With --job the points are those of a model that was imported: each goes back through the cameras of its file to
     pixels, and from there along rays of the adjusted cameras through the water; dry points too. --crs model says
-    that points are in the coordinates of the model.
+    that points are in the coordinates of the model. Points below the water are wet, with --water in its areas
+    alone; nearer to it than three sigmas they are undecided, and their sigmas cover both.
 
     With --sea the points are those of two stations, and their rays go through an estimated surface of the water.
     With --by-control no stations are needed: the errors of heights at control points are interpolated by
@@ -143,8 +148,11 @@ def command(
     if job is not None:
         if run is None or sea is not None:
             raise click.UsageError("--job goes with --run, and not with --sea")
-        _by_job(ctx, points, run, job, rays, cloud_sigma, given)
+        how = {"most": rays, "image_sigma": cloud_sigma, "water": water, "side": water_side or ""}
+        _by_job(ctx, points, run, job, how, given)
         return
+    if water is not None:
+        raise click.UsageError("--water goes with --job")
     if sea is not None:
         _through_sea(ctx, points, sea, source, given)
         return
@@ -218,8 +226,7 @@ def _by_job(
     points: Path,
     run: Path,
     job: Path,
-    rays: int,
-    cloud_sigma: float | None,
+    how: dict[str, Any],
     given: dict[str, Any],
 ) -> None:
     """Correct the points of a file through the cameras of a model that was imported."""
@@ -230,7 +237,7 @@ def _by_job(
     out, in_model = given["out"], given["crs"] == "model"
     refuse_overwriting([out], [points, run])
     with progress_through(points, given["quiet"]) as progress:
-        method = by_file_cameras(run, job, image_sigma=cloud_sigma, most=rays, in_model=in_model)
+        method = by_file_cameras(run, job, in_model=in_model, **how)
         method, tally = correct_file(
             points, out, method, crs=None if in_model else given["crs"], geoid=given["geoid"],
             columns=columns_of(points, given["columns"]), layer=given["layer"], band=given["band"],

@@ -242,6 +242,12 @@ _NAMELESS = (".json", ".las", ".laz", ".tif", ".tiff", ".gpkg", ".geojson", ".dx
 POSITIVE, NOT_NEGATIVE = click.FloatRange(min=0.0, min_open=True), click.FloatRange(min=0.0)
 
 
+water_options = options_of(
+    click.option("--water", type=NamedPath(), metavar="FILE", help="Areas of water, or a shoreline (GeoJSON)."),
+    click.option("--water-side", type=click.Choice(["left", "right"]), help="Side of a shoreline that is water."),
+)
+
+
 def crs_option(meaning: str) -> Decorator:
     """Return the option --crs, a coordinate system that has this meaning."""
     return click.option("--crs", default="", help=meaning)

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from musatpy.cli.messages import complain, name_of, tell
-from musatpy.cli.options import POSITIVE, NamedPath, options_of, quiet_option, refuse_overwriting
+from musatpy.cli.options import POSITIVE, NamedPath, options_of, quiet_option, refuse_overwriting, water_options
 
 _JOB = ".job"
 _FORMATS = ("colmap", "opensfm", "metashape")
@@ -29,8 +29,7 @@ _import_options = options_of(
     click.option("--tide-zone", default="", metavar="ZONE", help="Zone of its times that state none."),
     click.option("--level", type=float, metavar="M", help="Height of the water, where there is no tide."),
     click.option("--level-sigma", type=POSITIVE, metavar="M", help="Its standard deviation. Default 0.05."),
-    click.option("--water", type=NamedPath(), metavar="FILE", help="Areas of water, or a shoreline (GeoJSON)."),
-    click.option("--water-side", type=click.Choice(["left", "right"]), help="Side of a shoreline that is water."),
+    water_options,
     click.option("--wet", "flags", type=NamedPath(), metavar="CSV", help="Table with id and wet of points."),
     click.option("--per-photo", type=click.IntRange(min=0), default=120, show_default=True,
                  help="Images of a photo that are kept at least; 0: all."),

@@ -225,16 +225,21 @@ def at_rest(
     state = intersect_freely(measured, state, groups)
     line = water_line(measured, state, submerged)
     for _ in range(_TURNS):
-        network, state = refracted(measured, line, state)
-        ground = state.ground.copy()
-        for group in groups:
-            ground[group.point], _ = settle_group(network, state, group, ground[group.point])
-        state = replace(state, ground=ground)
+        state = settled(measured, line, state, groups)
         new = best_line(measured, line, state, submerged)
         if new.same_as(line):
             break
         line = new
     return line, state
+
+
+def settled(measured: Network, line: WaterLine, state: State, groups: Iterable[PointGroup]) -> State:
+    """Return the state with the points where their rays meet that are wet by a line."""
+    network, state = refracted(measured, line, state)
+    ground = state.ground.copy()
+    for group in groups:
+        ground[group.point], _ = settle_group(network, state, group, ground[group.point])
+    return replace(state, ground=ground)
 
 
 def _lost(network: Network, state: State, groups: Iterable[PointGroup]) -> dict[int, str]:

@@ -3,6 +3,9 @@
 A cloud of a program that knew of no water is where straight rays of its cameras meet, and these have bent to the
 water. So each point goes back through these cameras to its pixels; from there refracted rays of the adjusted ones
 meet, each at the water of its own photo. Dry points go the same way in air: there is no step at the shore.
+
+Heights decide what is wet, within areas of water where these are given. Nearer to the water than three sigmas they
+do not, nor do residuals: such a point is undecided, and its sigmas cover where it would be wet and where dry.
 """
 
 from __future__ import annotations
@@ -15,18 +18,20 @@ from typing import ClassVar, Self
 import numpy as np
 import pyproj
 
+from musatpy.adjustment.ground import intersect_freely
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.network import Network, PointGroup, group_points
 from musatpy.adjustment.propagation import covariances_with_depths, pieces
 from musatpy.adjustment.sightings import residuals, straight_rays
+from musatpy.adjustment.waterline import every_ray_wet
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in, of_record
-from musatpy.compilation.true_points import at_rest, in_parts, network_of_plates
+from musatpy.compilation.true_points import at_rest, in_parts, network_of_plates, settled
 from musatpy.correction.methods import REASON, CorrectedPoints, Method, ResultColumn, Tally
 from musatpy.errors import DepthError, Problem, ProblemsError
 from musatpy.geometry.geodesy import surface, water_heights
 from musatpy.model import PlateMeasurements, Points
-from musatpy.model.tables import finite_rows
+from musatpy.model.tables import finite_rows, taken
 from musatpy.records import run_tables
 from musatpy.records.json_files import read_record
 from musatpy.reduction.pixel_lens import PixelLens
@@ -34,6 +39,8 @@ from musatpy.refraction.apparent import Fault
 from musatpy.sfm.export import adjusted_lenses
 from musatpy.sfm.model import links
 from musatpy.sfm.source import FileCameras, cameras_of_job, spread_over
+from musatpy.sfm.wet import LIMIT, WaterArea, read_water
+from musatpy.soundings.s44 import order_names, orders_met
 from musatpy.units import DEGREE, MICROMETRE
 
 MODEL = "model"  # the system of points in the coordinates of the model itself
@@ -46,6 +53,7 @@ _COLUMNS = {
     "incidence": ResultColumn("mean angle in air, degrees", "deg", decimals=2, in_layers=False),
     "rays": ResultColumn("photos that it is taken from", "", "u2"),
     "py": ResultColumn("RMS of its residuals, um", "um", decimals=2, in_layers=False),
+    "s44": ResultColumn("1 Exclusive to 4 Order 2, 5 none", "", "u1"),
     "reason": REASON,
 }
 
@@ -61,6 +69,7 @@ class ByFileCameras(Method):
     sigma: float  # mm, of an image of the matcher
     most: int  # rays of a point
     in_model: bool = False  # the points are in the coordinates of the model
+    water: WaterArea | None = None  # outside of which all is dry
     error: ClassVar[type[ProblemsError]] = DepthError
     of_records: ClassVar[bool] = False
 
@@ -80,6 +89,13 @@ class ByFileCameras(Method):
         return (
             "no point is corrected: are they in the system of the job? Those of the model itself need --crs model"
         )
+
+    def in_words(self, name: str, points: CorrectedPoints) -> Sequence[str]:
+        """Return the texts (n,) of a column in a table: of S-44 the name of the order."""
+        if name != "s44":
+            return super().in_words(name, points)
+        names = ["", *order_names()]
+        return [names[int(number)] for number in np.nan_to_num(points.values[name]).tolist()]
 
     def corrected(self, points: FloatArray, covariance: FloatArray) -> CorrectedPoints:
         """Return what comes of finite points (n, 3); their own covariances have no part in it."""
@@ -102,14 +118,26 @@ class ByFileCameras(Method):
         photo, xy = photo[rays], xy[rays]
         fault[some] = Fault.NO_CONVERGENCE
 
+        flagged = np.ones(count, dtype=bool)
+        if self.water is not None:
+            geographic = self.cameras.placement.ellipsoid is not None
+            flagged = self.water.holds(np.degrees(level[:, 1::-1]) if geographic else level[:, :2])
+
+        every = PlateMeasurements(
+            photo=photo,
+            point=row,
+            xy=xy,
+            sigma=np.full(xy.shape, self.sigma),
+            triangulated=np.zeros(len(row), bool),
+        )
+
         def meet(part: IntArray) -> bool:
-            of = np.isin(row, part)
-            self._meet(some[part], np.searchsorted(part, row[of]), photo[of], xy[of], true, fault, values)
+            self._meet(some[part], _of_points(every, part), flagged[some[part]], true, fault, values)
             return True
 
         for _ in in_parts(meet, np.arange(len(some))):  # those whose rays cannot be followed stay without
             pass
-        corrected = fault == Fault.NONE
+        corrected = np.isin(fault, (Fault.NONE, Fault.UNDECIDED))
         values["dz"][corrected] = true[corrected, 2] - level[corrected, 2]
         true[corrected] = self.system.coordinates(true[corrected])
         return CorrectedPoints(true=true, fault=fault, values=values)
@@ -125,35 +153,58 @@ class ByFileCameras(Method):
     def _meet(
         self,
         rows: IntArray,
-        point: IntArray,
-        photo: IntArray,
-        xy: FloatArray,
+        plates: PlateMeasurements,
+        flagged: BoolArray,
         true: FloatArray,
         fault: IntArray,
         values: dict[str, FloatArray],
     ) -> None:
-        """Set where rays of points (k,) meet: `point` (r,) of them, on `photo` (r,) of the run, at xy (r, 2)."""
-        count = len(rows)
-        every, flagged = np.ones(len(point), dtype=bool), np.ones(count, dtype=bool)
-        plates = PlateMeasurements(
-            photo=photo, point=point, xy=xy, sigma=np.full(xy.shape, self.sigma), triangulated=~every
-        )
-        ids = np.arange(count).astype(np.str_)
-        _, measured, state = network_of_plates(self.run, Points(ids=ids, bathymetric=flagged), plates)
-        groups = group_points(measured.photo, measured.point, every, flagged)
-        line, state = at_rest(measured, state, groups, flagged)
-        network = measured.with_plates(measured.xy, line.wet)
+        """Set where rays of points (k,) meet, which are dry unless they are `flagged` (k,) and below the water."""
+        network, state, groups = self._at_rest(plates, flagged)
         known = finite_rows(state.ground)
-        fault[rows] = np.where(known, Fault.NONE, Fault.NO_CONVERGENCE)
+        sigma = self._sigmas(network, state, groups)
+        self._describe(network, state, groups, known, rows, values)
+        near = known & ~(np.abs(values["depth"][rows]) > LIMIT * sigma[:, 2])
+        if near.any():
+            some, height = _of_points(plates, np.flatnonzero(near)), network.frame.height(state.ground[near])
+            others = [self._at_rest(some, every, held=True) for every in np.array([[False], [True]]) & near[near]]
+            off = [np.abs(of.frame.height(at.ground) - height) for of, at, _ in others]
+            larger = np.max([self._sigmas(*other) for other in others], axis=0)
+            sigma[near, 0] = larger[:, 0]
+            sigma[near, 1:] = np.hypot(larger[:, 1:], np.max(off, axis=0)[:, None])
+        fault[rows] = np.where(known, np.where(near, Fault.UNDECIDED, Fault.NONE), Fault.NO_CONVERGENCE)
         true[rows[known]] = network.frame.level(state.ground[known])
+        for name, column in zip(("sigma_h", "sigma_z", "sigma_depth"), sigma.T, strict=True):
+            values[name][rows] = column
+        wet = known & flagged & (values["depth"][rows] > 0.0)
+        square = np.square(sigma[wet])  # that of both directions in plan for the larger one
+        covariance = square[:, [0, 0, 1], None] * np.eye(3)
+        values["s44"][rows[wet]] = 1 + orders_met(values["depth"][rows[wet]], covariance)
+
+    def _at_rest(
+        self, plates: PlateMeasurements, flagged: BoolArray, held: bool = False
+    ) -> tuple[Network, State, Sequence[PointGroup]]:
+        """Return rays and points where these meet; `held`: all rays of those `flagged` (k,) are wet, wherever."""
+        ids = np.arange(len(flagged)).astype(np.str_)
+        _, measured, state = network_of_plates(self.run, Points(ids=ids, bathymetric=flagged), plates)
+        groups = group_points(measured.photo, measured.point, ~plates.triangulated, np.ones(len(flagged), bool))
+        if held:
+            line = every_ray_wet(measured, flagged)
+            state = settled(measured, line, intersect_freely(measured, state, groups), groups)
+        else:
+            line, state = at_rest(measured, state, groups, flagged)
+        return measured.with_plates(measured.xy, line.wet), state, groups
+
+    def _sigmas(self, network: Network, state: State, groups: Sequence[PointGroup]) -> FloatArray:
+        """Return sigmas (k, 3) m of points in plan, in height, and of their depths; NaN where there is no point."""
+        known, out = finite_rows(state.ground), np.full((len(state.ground), 3), np.nan)
         covariances = covariances_in(self.run, network.pattern, network.border.size)
         for group in groups:
             for _, piece in pieces(network, state, group.part(known[group.point]), covariances):
                 covariance, depth = covariances_with_depths(network, state, piece, covariances)
-                at, variance = rows[piece.group.point], np.diagonal(covariance, axis1=1, axis2=2)
-                values["sigma_h"][at] = np.sqrt(variance[:, :2].sum(axis=1))
-                values["sigma_z"][at], values["sigma_depth"][at] = np.sqrt(variance[:, 2]), np.sqrt(depth)
-        self._describe(network, state, groups, known, rows, values)
+                east, north, up = np.diagonal(covariance, axis1=1, axis2=2).T
+                out[piece.group.point] = np.sqrt(np.column_stack([east + north, up, depth]))
+        return out
 
     def _describe(
         self,
@@ -183,10 +234,25 @@ class ByFileCameras(Method):
             values["py"][at] = np.sqrt(np.mean(np.square(v), axis=1)) / MICROMETRE
 
 
+def _of_points(plates: PlateMeasurements, points: IntArray) -> PlateMeasurements:
+    """Return the images of some points (k,), ascending, which are numbered anew."""
+    some = taken(plates, np.isin(plates.point, points))
+    return replace(some, point=np.searchsorted(points, some.point))
+
+
 def by_file_cameras(
-    record: Path, job: Path, *, image_sigma: float | None, most: int, in_model: bool = False
+    record: Path,
+    job: Path,
+    *,
+    image_sigma: float | None,
+    most: int,
+    in_model: bool = False,
+    water: Path | None = None,
+    side: str = "",
 ) -> ByFileCameras:
     """Return the method of a run of an imported job. `image_sigma` in pixels; None: that of the run's plates.
+
+    `water` are areas of water, or shorelines with the water on one `side`.
 
     Raises `CompilationError`, `RecordError` and `DepthError` where the run does not go with the cameras.
     """
@@ -208,4 +274,7 @@ def by_file_cameras(
         sigma=sigma,
         most=most,
         in_model=in_model,
+        water=None
+        if water is None
+        else read_water(water, side, geographic=cameras.placement.ellipsoid is not None),
     )

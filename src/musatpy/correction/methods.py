@@ -58,7 +58,7 @@ class CorrectedPoints:
     @property
     def good(self) -> BoolArray:
         """(n,) which points are corrected."""
-        return self.fault == Fault.NONE
+        return np.isin(self.fault, (Fault.NONE, Fault.UNDECIDED))
 
     def kept(self, apparent: FloatArray) -> FloatArray:
         """Return the true places (n, 3), of lost points the apparent ones."""
@@ -106,7 +106,7 @@ class Tally:
     @property
     def corrected(self) -> int:
         """How many points have a true place."""
-        return self.counts[""]
+        return self.counts[""] + self.counts[REASONS[Fault.UNDECIDED]]
 
     def mean(self, name: str) -> float:
         """Return the mean of a column."""
@@ -206,6 +206,8 @@ class Method:
         """Return what has come of points in words."""
         every = dict.fromkeys((*self.reasons.values(), *tally.counts))
         lost = [
-            f"{tally.counts[reason]} not corrected: {reason}" for reason in every if reason and tally.counts[reason]
+            f"{tally.counts[reason]} {'' if reason == REASONS[Fault.UNDECIDED] else 'not corrected: '}{reason}"
+            for reason in every
+            if reason and tally.counts[reason]
         ]
         return [f"{tally.counts.total()} points, {tally.corrected} corrected", *lost]

@@ -42,6 +42,7 @@ class Fault(IntEnum):
     NO_MEETING = 9
     CAMERA_BELOW = 10
     NO_CONTROL = 11
+    UNDECIDED = 12  # it has one, which may be dry or wet
 
 
 REASONS: Mapping[int, str] = {
@@ -57,6 +58,7 @@ REASONS: Mapping[int, str] = {
     Fault.NO_MEETING: "no parallax makes its rays meet under water",
     Fault.CAMERA_BELOW: "not below both cameras",
     Fault.NO_CONTROL: "no control near it",
+    Fault.UNDECIDED: "undecided",
 }
 
 
