@@ -54,7 +54,7 @@ def corrected(folder: Path) -> dict[str, FloatArray]:
     assert result.exit_code == 0, result.output
     with (folder / "true.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    names = [name for name in rows[0] if name != "reason"]
+    names = [name for name in rows[0] if name not in ("reason", "s44")]
     return {name: np.array([float(row[name] or "nan") for row in rows]) for name in names}
 
 
