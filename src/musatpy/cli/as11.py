@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from musatpy.cli import options
 from musatpy.cli.correct import correct, correction_options
 from musatpy.cli.messages import (
     complain,
@@ -20,22 +21,7 @@ from musatpy.cli.messages import (
     not_done,
     tell,
 )
-from musatpy.cli.options import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    LazyGroup,
-    NamedPath,
-    anyway_option,
-    carriage_control_option,
-    crs_option,
-    csv_option,
-    date_option,
-    options_of,
-    out_option,
-    picture_options,
-    refuse_overwriting,
-    strict_option,
-)
+from musatpy.cli.options import NOT_NEGATIVE, POSITIVE, LazyGroup, NamedPath, options_of
 
 if TYPE_CHECKING:
     from musatpy.as11_runs import CompileResult
@@ -43,7 +29,9 @@ if TYPE_CHECKING:
     from musatpy.figures import ImageForm
 
 _run = click.argument("run", type=NamedPath())
-_run_and_deck = options_of(_run, click.argument("deck", type=NamedPath()), out_option, anyway_option)
+_run_and_deck = options_of(
+    _run, click.argument("deck", type=NamedPath()), options.out_option, options.anyway_option
+)
 _model = options_of(click.argument("left"), click.argument("right"))
 _bottom = click.argument("bottom", type=NamedPath())
 
@@ -55,15 +43,15 @@ def command() -> None:
 
 @command.command(name="compile", short_help="Compile the points of a deck.")
 @_run_and_deck
-@carriage_control_option
-@csv_option
+@options.carriage_control_option
+@options.csv_option
 @click.option("--plots", is_flag=True, help="Also draw pictures of depths, sigmas and contours (NAME.depths.svg).")
-@picture_options("plots")
+@options.picture_options("plots")
 @click.option("--gis", is_flag=True, help="Also write points and contours for GIS and CAD (NAME.gpkg, NAME.dxf).")
 @click.option("--las", is_flag=True, help="Also write the points as a point cloud (NAME.las).")
-@crs_option("System of these files, for example EPSG:4267; GeoJSON is then written too.")
-@strict_option
-@date_option
+@options.crs_option("System of these files, for example EPSG:4267; GeoJSON is then written too.")
+@options.strict_option
+@options.date_option
 @click.pass_context
 def compile_command(
     ctx: click.Context, /, run: Path, deck: Path, out_dir: Path | None, crs: str, gis: bool, las: bool, **given: Any
@@ -79,7 +67,7 @@ def compile_command(
     from musatpy.as11_runs import compile_deck
     from musatpy.runs import output_paths
 
-    refuse_overwriting(output_paths(deck, out_dir)[:2], [run, deck])
+    options.refuse_overwriting(output_paths(deck, out_dir)[:2], [run, deck])
     result = compile_deck(run, deck, out_dir, crs=crs, gis=gis, las=las, **given)
     compiled = _compiled(ctx, deck, result)
     lost = sum(reason is not None for reason in compiled.reasons)
@@ -115,7 +103,7 @@ def _compiled(ctx: click.Context, deck: Path, result: CompileResult) -> Compiled
 @click.option("--shortest", type=NOT_NEGATIVE, default=0.0, help="Leave out pieces that are shorter than this, m.")
 @click.option("--band", default="", help="Band of the raster. Default: depth, or the only band.")
 @click.option("--datum", type=float, help="The band has heights: draw depths below this one.")
-@crs_option("Coordinate system of a raster that does not state it.")
+@options.crs_option("Coordinate system of a raster that does not state it.")
 def contours_command(
     raster: Path, targets: tuple[Path, ...], interval: float | None, band: str, crs: str, **wish: Any
 ) -> None:
@@ -127,7 +115,7 @@ def contours_command(
 
     if (interval is None) == (not wish["levels"]):
         raise click.UsageError("give --interval, or --depth for each contour")
-    refuse_overwriting(targets, [raster])
+    options.refuse_overwriting(targets, [raster])
     drawn, what = contour_raster(raster, targets, ContourWish(interval=interval or 0.0, **wish), band=band, crs=crs)
     lines = drawn.lines
     depths = count_of(len({line.level for line in lines}), what.removesuffix("s"))
@@ -175,7 +163,7 @@ def _results(compared: Path, out_dir: Path | None, kind: str, *others: Path) -> 
     """Return listing, record and picture of a comparison, which are none of the files that are read."""
     stem = (compared.parent if out_dir is None else out_dir) / f"{compared.stem}.{kind}"
     listing, record, picture = (stem.with_name(f"{stem.name}.{ending}") for ending in ("lst", "json", "png"))
-    refuse_overwriting([listing, record, picture], [compared, *others])
+    options.refuse_overwriting([listing, record, picture], [compared, *others])
     return listing, record, picture
 
 
@@ -183,8 +171,8 @@ def _results(compared: Path, out_dir: Path | None, kind: str, *others: Path) -> 
 @_run
 @_bottom
 @click.argument("contours", type=NamedPath())
-@out_option
-@anyway_option
+@options.out_option
+@options.anyway_option
 @click.option(
     "--datum", type=float, default=0.0, help="How far the datum of CONTOURS is below that of the bottom, m."
 )
@@ -194,7 +182,7 @@ def _results(compared: Path, out_dir: Path | None, kind: str, *others: Path) -> 
     default=math.inf,
     help="Do not compare contours that are farther apart than this, m.",
 )
-@crs_option("Coordinate system of a file that does not state it, for example EPSG:32620.")
+@options.crs_option("Coordinate system of a file that does not state it, for example EPSG:32620.")
 @click.option("--layer", default="", help="Layer of a GeoPackage that has several.")
 @click.option("--depths", is_flag=True, help="Third coordinates are depths, positive down, and not heights.")
 def compare_contours_command(run: Path, bottom: Path, contours: Path, out_dir: Path | None, **given: Any) -> None:
@@ -219,8 +207,8 @@ def compare_contours_command(run: Path, bottom: Path, contours: Path, out_dir: P
 @_run
 @_bottom
 @click.argument("soundings", type=NamedPath())
-@out_option
-@anyway_option
+@options.out_option
+@options.anyway_option
 @click.option(
     "--datum", type=float, default=0.0, help="How far the datum of the soundings is below that of the bottom, m."
 )
@@ -237,9 +225,9 @@ def compare_contours_command(run: Path, bottom: Path, contours: Path, out_dir: P
 @click.option(
     "--not-before", type=click.DateTime(["%Y-%m-%d"]), help="Leave out soundings before this day (column date)."
 )
-@crs_option("Coordinate system of x and y in a file that does not state it, for example EPSG:32620.")
+@options.crs_option("Coordinate system of x and y in a file that does not state it, for example EPSG:32620.")
 @click.option("--plots", is_flag=True, help="Also draw a picture of the differences (SOUNDINGS.soundings.png).")
-@picture_options("plots")
+@options.picture_options("plots")
 def soundings_command(
     run: Path,
     bottom: Path,
@@ -281,8 +269,8 @@ def soundings_command(
 @_run
 @_model
 @click.argument("path", type=NamedPath())
-@out_option
-@anyway_option
+@options.out_option
+@options.anyway_option
 @click.option("--air", is_flag=True, help="The mark is where straight rays meet, not the true point.")
 @click.option("--job", "of_job", is_flag=True, help="The path is in the system of the job (lat, lon, height).")
 @click.option(
@@ -317,7 +305,7 @@ def drive_command(
     from musatpy.files import write_files
 
     target = (path.parent if out_dir is None else out_dir) / f"{path.stem}.stages.csv"
-    refuse_overwriting([target], [run, path])
+    options.refuse_overwriting([target], [run, path])
     triangulation = run_of(run, anyway)
     if triangulation.caution:
         complain(f"{name_of(run)}: {triangulation.caution}")
@@ -337,8 +325,8 @@ def drive_command(
 
 @command.command(name="setup", short_help="Set up the models of a deck.")
 @_run_and_deck
-@carriage_control_option
-@date_option
+@options.carriage_control_option
+@options.date_option
 @click.pass_context
 def setup_command(ctx: click.Context, /, run: Path, deck: Path, out_dir: Path | None, **given: Any) -> None:
     """Set up the stereomodels of DECK on RUN.json, and write the listing NAME.setup.lst and the record
@@ -350,7 +338,7 @@ def setup_command(ctx: click.Context, /, run: Path, deck: Path, out_dir: Path | 
     """
     from musatpy.as11_runs import set_up_deck, setup_paths
 
-    refuse_overwriting(setup_paths(deck, out_dir), [run, deck])
+    options.refuse_overwriting(setup_paths(deck, out_dir), [run, deck])
     result = set_up_deck(run, deck, out_dir, **given)
     compiled = _compiled(ctx, deck, result)
     models = count_of(len(compiled.models), "model")

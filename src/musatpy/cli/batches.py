@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from musatpy.cli import options
 from musatpy.cli.messages import (
     QUIET,
     asked,
@@ -25,23 +26,7 @@ from musatpy.cli.messages import (
     tell,
     tell_as_is,
 )
-from musatpy.cli.options import (
-    LazyGroup,
-    NamedPath,
-    causes_option,
-    dry_option,
-    formats_option,
-    listed_option,
-    options_of,
-    out_option,
-    processes_option,
-    quiet_as,
-    record_option,
-    set_option,
-    strict_option,
-    submerged_option,
-    warnings_option,
-)
+from musatpy.cli.options import LazyGroup, NamedPath, options_of
 from musatpy.cli.progress import Display
 from musatpy.cli.run import check_shown, shown_options
 from musatpy.errors import MissingPackageError, MusatError
@@ -112,25 +97,25 @@ def _tell_of_trouble(
 
 @click.command(name="batch", short_help="Run many decks in parallel; can be interrupted.")
 @click.argument("sources", metavar="MANIFEST|FOLDER|DECK...", nargs=-1, required=True, type=NamedPath())
-@out_option
-@formats_option
-@set_option
-@dry_option
-@submerged_option
-@processes_option
+@options.out_option
+@options.formats_option
+@options.set_option
+@options.dry_option
+@options.submerged_option
+@options.processes_option
 @click.option(
     "--cluster",
     "address",
     metavar="ADDRESS",
     help="Run the jobs on the workers of a Dask scheduler, such as tcp://host:8786.",
 )
-@record_option
-@causes_option
+@options.record_option
+@options.causes_option
 @shown_options
 @click.option("--again", is_flag=True, help="Also run jobs again that are finished.")
-@warnings_option
-@strict_option
-@quiet_as("Print no progress and no table, only errors and warnings, one line for each.")
+@options.warnings_option
+@options.strict_option
+@options.quiet_as("Print no progress and no table, only errors and warnings, one line for each.")
 @click.pass_context
 def batch_command(
     ctx: click.Context,
@@ -143,7 +128,7 @@ def batch_command(
     repeated: bool,
     strict: bool,
     quiet: bool,
-    **options: Any,
+    **chosen: Any,
 ) -> None:
     """Run the jobs of a MANIFEST (TOML), or decks, folders of decks and globs, in parallel processes.
 
@@ -159,7 +144,7 @@ def batch_command(
 
     if address is not None and processes is not None:
         raise click.UsageError("-j counts jobs on this machine; a cluster runs as many as it has workers")
-    given = JobOptions(**options)
+    given = JobOptions(**chosen)
     check_shown(given.shown)
     try:
         plan = plan_of(sources, out_dir, given)
@@ -184,7 +169,7 @@ def batch_command(
 
 _base = click.argument("base", metavar="FOLDER", type=NamedPath(file_okay=False))
 _base_and_names = options_of(_base, click.argument("names", metavar="[DECK...]", nargs=-1))
-_quiet = quiet_as("Print no progress, and nothing at all if all is well.")
+_quiet = options.quiet_as("Print no progress, and nothing at all if all is well.")
 _work = click.option(
     "-o",
     "--out",
@@ -210,14 +195,14 @@ def baseline_command() -> None:
     type=NamedPath(),
     help="The decks are compilation decks: compile them on the run of this deck.",
 )
-@formats_option
+@options.formats_option
 @click.option("--no-records", is_flag=True, help="Keep only the listings.")
 @click.option("--rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the listings.")
 @click.option("--record-rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the records.")
 @click.option("--exact", is_flag=True, help="Start without rules, so that every digit counts.")
-@set_option
+@options.set_option
 @_unusable
-@processes_option
+@options.processes_option
 @_quiet
 @click.pass_context
 def save_command(
@@ -250,13 +235,13 @@ def save_command(
     type=NamedPath(),
     help="Rules (TOML) for the records, in place of those of the baseline.",
 )
-@set_option
+@options.set_option
 @_work
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
 @click.option("--summary", is_flag=True, help="Print how many differences each deck has, but not the differences.")
 @click.option("--junit", metavar="FILE", type=NamedPath(), help="Also write JUnit XML, with a test for each deck.")
-@listed_option
-@processes_option
+@options.listed_option
+@options.processes_option
 @_quiet
 @click.pass_context
 def check_command(
@@ -299,7 +284,7 @@ def check_command(
 @_base_and_names
 @_work
 @_unusable
-@processes_option
+@options.processes_option
 @_quiet
 @click.pass_context
 def accept_command(ctx: click.Context, /, base: Path, names: tuple[str, ...], quiet: bool, **given: Any) -> None:

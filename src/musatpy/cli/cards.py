@@ -7,17 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from musatpy.cli import options
 from musatpy.cli.decks import STREAM, data_of, write_deck
 from musatpy.cli.messages import complain, complain_of, complain_of_each, count_of, name_of, tell
-from musatpy.cli.options import (
-    NOT_NEGATIVE,
-    NamedPath,
-    formats_option,
-    offered,
-    offered_fields,
-    quiet_option,
-    usage_errors,
-)
+from musatpy.cli.options import NOT_NEGATIVE, NamedPath
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -33,14 +26,14 @@ def _cards_beginning(ctx: click.Context, param: click.Parameter, text: str) -> l
     """Return the cards that a shell may complete a text to, with their titles."""
     families = _card_families(ctx.params.get("formats"))
     cards = {name: card.title for family in families for name, card in family.cards.items()}
-    return offered(text.upper(), cards)
+    return options.offered(text.upper(), cards)
 
 
 def _values_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
     """Return the fields of the card, and behind the sign of equality the words that a field may have."""
     families = _card_families(ctx.params.get("formats"))
     cards = [family.cards.get((ctx.params.get("name") or "").upper()) for family in families]
-    return [item for card in cards if card is not None for item in offered_fields(text, card)]
+    return [item for card in cards if card is not None for item in options.offered_fields(text, card)]
 
 
 @click.command(name="card", short_help="Explain cards, or make one from names and values.")
@@ -53,7 +46,7 @@ def _values_beginning(ctx: click.Context, param: click.Parameter, text: str) -> 
     metavar="FILE",
     help="Make a card from each row of this table; its columns have the names of the fields.",
 )
-@formats_option
+@options.formats_option
 @click.pass_context
 def card_command(
     ctx: click.Context, name: str | None, values: tuple[str, ...], table: Path | None, formats: Path | None
@@ -74,7 +67,7 @@ def card_command(
         return
     cards = {mnemonic: card for family in reversed(families) for mnemonic, card in family.cards.items()}
     settings = []
-    with usage_errors(SettingError):
+    with options.usage_errors(SettingError):
         spec = card_named(cards, name)
         for text in values:
             field, equals, value = text.partition("=")
@@ -109,8 +102,8 @@ def _card_families(formats: Path | None) -> list[Family]:
 @click.command(name="tidy", short_help="Move the words of a freely typed deck into their columns.")
 @click.argument("deck", type=NamedPath())
 @_deck_to_write
-@formats_option
-@quiet_option
+@options.formats_option
+@options.quiet_option
 @click.pass_context
 def tidy_command(ctx: click.Context, deck: Path, out: Path, formats: Path | None, quiet: bool) -> None:
     """Move the words of cards that were typed with blanks between them into their columns.
@@ -165,8 +158,8 @@ def tidy_command(ctx: click.Context, deck: Path, out: Path, formats: Path | None
     help="Time at which the seconds on the cards of the deck are zero, if the series has dates.",
 )
 @_deck_to_write
-@formats_option
-@quiet_option
+@options.formats_option
+@options.quiet_option
 def tide_command(
     deck: Path, series: Path, datum: float, sigma: float, times: Path | None, zone: str, clock: str, out: Path,
     formats: Path | None, quiet: bool,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from musatpy.cli import options
 from musatpy.cli.depth_options import (
     POSITIVE,
     camera_options,
@@ -18,17 +19,7 @@ from musatpy.cli.depth_options import (
     system_options,
 )
 from musatpy.cli.messages import complain, name_of, progress_through, tell
-from musatpy.cli.options import (
-    NamedPath,
-    columns_of,
-    columns_option,
-    options_of,
-    processes_option,
-    quiet_option,
-    refuse_overwriting,
-    strict_option,
-    water_options,
-)
+from musatpy.cli.options import NamedPath, options_of
 from musatpy.cli.sea import pair_by
 from musatpy.cli.sea_correct import CONTROL_SIGMA, control_options, correct_by_control, correct_through
 
@@ -61,13 +52,13 @@ correction_options = options_of(
     system_options,
     index_options,
     camera_options,
-    columns_option,
+    options.columns_option,
     click.option("--layer", default="", help="Layer of a GeoPackage that has several."),
     click.option("--band", default="", help="Band of a raster that has the heights, if it has several."),
     click.option("--surface", is_flag=True, help="Write a raster of true heights, depths and sigmas."),
-    strict_option,
-    processes_option,
-    quiet_option,
+    options.strict_option,
+    options.processes_option,
+    options.quiet_option,
 )
 
 
@@ -81,7 +72,7 @@ correction_options = options_of(
     "--rays", type=click.IntRange(min=2), default=12, show_default=True, help="Rays of a point, with --job."
 )
 @click.option("--cloud-sigma", type=POSITIVE, metavar="PX", help="Sigma of the matcher's images, with --job.")
-@water_options
+@options.water_options
 @click.option("--stations", type=NamedPath(), metavar="CSV", help="Take the stations of this table.")
 @click.option("--sea", type=NamedPath(), metavar="SURFACE.json", help="Correct through this surface of 'sea fit'.")
 @click.option(
@@ -196,8 +187,8 @@ def correct(
     from musatpy.correction.photographs import ByPhotographs
     from musatpy.runs import ExitStatus
 
-    refuse_overwriting([out], [points, source])
-    names = columns_of(points, columns)
+    options.refuse_overwriting([out], [points, source])
+    names = options.columns_of(points, columns)
     photographs, index = _photographs(source, is_run, given)
     if not photographs.cameras.has_rule:
         message = "what a camera sees is not known: attitudes, focal length and format are needed, or --angle"
@@ -235,12 +226,12 @@ def _by_job(
     from musatpy.runs import ExitStatus
 
     out, in_model = given["out"], given["crs"] == "model"
-    refuse_overwriting([out], [points, run])
+    options.refuse_overwriting([out], [points, run])
     with progress_through(points, given["quiet"]) as progress:
         method = by_file_cameras(run, job, in_model=in_model, **how)
         method, tally = correct_file(
             points, out, method, crs=None if in_model else given["crs"], geoid=given["geoid"],
-            columns=columns_of(points, given["columns"]), layer=given["layer"], band=given["band"],
+            columns=options.columns_of(points, given["columns"]), layer=given["layer"], band=given["band"],
             surface=given["surface"], jobs=given["processes"] or _cores(), progress=progress,
         )  # fmt: skip
     if not given["quiet"]:

@@ -13,19 +13,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from musatpy.cli import options
 from musatpy.cli.messages import complain, count_of, name_of, problem_text, tell, tell_as_is
-from musatpy.cli.options import (
-    NamedPath,
-    deck_option,
-    decks_argument,
-    formats_option,
-    quiet_as,
-    refuse_overwriting,
-    set_option,
-    settings_for,
-    titles_option,
-    usage_errors,
-)
+from musatpy.cli.options import NamedPath
 from musatpy.errors import DeckError, Problem, of_each_kind, printable
 
 if TYPE_CHECKING:
@@ -86,10 +76,10 @@ def _sizes_of(block: Block) -> list[str]:
 
 
 @click.command(name="check", short_help="Print every problem of a deck.")
-@decks_argument
-@formats_option
-@set_option
-@quiet_as("One line for each problem, and no counts.")
+@options.decks_argument
+@options.formats_option
+@options.set_option
+@options.quiet_as("One line for each problem, and no counts.")
 @click.pass_context
 def check_command(
     ctx: click.Context, decks: tuple[Path, ...], formats: Path | None, settings: tuple[str, ...], quiet: bool
@@ -102,7 +92,7 @@ def check_command(
     from musatpy.formats.musat import check_deck
 
     family = card_family(formats)
-    instead = settings_for(settings, family)
+    instead = options.settings_for(settings, family)
     usable = True
     for deck in decks:
         block, problems = check_deck(_source_of(deck), family, settings=instead)
@@ -118,7 +108,7 @@ def check_command(
 
 
 @click.command(name="list", short_help="List the contents of decks.")
-@decks_argument
+@options.decks_argument
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, a list with an entry for each deck.")
 @click.option(
     "--few",
@@ -127,7 +117,7 @@ def check_command(
     show_default=True,
     help="Number of common points that join two photos.",
 )
-@formats_option
+@options.formats_option
 def list_command(decks: tuple[Path, ...], as_json: bool, few: int, formats: Path | None) -> None:
     """List photos, rays, overlaps, control and submerged points of each DECK, even if it cannot be run yet.
 
@@ -148,8 +138,8 @@ def list_command(decks: tuple[Path, ...], as_json: bool, few: int, formats: Path
 
 
 @click.command(name="merge", short_help="Merge several decks into one.")
-@decks_argument
-@deck_option
+@options.decks_argument
+@options.deck_option
 @click.option(
     "--prefix",
     "prefixes",
@@ -181,8 +171,8 @@ def list_command(decks: tuple[Path, ...], as_json: bool, few: int, formats: Path
 @click.option(
     "--near", type=float, metavar="METRES", help="List control points of different names that are nearer than this."
 )
-@titles_option
-@formats_option
+@options.titles_option
+@options.formats_option
 def merge_command(
     decks: tuple[Path, ...],
     out: Path,
@@ -210,7 +200,7 @@ def merge_command(
 
     if len(decks) < 2:
         raise click.UsageError("a merged deck needs two decks at least")
-    refuse_overwriting([out], decks)
+    options.refuse_overwriting([out], decks)
     family, files = card_family(formats), [str(deck) for deck in decks]
     chosen = MergeOptions(
         join_photos=join_photos,
@@ -254,7 +244,7 @@ def _number(option: str, deck: str, files: list[str]) -> int:
     """Return which deck the text of an option means."""
     from musatpy.jobs.naming import deck_number
 
-    with usage_errors(DeckError, option):
+    with options.usage_errors(DeckError, option):
         return deck_number(deck, files)
 
 
@@ -273,7 +263,7 @@ def _near_text(parts: Sequence[Part], limit: float) -> str:
 
 @click.command(name="extract", short_help="Take photos or an area out of a deck.")
 @click.argument("deck", type=NamedPath())
-@deck_option
+@options.deck_option
 @click.option("--photos", default="", metavar="LIST", help="Photos and ranges of photos, for example 101-120,131.")
 @click.option(
     "--photos-from", type=NamedPath(), metavar="FILE", help="File with such photos, one or more on a line."
@@ -293,8 +283,8 @@ def _near_text(parts: Sequence[Part], limit: float) -> str:
 @click.option(
     "--drop-single", is_flag=True, help="Leave out points that would have a single ray and no known coordinate."
 )
-@titles_option
-@formats_option
+@options.titles_option
+@options.formats_option
 def extract_command(
     deck: Path,
     out: Path,
@@ -323,7 +313,7 @@ def extract_command(
         raise click.UsageError("say which photos: --photos, --photos-from, --box or --area")
     if height is not None and by != "points":
         raise click.UsageError("--height is for --by points")
-    refuse_overwriting([out], [deck])
+    options.refuse_overwriting([out], [deck])
     family = card_family(formats)
     (block,) = _blocks_of([deck], family)
     named = [name.strip() for name in photos.split(",") if name.strip()]

@@ -11,20 +11,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from musatpy.cli import options
 from musatpy.cli.messages import complain, complain_of, count_of, name_of, tell
-from musatpy.cli.options import (
-    POSITIVE,
-    NamedPath,
-    keys_option,
-    offered,
-    out_option,
-    picture_options,
-    refuse_overwriting,
-    set_option,
-    settings_for,
-    submerged_option,
-    usage_errors,
-)
+from musatpy.cli.options import POSITIVE, NamedPath
 from musatpy.errors import DeckError, Problem, printable
 
 if TYPE_CHECKING:
@@ -43,7 +32,7 @@ def _examples_beginning(ctx: click.Context, param: click.Parameter, text: str) -
     """Return the examples that a shell may complete a text to."""
     from musatpy.examples import examples
 
-    return offered(text, {name: example.title for name, example in examples().items()})
+    return options.offered(text, {name: example.title for name, example in examples().items()})
 
 
 @click.command(name="example", short_help="Write an example to begin with.")
@@ -70,7 +59,7 @@ def example_command(name: str | None, out_dir: Path | None) -> None:
             tell(f"{example.name:<{width}}  {example.title}")
         tell("\nmusat example NAME -o DIR writes one")
         return
-    with usage_errors():
+    with options.usage_errors():
         chosen = example_named(name)
     folder = out_dir or Path(name)
     for path in write_example(chosen, folder):
@@ -83,8 +72,8 @@ def example_command(name: str | None, out_dir: Path | None) -> None:
 @click.command(name="simulate", short_help="Write a deck with known truth from a spec.")
 @click.argument("spec", type=NamedPath())
 @click.option("--seed", type=click.IntRange(min=0), help="Seed of the random numbers. Default: that of the spec.")
-@keys_option("musatpy.simulation.simulation_spec:SimulationSpec")
-@out_option
+@options.keys_option("musatpy.simulation.simulation_spec:SimulationSpec")
+@options.out_option
 def simulate_command(spec: Path, seed: int | None, out_dir: Path | None) -> None:
     """Write the deck NAME.crd that SPEC describes, and its truth as NAME.truth.json.
 
@@ -100,7 +89,7 @@ def simulate_command(spec: Path, seed: int | None, out_dir: Path | None) -> None
 
     folder = spec.parent if out_dir is None else out_dir
     deck, truth = folder / f"{spec.stem}.crd", folder / f"{spec.stem}.truth.json"
-    refuse_overwriting([deck, truth], [spec])
+    options.refuse_overwriting([deck, truth], [spec])
     simulation = simulate(spec, seed)
     files = {deck: deck_bytes(simulation.block), truth: truth_json(simulation).encode()}
     tell_of = f"{name_of(deck)}: {len(simulation.block.photos.ids)} photos, truth {name_of(truth)}"
@@ -119,9 +108,9 @@ def simulate_command(spec: Path, seed: int | None, out_dir: Path | None) -> None
 @click.command(name="waves", short_help="Compute the errors of a map that takes wavy water as level.")
 @click.argument("spec", type=NamedPath())
 @click.option("--plots", is_flag=True, help="Also draw pictures (NAME.map.png, ...); needs the extra 'plots'.")
-@picture_options("plots")
-@keys_option("musatpy.sea.experiment_spec:WaveSpec")
-@out_option
+@options.picture_options("plots")
+@options.keys_option("musatpy.sea.experiment_spec:WaveSpec")
+@options.out_option
 def waves_command(spec: Path, plots: bool, form: ImageForm, out_dir: Path | None) -> None:
     """Run the wave experiment of SPEC: its report goes to NAME.waves.txt, every point to NAME.waves.csv."""
     from musatpy.files import write_files
@@ -137,7 +126,7 @@ def waves_command(spec: Path, plots: bool, form: ImageForm, out_dir: Path | None
         from musatpy.sea.pictures import pictures
 
         files |= {folder / f"{spec.stem}.{name}": image for name, image in pictures(result, form).items()}
-    refuse_overwriting(files, [spec])
+    options.refuse_overwriting(files, [spec])
     write_files(files)
     sigma = ", ".join(f"{name} {value:.3f}" for name, value in zip("XYZ", result.spread.sigma, strict=True))
     says = "kept" if result.spread.kept.all() else "exceeded"
@@ -182,8 +171,8 @@ def _three_sigmas(ctx: click.Context, param: click.Parameter, text: str | None) 
     callback=_three_sigmas,
     help="Standard deviations of control that has none, m; one number for all, or two for plan and height.",
 )
-@set_option
-@submerged_option
+@options.set_option
+@options.submerged_option
 @click.option(
     "--formats",
     metavar="DIR",
@@ -226,10 +215,10 @@ def convert_command(
         for option in (option for option, value in of_files.items() if value):
             raise click.UsageError(f"{option} is for files that do not hold everything; FROM is a deck itself")
     texts = [*settings, *([] if plate_sigma is None else [f"OPT.plate_sigma={plate_sigma:g}"])]
-    cards, given_settings = _camera_cards(cameras), settings_for(texts, card_family())
+    cards, given_settings = _camera_cards(cameras), options.settings_for(texts, card_family())
     stem = source.resolve().name if source.is_dir() else source.stem
     written = [path for path in to_family.targets(target, stem).values() if path.exists()]
-    refuse_overwriting(written, [*from_family.targets(source, stem).values(), source])
+    options.refuse_overwriting(written, [*from_family.targets(source, stem).values(), source])
     given = given_parts(deck, given_settings, cards)
     parts, warnings = _read(from_family, source, given, to_deck=isinstance(to_family, DeckFamily))
     complain_of(warnings)
@@ -288,7 +277,7 @@ def _camera_cards(texts: Sequence[str]) -> list[str]:
             cards += cards_of_table(Path(text), spec, family)
             continue
         values = [name, *numbers.split(",")]
-        with usage_errors(SettingError, "--camera"):
+        with options.usage_errors(SettingError, "--camera"):
             settings = [setting_of(spec, *field) for field in zip(_CAMERA, values, strict=False)]
         card, problems = card_of(spec, settings, family)
         wrong = [problem.message for problem in problems if problem.severity == "error"]

@@ -13,23 +13,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from musatpy.cli import options
 from musatpy.cli.messages import complain, complain_of, complain_of_error, name_of, styled, tell, tell_as_is
-from musatpy.cli.options import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    NamedPath,
-    crs_option,
-    date_option,
-    listed_option,
-    offered,
-    out_option,
-    page_options,
-    picture_options,
-    quiet_as,
-    quiet_option,
-    refuse_overwriting,
-    usage_errors,
-)
+from musatpy.cli.options import NOT_NEGATIVE, POSITIVE, NamedPath
 from musatpy.errors import MissingPackageError, MusatError, Problem, ProblemsError, printable
 
 if TYPE_CHECKING:
@@ -69,12 +55,14 @@ def _pictures_beginning(ctx: click.Context, param: click.Parameter, text: str) -
     """Return the pictures that a shell may complete a text to, with their titles."""
     from musatpy.plots.gallery import KINDS
 
-    return offered(text, {picture.name: picture.title for kind in KINDS.values() for picture in kind.pictures})
+    return options.offered(
+        text, {picture.name: picture.title for kind in KINDS.values() for picture in kind.pictures}
+    )
 
 
 @click.command(name="plot", short_help="Draw pictures of a run or a compilation.")
 @click.argument("records", metavar="RECORD...", nargs=-1, required=True, type=NamedPath())
-@out_option
+@options.out_option
 @click.option(
     "--only",
     "names",
@@ -94,12 +82,12 @@ def _pictures_beginning(ctx: click.Context, param: click.Parameter, text: str) -
     help="Largest distance of points from the line of the profile, m. Default: as large as needed.",
 )
 @click.option("--datum", metavar="H", type=float, default=0.0, help="Height from which the soundings count, m.")
-@crs_option("Coordinate system of x and y in a file that does not state it, for example EPSG:32620.")
+@options.crs_option("Coordinate system of x and y in a file that does not state it, for example EPSG:32620.")
 @click.option(
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_show_pictures, help="List the pictures."
 )
-@quiet_as("Do not print what the pictures show.")
-@picture_options()
+@options.quiet_as("Do not print what the pictures show.")
+@options.picture_options()
 @click.pass_context
 def plot_command(
     ctx: click.Context,
@@ -123,7 +111,7 @@ def plot_command(
     """
     from musatpy.plots.files import check_names, check_stems, drawn, profile_of
 
-    with usage_errors():
+    with options.usage_errors():
         check_names(names)
         check_stems(records, out_dir)
     profile = profile_of(line, soundings, crs, datum, within) if line or soundings or within else None
@@ -160,9 +148,9 @@ def plot_command(
     type=NamedPath(),
     help="File that the run has read, such as its deck; the page states its SHA-256.",
 )
-@date_option
-@page_options
-@quiet_option
+@options.date_option
+@options.page_options
+@options.quiet_option
 @click.pass_context
 def report_command(
     ctx: click.Context,
@@ -188,7 +176,7 @@ def report_command(
         places = [(record.parent if out is None else out) / f"{record.stem}.html" for record in records]
     else:
         places = [out]
-    refuse_overwriting(places, [*records, *inputs])
+    options.refuse_overwriting(places, [*records, *inputs])
     if len(set(places)) < len(records):
         raise click.UsageError("pages of two records would have the same name")
     failed = False
@@ -270,8 +258,8 @@ def compare_command(
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
 @click.option("--junit", metavar="FILE", type=NamedPath(), help="Also write JUnit XML, for CI systems.")
-@listed_option
-@quiet_as("Print only the last line, and nothing if A and B are the same.")
+@options.listed_option
+@options.quiet_as("Print only the last line, and nothing if A and B are the same.")
 @click.pass_context
 def diff_command(
     ctx: click.Context,
@@ -307,7 +295,7 @@ def diff_command(
             comparison = replace(comparison, rules=tuple(use for use in comparison.rules if use.matched))
         if not (records or comparison.counts["rows compared"]):
             message = f"and {names[1]} have no row in common: one of them is no listing of such a job"
-            raise ProblemsError([Problem(file=names[0], message=message)])
+            raise ProblemsError.of(message, file=names[0])
     except ProblemsError as error:
         complain_of(error.problems)
         if junit:

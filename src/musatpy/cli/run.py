@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from musatpy.cli import options
 from musatpy.cli.decks import STREAM
 from musatpy.cli.messages import (
     LOG,
@@ -30,27 +31,7 @@ from musatpy.cli.messages import (
     tell,
     tell_as_is,
 )
-from musatpy.cli.options import (
-    carriage_control_option,
-    causes_option,
-    crs_option,
-    csv_option,
-    date_option,
-    decks_argument,
-    dry_option,
-    formats_option,
-    options_of,
-    out_option,
-    page_options,
-    picture_options,
-    quiet_run_option,
-    record_option,
-    set_option,
-    strict_option,
-    submerged_option,
-    usage_errors,
-    warnings_option,
-)
+from musatpy.cli.options import options_of
 from musatpy.cli.progress import LiveLine
 from musatpy.errors import MusatError, ProblemsError
 from musatpy.files import together
@@ -65,13 +46,15 @@ _LARGE = 500  # photos of a block, from which on numpy alone is not what is chos
 _FAST = "pip install 'musatpy[fast]'"
 
 shown_options = options_of(  # what people look at
-    csv_option,
+    options.csv_option,
     click.option("--plots", is_flag=True, help="Also draw the pictures of 'musat plot' (NAME.plan.svg, ...)."),
     click.option("--html", is_flag=True, help="Also write the page of 'musat report' (NAME.html)."),
     click.option(
         "--gis", is_flag=True, help="Also write stations, points and observations for GIS (NAME.gpkg, GeoJSON)."
     ),
-    crs_option("With --gis: coordinate system of these files, on the ellipsoid of the job, for example EPSG:4267."),
+    options.crs_option(
+        "With --gis: coordinate system of these files, on the ellipsoid of the job, for example EPSG:4267."
+    ),
 )
 _punch_options = options_of(
     click.option(
@@ -110,25 +93,25 @@ _punch_options = options_of(
 
 
 @click.command(name="run", short_help="Adjust decks and write their listings.")
-@decks_argument
-@out_option
-@formats_option
-@set_option
-@dry_option
-@submerged_option
-@quiet_run_option
-@warnings_option
-@carriage_control_option
+@options.decks_argument
+@options.out_option
+@options.formats_option
+@options.set_option
+@options.dry_option
+@options.submerged_option
+@options.quiet_run_option
+@options.warnings_option
+@options.carriage_control_option
 @click.option(
     "--brief", is_flag=True, help="Write a short listing, of at most 40 pages, without the input and residuals."
 )
-@record_option
-@causes_option
+@options.record_option
+@options.causes_option
 @shown_options
-@strict_option
-@date_option
-@picture_options("plots")
-@page_options
+@options.strict_option
+@options.date_option
+@options.picture_options("plots")
+@options.page_options
 @click.option(
     "--punch-edits", is_flag=True, help="Also write NAME.edited.crd, the deck without the blunders found."
 )
@@ -156,21 +139,21 @@ def run_command(
     from musatpy.runs import ExitStatus, check_outputs, output_paths, run_deck
 
     form, particulars = given.pop("form"), given.pop("particulars")
-    options = JobOptions(**given)
-    wanted = replace(options.shown, form=form, particulars=particulars)
+    job = JobOptions(**given)
+    wanted = replace(job.shown, form=form, particulars=particulars)
     check_shown(wanted)
     details = [name for name in given if name.startswith("punch_") and given[name] is not None]
-    if options.punch is None and details != ["punch_edits"]:
+    if job.punch is None and details != ["punch_edits"]:
         raise click.UsageError("say what to punch: --punch restart or --punch result")
-    more = options.punch_edits or options.csv or options.punch or wanted.anything
+    more = job.punch_edits or job.csv or job.punch or wanted.anything
     if STREAM in decks and out_dir is None and (len(decks) > 1 or more):
         raise click.UsageError("- with other decks, or with files besides the listing, needs -o")
-    with usage_errors(), usage_errors(SettingError, "--set"):
-        arguments = options.arguments()
+    with options.usage_errors(), options.usage_errors(SettingError, "--set"):
+        arguments = job.arguments()
         outputs = {name: arguments[name] for name in ("punch_edits", "punch_family", "flags")}
-        check_outputs(decks, out_dir, punch=options.punch is not None, **outputs)
+        check_outputs(decks, out_dir, punch=job.punch is not None, **outputs)
     run = partial(run_deck, out_dir=out_dir, date=date, strict=strict, **arguments)
-    repeated |= any((options.settings, options.formats, options.dry, options.submerged))
+    repeated |= any((job.settings, job.formats, job.dry, job.submerged))
     statuses = []
     for deck in decks:
         if deck == STREAM:
@@ -187,7 +170,7 @@ def check_shown(wanted: Shown) -> None:
 
     if wanted.crs and not wanted.gis:
         raise click.UsageError("--crs goes with --gis")
-    with usage_errors(ProblemsError, "--crs"):
+    with options.usage_errors(ProblemsError, "--crs"):
         check_packages(wanted)
 
 
@@ -326,14 +309,14 @@ def _show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
 
 
 @click.command(name="orient", short_help="Orient photos through unknown water, without starting values.")
-@decks_argument
-@out_option
-@formats_option
-@quiet_run_option
-@carriage_control_option
-@csv_option
-@strict_option
-@date_option
+@options.decks_argument
+@options.out_option
+@options.formats_option
+@options.quiet_run_option
+@options.carriage_control_option
+@options.csv_option
+@options.strict_option
+@options.date_option
 @click.option("--punch", is_flag=True, help="Also write NAME.pun, a deck from which a run can start.")
 @click.option(
     "--study",
@@ -341,7 +324,7 @@ def _show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
     help="Also study where random starts lead, and how depths and dry points change the precision: NAME.study.txt "
     "and pictures; needs the extra 'plots'.",
 )
-@picture_options("study")
+@options.picture_options("study")
 @click.pass_context
 def orient_command(
     ctx: click.Context,
@@ -363,7 +346,7 @@ def orient_command(
     from musatpy.orient_runs import orient_deck
     from musatpy.runs import ExitStatus, check_outputs
 
-    with usage_errors():
+    with options.usage_errors():
         check_outputs(decks, out_dir, punch=punch)
     family, statuses = card_family(formats), []
     for deck in decks:

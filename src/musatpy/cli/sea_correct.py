@@ -11,16 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from musatpy.cli import options
 from musatpy.cli.depth_options import POSITIVE, Finite, index_by, index_options, system_options
 from musatpy.cli.messages import complain, name_of, progress_through, tell
-from musatpy.cli.options import (
-    NamedPath,
-    columns_of,
-    columns_option,
-    options_of,
-    quiet_option,
-    refuse_overwriting,
-)
+from musatpy.cli.options import NamedPath, options_of
 from musatpy.cli.sea import pair_by, precision_by, precision_options
 
 if TYPE_CHECKING:
@@ -89,16 +83,16 @@ def correct_through(
     """Correct the points of a file through a surface, intersected in air from a pair of stations."""
     from musatpy.correction.sea_methods import ThroughSurface
     from musatpy.depth.cameras import system_of_points
-    from musatpy.errors import Problem, SeaError
+    from musatpy.errors import SeaError
     from musatpy.sea.stereo.surface_file import load_map, load_surface
 
-    refuse_overwriting([given["out"]], [points, stations, surface])
+    options.refuse_overwriting([given["out"]], [points, stations, surface])
     index, fitted, surface_map = index_by(given, pair), load_surface(surface), load_map(surface)
     system = system_of_points(points, pair, given["crs"], given["geoid"])
     if (surface_map is None) != (system.ellipsoid is None):
         where = ("in local coordinates", "on the ellipsoid")
         message = f"stands {where[surface_map is not None]}, the points {where[system.ellipsoid is not None]}"
-        raise SeaError([Problem(file=str(surface), message=message)])
+        raise SeaError.of(message, file=surface)
     correction = ThroughSurface(
         system=system,
         fitted=fitted,
@@ -122,7 +116,7 @@ def write_corrected(points: Path, method: Method, given: dict[str, Any]) -> Tall
             given["out"],
             method,
             crs=given["crs"],
-            columns=columns_of(points, given["columns"]),
+            columns=options.columns_of(points, given["columns"]),
             only=given.get("only", ()),
             layer=given.get("layer", ""),
             band=given.get("band", ""),
@@ -146,11 +140,11 @@ def reject(ctx: click.Context, points: Path, why: str = "no point is corrected")
 @click.argument("points", type=NamedPath())
 @click.argument("control", type=NamedPath())
 @click.option("-o", "--out", required=True, type=NamedPath(), help="File of corrected points to write.")
-@columns_option
+@options.columns_option
 @system_options
 @control_options
 @click.option("--sigma", "control_sigma", **CONTROL_SIGMA)
-@quiet_option
+@options.quiet_option
 @click.pass_context
 def interpolate_command(ctx: click.Context, /, points: Path, control: Path, **given: Any) -> None:
     """Correct the heights of POINTS. An old name of `musat correct --by-control`.
@@ -178,14 +172,14 @@ def correct_by_control(
     table, system = _control_table(points, control, given)
     mapped = _mapped(points, table, given["columns"], system) if table.needs_mapped else {}
     observed, plan = on_plan(control_of(table, mapped, str(points), given["control_sigma"]), system)
-    options = InterpolationOptions(
+    wanted = InterpolationOptions(
         trend=Trend.PLANE if given["trend"] == "plane" else Trend.CONSTANT,
         families=tuple(kind for kind in SignalKind if not given["families"] or kind in given["families"]),
         free_noise=not given["no_noise"],
         reject=not given["keep_outliers"],
         reach=given["reach"],
     )
-    result = interpolate(observed, options)
+    result = interpolate(observed, wanted)
     files = {report: collocation_text(result, table.ids, (points.name, control.name)).encode()}
     if given["plots"]:
         from musatpy.sea.pictures import interpolation_picture
@@ -212,7 +206,7 @@ def _check_outputs(results: Sequence[Path], inputs: Sequence[Path]) -> None:
         raise click.UsageError(
             f"{name_of(results[0])}: the report and the picture stand beside it as .txt and .png"
         )
-    refuse_overwriting(results, inputs)
+    options.refuse_overwriting(results, inputs)
 
 
 def _control_table(points: Path, control: Path, given: dict[str, Any]) -> tuple[ControlTable, Any]:
