@@ -18,7 +18,7 @@ from musatpy.compilation.joined_surfaces import JoinedSurface, surfaces_of
 from musatpy.compilation.other_bottoms import Contoured, Matching, Sounded, contoured, nowhere, sounded
 from musatpy.compilation.rasters import RasterBottom, read_raster_bottom
 from musatpy.compilation.verdicts import far_datum
-from musatpy.errors import CompilationError, Problem, SoundingError
+from musatpy.errors import CompilationError, SoundingError
 from musatpy.figures import FORM, ImageForm, file_of
 from musatpy.files import write_files
 from musatpy.geometry.geodesy import Ellipsoid
@@ -70,9 +70,7 @@ def compare_soundings(
     meets the bottom, and `OSError`; then nothing is written.
     """
     if np.isfinite(how.radius) and bottom.suffix.lower() in _RASTERS:
-        raise CompilationError(
-            [Problem(file=str(bottom), message="--radius goes with points, and this is a raster")]
-        )
+        raise CompilationError.of("--radius goes with points, and this is a raster", file=bottom)
     of = _bottom(run, bottom, anyway)
     read = read_soundings(source, of.ellipsoid, crs=crs, dated=how.not_before is not None)
     compared = sounded(of.surfaces, read, how)
@@ -114,7 +112,7 @@ def compare_contours(
     compared = contoured(of.surfaces, other, datum, of.levels, farthest)
     if not compared.distances:
         why = next((row.reason for row in compared.areas), "there is no bottom")
-        raise SoundingError([Problem(file=str(source), message=f"no contour has a partner: {why}")])
+        raise SoundingError.of(f"no contour has a partner: {why}", file=source)
     text = compilation_comparisons.contour_listing(compared, of.title, of.caution)
     values = dumps(compilation_comparisons.CONTOURS.record(compared))
     write_files(dict(zip(outputs, (text.encode(), values.encode()), strict=True)))

@@ -84,9 +84,7 @@ def compile_deck(
     try:
         result, problems = compiled_deck(run, deck, anyway)
         if not len(result.rows):
-            raise CompilationError(
-                [Problem(message="the deck has no readings (no STG or MPT card)", file=str(deck))]
-            )
+            raise CompilationError.of("the deck has no readings (no STG or MPT card)", file=deck)
         with _at(deck):
             done = _reported(result, bottoms_of(result))
     except ProblemsError as error:
@@ -204,7 +202,7 @@ def compare_points(
     done = _beside_run(result)
     count = sum(len(part.rows) for part in done.against)
     if not count:
-        raise CompilationError([Problem(file=str(deck), message="no point of it has a position in the run too")])
+        raise CompilationError.of("no point of it has a position in the run too", file=deck)
     values = dumps(compilation_comparisons.AGAINST_RUN.record(done))
     write_files({listing: compilation_comparisons.point_listing(done).encode(), record: values.encode()})
     return count, compilation_comparisons.vectors(done), problems
@@ -232,7 +230,7 @@ def run_of(path: Path, anyway: bool = False) -> AdjustedRun:
     with _at(path):
         run = of_block(block)
         if not anyway and (fault := unadjusted(run)):
-            raise CompilationError([Problem(message=fault)])
+            raise CompilationError.of(fault)
     return run
 
 

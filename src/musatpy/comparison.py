@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.errors import MusatError, Problem, RecordError
+from musatpy.errors import MusatError, RecordError
 from musatpy.geometry.collinearity import wrapped
 from musatpy.model.solution import WAVE_VALUES
 from musatpy.model.tables import falling
@@ -308,4 +308,4 @@ def tables_of_truth(truth: dict[str, Any], path: Path) -> Tables:
             },
         }
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise RecordError([Problem(file=str(path), message=f"is no truth of a simulation: {error}")]) from error
+        raise RecordError.of(f"is no truth of a simulation: {error}", file=path) from error

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal, Self
 
 _RULER = "".join(f"----+----{tens}" for tens in range(1, 9))
 _SHOWN = 120  # columns of a card: a file without line ends is not printed whole
@@ -87,6 +87,11 @@ class ProblemsError(MusatError):
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems: tuple[Problem, ...] = tuple(problems)
         super().__init__("\n".join(problem.headline() for problem in self.problems))
+
+    @classmethod
+    def of(cls, message: object, file: object = None, **place: Any) -> Self:
+        """Return the error of one problem: its message, its file, and where it is there as `Problem` has it."""
+        return cls([Problem(message=str(message), file=None if file is None else str(file), **place)])
 
 
 class DeckError(ProblemsError):

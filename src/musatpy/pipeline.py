@@ -157,7 +157,7 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
     waves = sea_of(block, sea)
     if waves is not None and waves.unknown.any():
         message = "the search for blunders cannot be combined with unknown waves: search with known waves"
-        raise AdjustmentError([Problem(message=message)])
+        raise AdjustmentError.of(message)
     try:
         with numerics("the search for blunders"), np.errstate(all="ignore"):  # wild points are met, and given up
             result = search(block, progress, sea)

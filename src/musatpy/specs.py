@@ -267,7 +267,7 @@ def spec_table(path: Path) -> dict[str, Any]:
         return read_toml(path)
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
-        raise SpecError([Problem(file=str(path), message=f"cannot be read: {why}")]) from error
+        raise SpecError.of(f"cannot be read: {why}", file=path) from error
 
 
 def echoed(spec: Any) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.campaign.batch_jobs import BatchJob, JobOptions, path_of
-from musatpy.errors import MusatError, Problem, ProblemsError
+from musatpy.errors import MusatError, ProblemsError
 from musatpy.files import real_path
 from musatpy.formats.musat import PATTERNS
 from musatpy.specs import Reader, key, keys, read_toml, require
@@ -176,7 +176,7 @@ def _of_manifest(path: Path) -> BatchPlan:
     try:
         content = read_toml(path)
     except ValueError as error:
-        raise ManifestError([Problem(file=str(path), message=str(error))]) from error
+        raise ManifestError.of(error, file=path) from error
     reader = Reader(str(path), path.read_text(encoding="utf-8-sig"))
     tables = content.pop("job", None)
     common = content if reader.table(_JobKeys, content, "") else {}

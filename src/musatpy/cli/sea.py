@@ -175,14 +175,14 @@ def fit_command(
 
 
 def _fit(path: Path, points: SurfacePoints, model: str, given: dict[str, Any]) -> SurfaceFit:
-    from musatpy.errors import Problem, SeaError
+    from musatpy.errors import SeaError
     from musatpy.sea.stereo.estimate import fit_fourier, fit_grid
 
     wanted = {name: given[name] for name in _OF[model] if given[name] is not None}
     try:
         return (fit_fourier if model == "fourier" else fit_grid)(points, **wanted)
     except ValueError as error:
-        raise SeaError([Problem(file=str(path), message=str(error))]) from error
+        raise SeaError.of(error, file=path) from error
 
 
 def _summary(result: SurfaceFit) -> str:

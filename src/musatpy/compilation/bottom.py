@@ -11,7 +11,7 @@ import numpy as np
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.compiled import Compiled, DepthDatum
 from musatpy.compilation.joined_surfaces import EdgeMatch, JoinedSurface, Of, surfaces_of
-from musatpy.errors import CollocationError, CompilationError, Problem
+from musatpy.errors import CollocationError, CompilationError
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import ContourSpec, GridSpecs
 from musatpy.sea.interpolation.correlation import SignalKind
@@ -205,7 +205,7 @@ def _grid(
     columns, rows = (np.floor(places.max(axis=0) / spacing + 1e-9) - first + 1.0).clip(0.0)
     if rows * columns > _MOST or not rows * columns:
         message = f"grid {name} has {rows * columns:.3g} posts: give another spacing (1 to {_MOST:,} posts)"
-        raise CompilationError([Problem(message=message, line=line, card="GRD", field="spacing")])
+        raise CompilationError.of(message, line=line, card="GRD", field="spacing")
     x, y = np.meshgrid(first[0] + np.arange(columns), first[1] + np.arange(rows))
     posts = spacing * np.column_stack([x.ravel(), y.ravel()])
     depth, sigma = np.full(len(posts), np.nan), np.full(len(posts), np.nan)
@@ -245,13 +245,12 @@ def _predicted(name: str, tin: Tin, posts: FloatArray) -> tuple[FloatArray, Floa
     """
     if len(tin.z) > _MOST_COLLOCATED:
         message = f"grid {name}: {len(tin.z)} points are too many for a collocation ({_MOST_COLLOCATED} at most)"
-        raise CompilationError([Problem(message=message)])
+        raise CompilationError.of(message)
     observed = Observed(place=tin.xy, value=tin.z, sigma=tin.sigma)
     options = InterpolationOptions(trend=Trend.PLANE, families=_FAMILIES, free_noise=False, reject=False)
     try:
         found = interpolate(observed, options)
     except CollocationError as error:
-        message = f"grid {name}: {error.problems[0].message}"
-        raise CompilationError([Problem(message=message)]) from error
+        raise CompilationError.of(f"grid {name}: {error.problems[0].message}") from error
     prediction = found.collocation.predict(posts)
     return prediction.value, found.factor * prediction.sigma, found.grouped

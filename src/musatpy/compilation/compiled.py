@@ -67,7 +67,7 @@ def datum_of(spec: SoundingDatum | None, run: AdjustedRun) -> DepthDatum:
     if not spec.geoid:
         return plain
     if run.map_system is None:
-        raise CompilationError([Problem(message="VDT: the run is a local job: no grid of heights applies to it")])
+        raise CompilationError.of("VDT: the run is a local job: no grid of heights applies to it")
     from musatpy.geometry.projected import Geoid  # PROJ, for few decks
 
     try:
@@ -215,8 +215,7 @@ def _compiled_model(run: AdjustedRun, deck: Compilation, row: int, stereo: Stere
     )
     mode = Mode(str(models.mode[row]) or Mode.IMAGE)
     if mode is Mode.PRINTED and run.sea is not None:
-        message = "the run has waves, and PRINTED is of still water: IMAGE goes through them"
-        raise CompilationError([Problem(message=message)])
+        raise CompilationError.of("the run has waves, and PRINTED is of still water: IMAGE goes through them")
     points = _points(stereo, readings)
     unread = stages.without_parallax[rows]
     points = replace(points, y_parallax=np.where(unread, np.nan, points.y_parallax))

@@ -11,7 +11,7 @@ from musatpy.arrays import FloatArray
 from musatpy.compilation.bottom import Bottom, PostGrid
 from musatpy.compilation.compiled import Compiled, DepthDatum
 from musatpy.compilation.joined_surfaces import Of
-from musatpy.errors import CompilationError, Problem
+from musatpy.errors import CompilationError
 from musatpy.geometry.crs import MapPlan, system_of
 from musatpy.geometry.projected import crs_of
 from musatpy.geometry.systems import Geocentric
@@ -30,7 +30,7 @@ def _placement(compiled: Compiled, crs: str) -> tuple[Callable[[FloatArray], Flo
     known = np.isfinite(position).all(axis=1)
     if system is None or not known.any():
         if crs:
-            raise CompilationError([Problem(message="--crs: the run is a local job, in no registered system")])
+            raise CompilationError.of("--crs: the run is a local job, in no registered system")
         return np.asarray, {"crs": None, "heights": "heights of the job"}
     import pyproj
 
@@ -41,7 +41,7 @@ def _placement(compiled: Compiled, crs: str) -> tuple[Callable[[FloatArray], Flo
     assert system.ellipsoid is not None  # of a job that is on one
     target = system_of(crs, system.ellipsoid)
     if isinstance(target, Geocentric):
-        raise CompilationError([Problem(message=f"--crs: {crs} is geocentric, and maps are not")])
+        raise CompilationError.of(f"--crs: {crs} is geocentric, and maps are not")
 
     def places(positions: FloatArray) -> FloatArray:
         return target.coordinates(frame.level(frame.working(positions)))

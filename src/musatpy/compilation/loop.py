@@ -24,7 +24,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.compilation.stereomodels import Stereomodel, off_plate
 from musatpy.compilation.true_points import images_of
-from musatpy.errors import CompilationError, Problem
+from musatpy.errors import CompilationError
 from musatpy.model import CoordinateSystem
 from musatpy.pointfiles.columns import FileColumn, Wanted
 from musatpy.pointfiles.point_tables import read_table
@@ -51,7 +51,7 @@ def stages(stereo: Stereomodel, mark: FloatArray, drive: Drive = Drive.TRUE) -> 
     if drive is Drive.AIR:
         return stereo.images(np.repeat(mark[:, None], 2, axis=1))
     if run.block.water is None or not np.isfinite(stereo.tides).all():
-        raise CompilationError([Problem(message="true marks need water with a tide at both photos: drive AIR")])
+        raise CompilationError.of("true marks need water with a tide at both photos: drive AIR")
     with np.errstate(divide="ignore", invalid="ignore"):  # as high as a camera: infinite
         return images_of(run, stereo.photos, stereo.working(mark), np.ones(len(mark), dtype=bool))
 
@@ -104,7 +104,7 @@ def read_path(source: Path, stereo: Stereomodel, *, of_job: bool = False) -> Flo
         table.refuse("time does not go on", int(row), "t")
     table.require(CompilationError)
     if len(path) < 2:
-        raise CompilationError([Problem(file=str(source), message=f"{len(path)} rows: a path has two at least")])
+        raise CompilationError.of(f"{len(path)} rows: a path has two at least", file=source)
     if of_job:
         place = path[:, 1:] * (np.array([DEGREE, DEGREE, 1.0]) if angular else np.ones(3))
         path = np.column_stack([path[:, 0], stereo.model(stereo.run.frame.working(place))])
@@ -119,7 +119,7 @@ def driven(stereo: Stereomodel, path: FloatArray, rate: float, drive: Drive = Dr
     cycles = (path[-1, 0] - path[0, 0]) * rate
     if cycles > _MOST_CYCLES:
         message = f"{cycles:.3g} cycles from t = {path[0, 0]:g} to {path[-1, 0]:g} s: t counts seconds"
-        raise CompilationError([Problem(message=message)])
+        raise CompilationError.of(message)
     t = path[0, 0] + np.arange(math.floor(cycles) + 1) / rate
     marks = np.stack([np.interp(t, path[:, 0], path[:, axis]) for axis in (1, 2, 3)], axis=1)
     xy, seconds = np.empty((len(t), 2, 2)), np.empty(len(t))

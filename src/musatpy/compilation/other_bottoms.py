@@ -12,7 +12,7 @@ import numpy as np
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.joined_surfaces import JoinedSurface
 from musatpy.compilation.rasters import RasterBottom
-from musatpy.errors import Problem, SoundingError, SystemsError
+from musatpy.errors import SoundingError, SystemsError
 from musatpy.soundings.contours import ContourLines, Offsets, area_between, largest_of_most, offsets
 from musatpy.soundings.differences import DepthDifferences
 from musatpy.soundings.sounding_files import Soundings
@@ -108,7 +108,7 @@ def contoured(
             continue
         if surface.angular != other.angular:
             needed = "lat and lon" if surface.angular else "x and y"
-            raise SoundingError([Problem(message=f"the job has {needed}: give the contours in these")])
+            raise SoundingError.of(f"the job has {needed}: give the contours in these")
         places = [surface.places(line) for line in other.places]
         for level in wanted:
             partners = [places[row] for row in np.flatnonzero(depth == level).tolist()]
@@ -266,7 +266,7 @@ def _surest_bottom(
         if surface.angular != soundings.angular:
             needed = "lat and lon" if surface.angular else "x and y"
             named = ", or name the system of x and y (--crs EPSG:32620)" if surface.angular else ""
-            raise SoundingError([Problem(message=f"the job has {needed}: give the soundings in these{named}")])
+            raise SoundingError.of(f"the job has {needed}: give the soundings in these{named}")
         part = _bottom_at(surface, surface.places(soundings.place), radius)
         reason = np.where(_RANK[part.reason] > _RANK[reason], part.reason, reason)
         surer = (part.reason == INSIDE) & ~(part.sigma >= sigma)  # one without a sigma is better than none
@@ -306,7 +306,7 @@ def nowhere(
         with suppress(SystemsError):  # where a system does not reach
             met = len(sounded(surfaces, replace(soundings, place=places), Matching()).rows)
         hint += f". {met} of them would with {how}{_WEST if how.endswith('sign of lon') else ''}" if met else ""
-    return SoundingError([Problem(message=f"no sounding meets the bottom: {why}{hint}")])
+    return SoundingError.of(f"no sounding meets the bottom: {why}{hint}")
 
 
 def _reasons(reason: IntArray, slope: FloatArray, soundings: Soundings, how: Matching) -> dict[int, str]:

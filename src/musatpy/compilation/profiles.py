@@ -11,7 +11,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.compiled import Compiled, CompiledModel, DepthDatum
-from musatpy.errors import CompilationError, Problem
+from musatpy.errors import CompilationError
 from musatpy.geometry.crs import MapPlan
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import IN_PROFILE
@@ -169,7 +169,7 @@ def _check_step(compiled: Compiled, row: int, lines: Sequence[FloatArray]) -> No
             f"profile {specs.ids[row]} has {posts:.3g} posts: give another step ({_MOST_POSTS:,} posts at most)"
         )
         line = None if where is None else int(where.profiles[row])
-        raise CompilationError([Problem(message=message, line=line, card="PRF", field="step")])
+        raise CompilationError.of(message, line=line, card="PRF", field="step")
 
 
 def _ends(compiled: Compiled, row: int, model: CompiledModel, points: IntArray) -> list[FloatArray | None]:

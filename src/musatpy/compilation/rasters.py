@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.errors import CompilationError, Problem, SystemsError
+from musatpy.errors import CompilationError, SystemsError
 from musatpy.geometry.crs import system_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import crs_of
@@ -131,7 +131,7 @@ def _metres(posts: Posts, system: System, job: Ellipsoid) -> FloatArray:
 
 
 def _refused(source: Path, message: str) -> CompilationError:
-    return CompilationError([Problem(file=str(source), message=message)])
+    return CompilationError.of(message, file=source)
 
 
 @dataclass(frozen=True, kw_only=True)

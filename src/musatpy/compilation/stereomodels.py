@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation.triangulation import AdjustedRun, of_block
 from musatpy.compilation.true_points import Readings, true_points
-from musatpy.errors import CompilationError, Problem
+from musatpy.errors import CompilationError
 from musatpy.geometry import collinearity
 from musatpy.geometry.collinearity import attitude_matrix, in_front
 from musatpy.model.compilation import RECOVERABLE
@@ -128,7 +128,7 @@ def set_up(run: AdjustedRun, left: str, right: str) -> Stereomodel:
     height = float((stations.mean(axis=0) - origin) @ up)
     if np.linalg.norm(along) < _LEAST_BASE * abs(height):
         message = f"photos {left} and {right} have no base across the vertical: {np.linalg.norm(along):.2f} m"
-        raise CompilationError([Problem(message=message)])
+        raise CompilationError.of(message)
     met, plates = np.sort(run.pairs.photo, axis=1), run.block.plates
     if len(met):
         share = bool((met == sorted(rows)).all(axis=1).any())
@@ -140,10 +140,10 @@ def set_up(run: AdjustedRun, left: str, right: str) -> Stereomodel:
         reach = float(np.sum(half / run.block.cameras.focal_length[cameras])) * abs(height)
         if np.linalg.norm(along) > reach:
             message = f"photos {left} and {right} do not overlap: {np.linalg.norm(along):.0f} m of base"
-            raise CompilationError([Problem(message=f"{message}, and they show {reach:.0f} m")])
+            raise CompilationError.of(f"{message}, and they show {reach:.0f} m")
         share = True
     if not share:
-        raise CompilationError([Problem(message=f"photos {left} and {right} share no point of the run")])
+        raise CompilationError.of(f"photos {left} and {right} share no point of the run")
     x = along / np.linalg.norm(along)
     return Stereomodel(run=run, left=rows[0], right=rows[1], origin=origin, axes=np.stack([x, np.cross(up, x), up]))
 

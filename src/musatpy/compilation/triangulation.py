@@ -117,7 +117,7 @@ class AdjustedRun:
         """Return the row of a photo. Raises `CompilationError` where the run has none of this name."""
         rows = np.flatnonzero(self.block.photos.ids == name)
         if not len(rows):
-            raise CompilationError([Problem(message=f"the run has no photo {name}")])
+            raise CompilationError.of(f"the run has no photo {name}")
         return int(rows[0])
 
 
@@ -134,7 +134,7 @@ def waves_of_run(block: Block, adjusted: FloatArray | None, given: Sea | None = 
         return sea
     if sea is None:
         message = "its waves were given beside its deck, and must be so again (`of_solution` takes them)"
-        raise CompilationError([Problem(message=message)])
+        raise CompilationError.of(message)
     return replace(sea, surface=sea.trains.with_values(adjusted).surface)
 
 

@@ -151,7 +151,7 @@ def read_cameras(
     if camera is not None:
         formats = np.tile(camera, (len(names), 1))
     if formats is not None and rotation is None:
-        raise DepthError([Problem(file=str(path), message="a format needs attitudes: no omega, phi, kappa")])
+        raise DepthError.of("a format needs attitudes: no omega, phi, kappa", file=path)
     if not water and level is None:
         level = -math.inf
     try:
@@ -161,12 +161,11 @@ def read_cameras(
             axis=None if rotation is None else -rotation[:, 2],
         )
     except ValueError as error:
-        raise DepthError([Problem(file=str(path), message=str(error))]) from error
+        raise DepthError.of(error, file=path) from error
     sigma = None
     if table.has("sigma_x"):
         if formats is None:
-            message = "sigmas of stations need attitudes, focal length and format"
-            raise DepthError([Problem(file=str(path), message=message)])
+            raise DepthError.of("sigmas of stations need attitudes, focal length and format", file=path)
         sigma = np.nan_to_num(table.numbers(*_SIGMAS, "sigma_tide"))  # a tide without one is known
         sigma[:, 3:6] *= DEGREE
     return CameraStations(
@@ -274,15 +273,14 @@ def system_of_points(
             message = (
                 f"--{'crs' if crs else 'geoid'}: neither the stations nor the points have a place on the ellipsoid"
             )
-            raise DepthError([Problem(message=message)])
+            raise DepthError.of(message)
         return cameras.system
     if not crs and points.suffix.lower() in SUFFIXES:
         crs = crs_definition(points)
     if crs:
         return system_of(crs, ellipsoid, geoid or "")
     if geoid:
-        message = "--geoid goes with --crs: the system of the run has its own heights"
-        raise DepthError([Problem(message=message)])
+        raise DepthError.of("--geoid goes with --crs: the system of the run has its own heights")
     return cameras.system
 
 
@@ -293,6 +291,6 @@ def system_alone(crs: str | None, geoid: str | None = None) -> System | None:
     """
     if not crs:
         if geoid:
-            raise DepthError([Problem(message="--geoid goes with --crs")])
+            raise DepthError.of("--geoid goes with --crs")
         return None
     return system_of(crs, own_ellipsoid(crs), geoid or "")

@@ -163,11 +163,11 @@ def attempted(correction: Correction, source: str, apparent: FloatArray) -> tupl
 
 def require_sight(correction: Correction, count: int, source: Path, some: FloatArray) -> None:
     """Raise `DepthError` of so many points that no camera sees, with what would let it see `some`."""
-    message = (
+    raise DepthError.of(
         f"no camera sees any of its {count} points: are they in the system of the job? They were taken as "
-        f"{correction.points_in.text}. {_directions(correction, some)}"
+        f"{correction.points_in.text}. {_directions(correction, some)}",
+        file=source,
     )
-    raise DepthError([Problem(file=str(source), message=message)])
 
 
 def _directions(correction: Correction, points: FloatArray) -> str:
@@ -249,9 +249,7 @@ def in_order(function: Callable[[Task], Done], tasks: Iterable[Task], jobs: int)
             while waiting:
                 yield waiting.popleft().result()
         except BrokenExecutor as error:
-            raise DepthError(
-                [Problem(message="a process at work was killed, perhaps because memory ran out")]
-            ) from error
+            raise DepthError.of("a process at work was killed, perhaps because memory ran out") from error
         finally:
             for future in waiting:
                 future.cancel()

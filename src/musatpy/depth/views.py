@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.depth.cameras import CameraStations
 from musatpy.depth.correction import Correction
-from musatpy.errors import DepthError, Problem
+from musatpy.errors import DepthError
 from musatpy.figures import FORM, INK, ImageForm, add_bar, file_of, new_panels, styled
 from musatpy.files import write_files
 from musatpy.geometry.crs import local_map
@@ -228,7 +228,7 @@ def contour_picture(
     """
     kind = path.suffix.lower().removeprefix(".")
     if kind not in _FILES:
-        raise DepthError([Problem(message=f"a picture is .png, .svg or .pdf, not '{path.suffix}'")])
+        raise DepthError.of(f"a picture is .png, .svg or .pdf, not '{path.suffix}'")
     sides = np.array([np.ptp(x), np.ptp(y)])
     low, high = np.array([x.min(), y.min()]) - _BORDER * sides, np.array([x.max(), y.max()]) + _BORDER * sides
     size = np.maximum(_LONG * sides / sides.max(), _LEAST)

@@ -90,10 +90,10 @@ def _of_geojson(text: str, file: str) -> tuple[tuple[FloatArray, ...], ...]:
         ]
     except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         why = f": {error}" if isinstance(error, json.JSONDecodeError) else ""
-        raise DeckError([Problem(file=file, message=f"not the GeoJSON of a polygon{why}")]) from error
+        raise DeckError.of(f"not the GeoJSON of a polygon{why}", file=file) from error
     good = [len(one) > 2 and one.shape[1:] == (2,) and np.isfinite(one).all() for of in outlines for one in of]
     if not good or not all(good) or not all(outlines):
-        raise DeckError([Problem(file=file, message="an area needs polygons, of three corners at least each")])
+        raise DeckError.of("an area needs polygons, of three corners at least each", file=file)
     return tuple(outlines)
 
 

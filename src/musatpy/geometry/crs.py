@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import FloatArray
-from musatpy.errors import Problem, SystemsError
+from musatpy.errors import SystemsError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import Geoid, Projected, crs_name, crs_of, require_ellipsoid
 from musatpy.geometry.systems import Geocentric, Geographic, System, geographic
@@ -61,7 +61,7 @@ class LongitudeLatitude(Geographic):
         wrong = (np.abs(out[..., 0]) > np.pi / 2.0) | (np.abs(out[..., 1]) > 2.0 * np.pi)
         if wrong.any():
             x, y = coordinates[wrong][0, :2].tolist()
-            raise SystemsError([Problem(message=f"{self.text}: x {x:.10g}, y {y:.10g} are none")])
+            raise SystemsError.of(f"{self.text}: x {x:.10g}, y {y:.10g} are none")
         out[..., 2] = coordinates[..., 2] + self.undulation(out)
         return out
 
@@ -85,13 +85,13 @@ def system_of(definition: str, ellipsoid: Ellipsoid, geoid: str = "") -> System:
     name = crs_name(definition, crs)
     if not (crs.is_geographic or crs.is_geocentric):
         message = f"{name} is a {crs.type_name}: a projected, geographic or geocentric system is needed"
-        raise SystemsError([Problem(field="definition", message=message)])
+        raise SystemsError.of(message, field="definition")
     require_ellipsoid(definition, crs, ellipsoid)
     _require_metres(name, crs.axis_info[0 if crs.is_geocentric else 2 :])
     if crs.is_geographic:
         return LongitudeLatitude(ellipsoid, Geoid(geoid) if geoid else None, crs, name)
     if geoid:
-        raise SystemsError([Problem(field="geoid", message=f"{name} has no heights: a geoid model has no use")])
+        raise SystemsError.of(f"{name} has no heights: a geoid model has no use", field="geoid")
     return Geocentric(ellipsoid)
 
 
@@ -100,7 +100,7 @@ def own_ellipsoid(definition: str) -> Ellipsoid:
     crs = crs_of(definition)
     if crs.ellipsoid is None:
         message = f"{crs_name(definition, crs)} is a {crs.type_name}: it stands nowhere on the ellipsoid"
-        raise SystemsError([Problem(field="definition", message=message)])
+        raise SystemsError.of(message, field="definition")
     return Ellipsoid("", crs.ellipsoid.semi_major_metre, crs.ellipsoid.inverse_flattening)
 
 
@@ -120,7 +120,7 @@ def _horizontal(definition: str, crs: Any, geoid: str) -> tuple[Any, str]:
     name = crs_name(definition, crs)
     if not geoid:
         message = f"{name} has {heights.name}: the grid file of its geoid model is needed (--geoid)"
-        raise SystemsError([Problem(field="geoid", message=message)])
+        raise SystemsError.of(message, field="geoid")
     _require_metres(name, heights.axis_info)
     authority = plane.to_authority()
     return plane, ":".join(authority) if authority else plane.to_wkt()
@@ -130,7 +130,7 @@ def _require_metres(name: str, axes: Any) -> None:
     for axis in axes:
         if axis.unit_conversion_factor != 1.0:
             message = f"{name} has {axis.name.lower()} in {axis.unit_name}: metres are needed"
-            raise SystemsError([Problem(field="definition", message=message)])
+            raise SystemsError.of(message, field="definition")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

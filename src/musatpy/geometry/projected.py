@@ -26,7 +26,7 @@ from pyproj.network import is_network_enabled, set_network_enabled  # type: igno
 from pyproj.transformer import TransformerGroup
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.errors import Problem, SystemsError
+from musatpy.errors import SystemsError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import MapFactors, System, moved
 
@@ -57,9 +57,7 @@ class Geoid:
             with no_network():
                 self._shift = pyproj.Transformer.from_pipeline(f'+proj=vgridshift +grids="{path}" +multiplier=1')
         except ProjError as error:
-            raise SystemsError(
-                [Problem(field="geoid", message=f"geoid model {grid}: PROJ cannot read {path}")]
-            ) from error
+            raise SystemsError.of(f"geoid model {grid}: PROJ cannot read {path}", field="geoid") from error
         self._path = str(path)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -156,7 +154,7 @@ class Projected(System):
         rates = self._rates(level)
         if (rates[..., 0, 0] * rates[..., 1, 1] < rates[..., 0, 1] * rates[..., 1, 0]).any():
             message = f"{self.text}: its axes are left-handed, so attitudes cannot refer to them"
-            raise SystemsError([Problem(field="axes", message=message)])
+            raise SystemsError.of(message, field="axes")
         angle = _convergence(rates)
         out = np.zeros((*level.shape, 3))
         out[..., 0, 0] = out[..., 1, 1] = np.cos(angle)
@@ -226,7 +224,7 @@ def refuse_lost(lost: BoolArray, places: FloatArray, what: str) -> None:
     angular = abs(x) <= _TURN and abs(y) <= _TURN
     first = f"{np.degrees(x):.6f}, {np.degrees(y):.6f} degrees" if angular else f"{x:.3f}, {y:.3f}"
     where = first if lost.size == 1 else f"{np.count_nonzero(lost)} of the places, the first at {first}"
-    raise SystemsError([Problem(message=f"{what} does not reach {where}")])
+    raise SystemsError.of(f"{what} does not reach {where}")
 
 
 def _convergence(rates: FloatArray) -> FloatArray:
@@ -264,7 +262,7 @@ def crs_name(definition: str, crs: Any) -> str:
 
 
 def _refused(definition: str, why: str) -> SystemsError:
-    return SystemsError([Problem(field="definition", message=f"{_short(definition)} {why}")])
+    return SystemsError.of(f"{_short(definition)} {why}", field="definition")
 
 
 def _projected_crs(definition: str) -> Any:
@@ -305,11 +303,11 @@ def require_ellipsoid(definition: str, crs: Any, ellipsoid: Ellipsoid) -> None:
     if ellipsoid.has_axes(registered.semi_major_metre, registered.semi_minor_metre):
         return
     name = registered_name if "[" in definition else _short(definition)  # WKT has its name
-    message = (
+    raise SystemsError.of(
         f"{name} is on the ellipsoid {registered.name} ({registered.semi_major_metre:.3f}, "
-        f"{registered.semi_minor_metre:.4f} m), the job on another ({a:.3f}, {b:.4f} m): no datum is shifted"
+        f"{registered.semi_minor_metre:.4f} m), the job on another ({a:.3f}, {b:.4f} m): no datum is shifted",
+        field="definition",
     )
-    raise SystemsError([Problem(field="definition", message=message)])
 
 
 def _short(definition: str) -> str:
@@ -326,7 +324,7 @@ def _conversion(definition: str, base: Any, crs: Any) -> pyproj.Transformer:
         message = (
             f"PROJ has no single way to project to {_short(definition)}{f': it needs {missing}' if missing else ''}"
         )
-        raise SystemsError([Problem(message=message)])
+        raise SystemsError.of(message)
     return group.transformers[0]
 
 
@@ -341,7 +339,7 @@ def grid_file(grid: str) -> Path:
         if grid and (Path(folder) / grid).is_file():
             return Path(folder) / grid
     message = f"geoid model {grid}: there is no such file, nor is it in {', '.join(folders)}"
-    raise SystemsError([Problem(field="geoid", message=message)])
+    raise SystemsError.of(message, field="geoid")
 
 
 @contextmanager

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.errors import Problem, SystemsError
+from musatpy.errors import SystemsError
 from musatpy.geometry.geodesy import Ellipsoid
 
 
@@ -130,7 +130,7 @@ class Geographic(System):
         return out
 
     def axes(self, level: ArrayLike) -> FloatArray:
-        raise SystemsError([Problem(message="attitudes have no axes of a geographic system to refer to")])
+        raise SystemsError.of("attitudes have no axes of a geographic system to refer to")
 
 
 class Geocentric(System):
@@ -169,7 +169,7 @@ class TangentPlane(System):
         given = self.origin.shape == self.false.shape == (3,) and np.isfinite([self.origin, self.false]).all()
         if not given or abs(self.origin[0]) > np.pi / 2.0:
             message = "a tangent plane needs latitude (within 90 degrees), longitude and height of its origin"
-            raise SystemsError([Problem(message=message)])
+            raise SystemsError.of(message)
         latitude, longitude = np.degrees(self.origin[:2])
         place = f"latitude {latitude:.8f}, longitude {longitude:.8f} degrees, height {self.origin[2]:.3f} m"
         false_place = ", ".join(f"{name} {value:.3f}" for name, value in zip(self.names, self.false, strict=True))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.errors import Problem, SystemsError
+from musatpy.errors import SystemsError
 from musatpy.geometry.crs import LongitudeLatitude, system_of
 from musatpy.geometry.projected import Geoid, Projected, crs_of
 from musatpy.geometry.systems import Geocentric, LocalRectangular, System
@@ -59,12 +59,12 @@ def target_system(tables: Tables, crs: str = "") -> TargetSystem:
     own = job_system(tables)
     if own.ellipsoid is None:
         if crs:
-            raise SystemsError([Problem(message="--crs: the run is a local job, which is in no registered system")])
+            raise SystemsError.of("--crs: the run is a local job, which is in no registered system")
         return TargetSystem(system=LocalRectangular(), crs=None, heights="heights of the job")
     if crs:
         target = system_of(crs, own.ellipsoid)
         if isinstance(target, Geocentric):
-            raise SystemsError([Problem(message=f"--crs: {crs} is geocentric, and maps are not")])
+            raise SystemsError.of(f"--crs: {crs} is geocentric, and maps are not")
         return TargetSystem(system=target, crs=crs_of(crs), heights=_ELLIPSOIDAL)
     if isinstance(own, Projected):
         heights = f"above {own.geoid.name}" if isinstance(own.geoid, Geoid) else _ELLIPSOIDAL

@@ -183,7 +183,7 @@ def _card_of_tides(family: Family) -> tuple[CardSpec, dict[str, str]]:
         fields = {field.target: field.name for field in spec.fields}
         if "photos.tide" in fields:
             return spec, fields
-    raise DeckError([Problem(message="no card of these formats has a tide")])
+    raise DeckError.of("no card of these formats has a tide")
 
 
 def _photos(deck: CardDeck, family: Family) -> list[str]:

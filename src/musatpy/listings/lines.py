@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from musatpy.errors import Problem, ProblemsError
+from musatpy.errors import ProblemsError
 from musatpy.listings.rules import ListingLayout
 
 _PAGE_NUMBER = re.compile(r"(?:^|\s)\(?PAGE(?: +NO\.?)?[ .:#]*\d+(?: *(?:OF|/) *\d+)?\)?\s*$", re.IGNORECASE)
@@ -40,13 +40,13 @@ class Paper:
 def text_of(data: bytes, name: str) -> str:
     """Return the text of a file, UTF-8 or Windows-1252; raises `CannotCompareError` where it is none, or empty."""
     if b"\0" in data:
-        raise CannotCompareError([Problem(file=name, message="is not a text file")])
+        raise CannotCompareError.of("is not a text file", file=name)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("cp1252", errors="replace")
     if not text.strip():
-        raise CannotCompareError([Problem(file=name, message="is empty")])
+        raise CannotCompareError.of("is empty", file=name)
     return text
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.errors import Problem, RecordError
+from musatpy.errors import RecordError
 from musatpy.listings.findings import Difference, RuleUse
 from musatpy.listings.lines import CUT, CannotCompareError, PrintedLine, paper_of
 from musatpy.listings.records import is_number, read_json
@@ -55,7 +55,7 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
             kinds = [f"{what} ({count} rows)" if count > 1 else what for what, count in printed.unknown.items()]
             notes.append(f"{section.title}: {', '.join(kinds)}")
     if not found:
-        raise CannotCompareError([Problem(file=names[listing], message="has no section with numbers of a record")])
+        raise CannotCompareError.of("has no section with numbers of a record", file=names[listing])
     return Difference(*names, tuple(found), tuple(uses), (*notes, *overflows(found)))
 
 

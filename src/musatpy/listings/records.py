@@ -9,7 +9,6 @@ from decimal import Decimal
 from functools import cache
 from typing import Any, NamedTuple
 
-from musatpy.errors import Problem
 from musatpy.listings.findings import Difference, PagePlace, RuleUse
 from musatpy.listings.judge import FieldSpot, RuleSet, Spot, still_open
 from musatpy.listings.lines import CannotCompareError
@@ -55,7 +54,7 @@ def compare_records(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Dif
     schemas = [at(content, "schema_version") for content in contents]
     if len({str(schema).partition(".")[0] for schema in schemas}) > 1:
         message = f"is a record of schema {schemas[0]}, and {names[1]} of {schemas[1]}; run the older deck again"
-        raise CannotCompareError([Problem(file=names[0], message=message)])
+        raise CannotCompareError.of(message, file=names[0])
     tables = [tables_of(content) for content in contents]
     geographic = all(at(content, "options.system") == "GEOG" for content in contents)
     comparisons = [_Tables(uses, title, *(side.get(title) for side in tables)) for title in tables[0] | tables[1]]
@@ -70,10 +69,10 @@ def read_json(text: str, name: str) -> Any:
     try:
         return json.loads(text)
     except RecursionError as error:
-        raise CannotCompareError([Problem(file=name, message="is nested too deep")]) from error
+        raise CannotCompareError.of("is nested too deep", file=name) from error
     except ValueError as error:
         line = getattr(error, "lineno", None)  # a number of more digits than Python reads has none
-        raise CannotCompareError([Problem(file=name, line=line, message=f"is not JSON: {error}")]) from error
+        raise CannotCompareError.of(f"is not JSON: {error}", file=name, line=line) from error
 
 
 def tables_of(content: Any) -> dict[str, list[RecordRow]]:

@@ -14,7 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from musatpy.errors import Problem, ProblemsError
+from musatpy.errors import ProblemsError
 from musatpy.specs import Reader, key, require, toml_of
 
 AngleUnit = Literal["dms", "degrees", "radians", "gons"]
@@ -176,12 +176,12 @@ def parse_rules(data: bytes | str, name: str = "rules") -> Rules:
         text = data.decode("utf-8-sig") if isinstance(data, bytes) else data
         content = toml_of(text, parse_float=_decimal)
     except UnicodeDecodeError as error:
-        raise RulesError([Problem(file=name, message="is not UTF-8 text")]) from error
+        raise RulesError.of("is not UTF-8 text", file=name) from error
     except ValueError as error:
         where = re.search(r" \(at line (\d+), column \d+\)$", str(error))
         message = str(error)[: where.start()] if where else str(error)
         line = int(where[1]) if where else len(text.splitlines())
-        raise RulesError([Problem(file=name, line=line, message=message)]) from error
+        raise RulesError.of(message, file=name, line=line) from error
     reader = Reader(name, text)
     rules = reader.table(Rules, content, "")
     if reader.problems or not isinstance(rules, Rules):

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import musatpy
-from musatpy.errors import Problem, RecordError
+from musatpy.errors import RecordError
 from musatpy.page.rendering import Chapter, Fact, Facts, Page, PagePicture, check_packages, html_of
 from musatpy.page.systems import system_facts
 from musatpy.plots.compiled_pictures import SOUNDINGS
@@ -77,7 +77,7 @@ def _tables_of(path: Path) -> dict[str, Any]:
     record = read_json_file(path)
     if kind := _kind_of(record):
         return known_of(record, path, LEFT if kind == _RUN else (), schema=KINDS[kind.encode()].schema())
-    raise RecordError([Problem(file=str(path), message=NO_RECORD)])
+    raise RecordError.of(NO_RECORD, file=path)
 
 
 def _sha256(path: Path) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 import pyproj
 
 from musatpy.arrays import FloatArray
-from musatpy.errors import MusatError, Problem, ProblemsError, SoundingError
+from musatpy.errors import MusatError, ProblemsError, SoundingError
 from musatpy.figures import FORM, ImageForm
 from musatpy.files import real_path, write_files
 from musatpy.geometry.projected import crs_of
@@ -134,7 +134,7 @@ def given_line(path: Path, crs: str = "") -> Callable[[MapPlane], ProfileLine]:
     vertices = [layer.paths()[0] for layer in layers if isinstance(layer, Lines)]
     vertices += [layer.xyz for layer in layers if isinstance(layer, Points)]
     if not vertices:
-        raise ProblemsError([Problem(file=str(path), message="has no line and no points")])
+        raise ProblemsError.of("has no line and no points", file=path)
     return partial(_line_on, path, vertices[0][:, :2], False, layers[0].crs or stated)
 
 
@@ -150,7 +150,7 @@ def _line_on(path: Path, xy: FloatArray, angular: bool, crs: pyproj.CRS | None, 
     places = _on_plane(path, xy, angular, crs, plane)
     apart = np.append(True, np.linalg.norm(np.diff(places, axis=0), axis=1) > 0.0)
     if apart.sum() < 2:
-        raise ProblemsError([Problem(file=str(path), message="a line needs two points in different places")])
+        raise ProblemsError.of("a line needs two points in different places", file=path)
     return ProfileLine(name=path.name, vertices=places[apart])
 
 
@@ -164,9 +164,7 @@ def _on_plane(path: Path, xy: FloatArray, angular: bool, crs: pyproj.CRS | None,
     """Return places (n, 2) m of latitude and longitude (rad), or x and y of a system. Raises `SoundingError`."""
     ellipsoid = plane.system.ellipsoid
     if angular and ellipsoid is None:
-        raise SoundingError(
-            [Problem(file=str(path), message="latitudes and longitudes, and the job is a local one")]
-        )
+        raise SoundingError.of("latitudes and longitudes, and the job is a local one", file=path)
     if not angular:
         if plane.own and crs is None:
             return xy

@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from musatpy.errors import MusatError, Problem, RecordError, numerics
+from musatpy.errors import MusatError, RecordError, numerics
 from musatpy.figures import FORM, ImageForm, image_of
 from musatpy.model import Solution
 from musatpy.plots import compiled_pictures
@@ -95,7 +95,7 @@ def read_tables(path: Path) -> tuple[RecordKind, Tables]:
         begin = _VERSION.match(file.read(200))
     kind = KINDS.get(begin[1]) if begin else None
     if kind is None:
-        raise RecordError([Problem(file=str(path), message=NO_RECORD)])
+        raise RecordError.of(NO_RECORD, file=path)
     return kind, read_record(path, kind.required, kind.optional, schema=kind.schema(), what=kind.what)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from musatpy import extras
 from musatpy.arrays import FloatArray
-from musatpy.errors import InterchangeError, Problem
+from musatpy.errors import InterchangeError
 from musatpy.files import whole_file
 
 SUFFIXES = (".las", ".laz")
@@ -193,7 +193,7 @@ def upsets(path: Path, what: str) -> Iterator[None]:
 
 
 def _unusable(path: Path, message: str) -> InterchangeError:
-    return InterchangeError([Problem(file=str(path), message=message)])
+    return InterchangeError.of(message, file=path)
 
 
 package = partial(extras.package, "las", "laspy", "LAS files need")

@@ -61,7 +61,7 @@ def read_json_file(path: Path, **hooks: Any) -> Any:
         message = f"is no JSON: {error}"
     except RecursionError:
         message = "is nested too deep"
-    raise RecordError([Problem(file=str(path), message=message)])
+    raise RecordError.of(message, file=path)
 
 
 @cache
@@ -122,10 +122,10 @@ def tables_of(
     ours = str(schema["properties"][key]["const"])
     version = record.get(key) if isinstance(record, dict) else None
     if not isinstance(version, str):
-        raise RecordError([Problem(file=str(path), message=f"is not the record of a {what}")])
+        raise RecordError.of(f"is not the record of a {what}", file=path)
     if version.split(".")[0] != ours.split(".")[0]:
         message = f"is a record of schema {version}, and this program reads {ours}; run the deck again"
-        raise RecordError([Problem(file=str(path), field=key, message=message)])
+        raise RecordError.of(message, file=path, field=key)
     required = list(tables)
     wanted = list(dict.fromkeys([*required, *optional]))
     if "observations" in wanted and are_apart(record):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.errors import Problem, RecordError
+from musatpy.errors import RecordError
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.systems import Geographic, System, geographic
 from musatpy.model import (
@@ -129,7 +129,7 @@ def port_fault(tables: Tables) -> str:
 def cameras_of(tables: Tables) -> Cameras:
     """Return the cameras of a run, as adjusted, without distortion. Raises `RecordError` where one has a port."""
     if fault := port_fault(tables):
-        raise RecordError([Problem(message=fault)])
+        raise RecordError.of(fault)
     cameras, adjusted = tables["cameras"], tables["adjusted_parameters"]
     lens = texts(adjusted, "kind") == ObservationKind.LENS.label
     ids, parameter = texts(cameras, "camera"), texts(adjusted, "parameter")[lens]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.errors import DeckError, PlatesError, Problem
+from musatpy.errors import DeckError, PlatesError
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import (
@@ -42,8 +42,7 @@ def reduction_of(block: Block) -> tuple[PlateReduction, ...]:
     options = block.reduction or ReductionOptions()
     plan = _plan(options, block.comparator)
     if plan.curvature and block.options.system is not CoordinateSystem.LOCAL:
-        message = f"earth curvature belongs to jobs in a grid, not to {block.options.system} ones"
-        raise DeckError([Problem(message=message)])
+        raise DeckError.of(f"earth curvature belongs to jobs in a grid, not to {block.options.system} ones")
     cameras = [_calibration(block, row, options) for row in range(len(block.cameras.ids))]
     plates = [_readings(block, row, options.ground_height) for row in range(len(block.photos.ids))]
     return tuple(
@@ -150,7 +149,7 @@ def _distances(block: Block, camera: int) -> MarkDistances:
     corners = next((corners for corners, axes in _AXES.items() if set(axes) <= set(pairs)), None)
     if corners is None:
         message = "no distances along both axes (X and Y), or along both diagonals (D1 and D2)"
-        raise DeckError([Problem(message=f"camera {block.cameras.ids[camera]} has {message}")])
+        raise DeckError.of(f"camera {block.cameras.ids[camera]} has {message}")
     first, second = (pairs[axis] for axis in _AXES[corners])
     return MarkDistances(
         ends=table.marks[rows],
@@ -192,7 +191,7 @@ def lens_of(block: Block, camera: int, options: ReductionOptions) -> Lens | None
     for kind in ("RADL", "DCEN"):
         given = values[kinds == kind]
         if len(given) > 1:
-            raise DeckError([Problem(message=f"camera {name} has {len(given)} {kind} distortions")])
+            raise DeckError.of(f"camera {name} has {len(given)} {kind} distortions")
         coefficients[kind] = np.nan_to_num(given[0]) if len(given) else np.zeros(3)
     table = values[kinds == "TABL"]
     table = table[np.argsort(table[:, 0], kind="stable")]
@@ -206,7 +205,7 @@ def lens_of(block: Block, camera: int, options: ReductionOptions) -> Lens | None
             radial=table[:, 1],
         )
     except ValueError as error:
-        raise DeckError([Problem(message=f"camera {name}: {error}")]) from None
+        raise DeckError.of(f"camera {name}: {error}") from None
 
 
 def _readings(block: Block, photo: int, ground_height: float) -> PlateReadings:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.errors import Problem, SpecError
+from musatpy.errors import SpecError
 from musatpy.refraction import bending, fermat
 from musatpy.refraction.surface import PlanarSurface, Surface
 from musatpy.refraction.waves import superposed
@@ -186,7 +186,7 @@ def study(spec: WaveSpec, file: str | None = None) -> WaveStudy:
     try:
         errors = run(experiment(spec))
     except ValueError as error:
-        raise SpecError([Problem(file=file, message=str(error))]) from error
+        raise SpecError.of(error, file=file) from error
     theory = theory_of(spec)
     length, speed = lengths_and_speeds(spec)
     gap = errors.points - np.array(spec.stereo.cameras)[:, None, :]

@@ -132,7 +132,7 @@ def _joined(source: Path, vertices: FloatArray, line_of: ArrayLike) -> Lines:
 
 
 def _refused(source: Path, message: str) -> SoundingError:
-    return SoundingError([Problem(file=str(source), message=message)])
+    return SoundingError.of(message, file=source)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -75,13 +75,12 @@ def _of_las(source: Path, dated: bool) -> Soundings:
     """Return the points of a LAS file: depths by their extra bytes `depth`, or else heights."""
     points = las.read(source)
     if dated:
-        raise SoundingError([Problem(file=str(source), message=NO_DATES)])
+        raise SoundingError.of(NO_DATES, file=source)
     columns = {name.lower(): column.values.astype(float) for name, column in points.columns.items()}
     depth = columns.get("depth", -points.xyz[:, 2])
     lost = np.flatnonzero(~np.isfinite(depth))
     if len(lost):
-        message = f"{len(lost)} points have no depth, point {lost[0] + 1} first"
-        raise SoundingError([Problem(file=str(source), message=message)])
+        raise SoundingError.of(f"{len(lost)} points have no depth, point {lost[0] + 1} first", file=source)
     return Soundings(
         names=np.arange(1, len(depth) + 1).astype(np.str_),
         place=points.xyz[:, :2],
@@ -115,13 +114,11 @@ def job_places(source: Path, xy: FloatArray, crs: pyproj.CRS | None, job: Ellips
     and the other is not, and where the system stands on another ellipsoid.
     """
     if job is None and crs is not None:
-        message = f"it is in the system {crs.name}, and the job in a local one"
-        raise SoundingError([Problem(file=str(source), message=message)])
+        raise SoundingError.of(f"it is in the system {crs.name}, and the job in a local one", file=source)
     if job is None:
         return xy
     if crs is None:
-        message = "no coordinate system is given: name it (--crs EPSG:32620)"
-        raise SoundingError([Problem(file=str(source), message=message)])
+        raise SoundingError.of("no coordinate system is given: name it (--crs EPSG:32620)", file=source)
     plane = crs.sub_crs_list[0] if crs.is_compound else crs
     try:
         level = system_of(plane.to_wkt(), job).level(np.column_stack([xy, np.zeros(len(xy))]))

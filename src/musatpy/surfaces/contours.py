@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.errors import Problem, SurfaceError
+from musatpy.errors import SurfaceError
 from musatpy.extras import package
 from musatpy.figures import check_matplotlib
 from musatpy.surfaces.tin import Tin
@@ -54,7 +54,7 @@ def levels_between(low: float, high: float, interval: float) -> FloatArray:
     first, last = np.ceil(low / interval), np.floor(high / interval)
     if not last - first < _MOST_LEVELS:
         message = f"{last - first + 1.0:.3g} contours from {low:g} to {high:g} m, {_MOST_LEVELS} are the most"
-        raise SurfaceError([Problem(message=message)])
+        raise SurfaceError.of(message)
     return np.asarray(interval * np.arange(first, last + 1.0) + 0.0)  # no -0
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.errors import Problem, SurfaceError
+from musatpy.errors import SurfaceError
 
 INSIDE, OUTSIDE, LONG_EDGE, LAND, FEW, EMPTY = range(6)
 REASONS = {
@@ -74,10 +74,10 @@ class Tin:
         z = np.bincount(place, weights=points[:, 2], minlength=len(xy)) / count
         variance = np.bincount(place, weights=np.square(sigma), minlength=len(xy)) / count**2
         if len(xy) < 3:
-            raise SurfaceError([Problem(message=f"a surface needs three places, not {len(xy)}")])
+            raise SurfaceError.of(f"a surface needs three places, not {len(xy)}")
         extent = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
         if extent[1] <= _FLAT * extent[0]:
-            raise SurfaceError([Problem(message=f"the {len(xy)} places lie on a line: they make no surface")])
+            raise SurfaceError.of(f"the {len(xy)} places lie on a line: they make no surface")
         search = Delaunay(xy)
         on_shore = np.zeros(len(xy), dtype=bool)
         on_shore[place[np.zeros(len(place), dtype=bool) if shore is None else shore]] = True

@@ -76,7 +76,7 @@ def control_of(
     sigma = values.get("sigma", np.full(len(table.ids), np.nan))
     if default_sigma is not None and len(sigma) and np.isfinite(sigma).all():
         message = "all control points have sigmas of their own, so none can be given"
-        raise CollocationError([Problem(file=table.source, message=message)])
+        raise CollocationError.of(message, file=table.source)
     if table.needs_mapped:
         lines: Sequence[int | None] = table.lines or [None] * len(table.ids)
         problems = [
@@ -182,7 +182,7 @@ def _heights(level: FloatArray, system: System) -> FloatArray:
 def _checks(ids: Sequence[str], heights: FloatArray, sigma: FloatArray, source: str) -> ControlTable:
     known = np.isfinite(heights)
     if not known.any():
-        raise CollocationError([Problem(file=source, message="no check point under water has a height")])
+        raise CollocationError.of("no check point under water has a height", file=source)
     names = tuple(str(name) for name, is_known in zip(ids, known.tolist(), strict=True) if is_known)
     return ControlTable(source=source, ids=names, values={"z_true": heights[known], "sigma": sigma[known]})
 

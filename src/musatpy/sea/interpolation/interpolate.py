@@ -14,7 +14,7 @@ from statistics import NormalDist
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.errors import CollocationError, Problem
+from musatpy.errors import CollocationError
 from musatpy.sea.interpolation.correlation import SignalKind
 from musatpy.sea.interpolation.estimation import (
     Empirical,
@@ -148,7 +148,7 @@ def interpolate(observed: Observed, options: InterpolationOptions | None = None)
     count = len(observed.value)
     check_count(count, options.trend, GROUPS)
     if not np.ptp(observed.place, axis=0).any():
-        raise CollocationError([Problem(message="all control points stand at one place")])
+        raise CollocationError.of("all control points stand at one place")
     used = np.ones(count, dtype=bool)
     critical = NormalDist().inv_cdf(1.0 - _RISK / (2.0 * count))
     candidates = _candidates(observed, options)

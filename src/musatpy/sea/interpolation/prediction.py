@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.errors import CollocationError, Problem
+from musatpy.errors import CollocationError
 from musatpy.sea.interpolation.correlation import Correlation
 
 MOST_CONTROL = 5000  # control points: their covariances fill 200 MB, the factors as much
@@ -125,13 +125,13 @@ class Collocation:
             self._L = cho_factor(C, lower=True, overwrite_a=True, check_finite=False)[0]
         except np.linalg.LinAlgError as error:
             message = "the covariances of the control points are singular: two of them at one place, without noise?"
-            raise CollocationError([Problem(message=message)]) from error
+            raise CollocationError.of(message) from error
         A = observed.trend_rows(trend)
         # with L L' = C, whitened by L^-1 the problem is one of plain least squares
         self._A = solve_triangular(self._L, A, lower=True, check_finite=False)
         self._N = self._A.T @ self._A
         if np.linalg.cond(self._N) > 1e12:
-            raise CollocationError([Problem(message="the control points stand in a line: no plane through them")])
+            raise CollocationError.of("the control points stand in a line: no plane through them")
         white = solve_triangular(self._L, observed.value, lower=True, check_finite=False)
         self.coefficients = np.asarray(np.linalg.solve(self._N, self._A.T @ white), dtype=float)  # of the trend
         residual = white - self._A @ self.coefficients
@@ -191,7 +191,7 @@ def check_count(count: int, trend: Trend, groups: int = 0) -> None:
     """
     if count > MOST_CONTROL:
         message = f"{count} control points are too many: at most {MOST_CONTROL} can be used together"
-        raise CollocationError([Problem(message=message)])
+        raise CollocationError.of(message)
     least = trend + 2
     while groups and least - -(-least // min(groups, least)) < trend + 2:
         least += 1
@@ -199,4 +199,4 @@ def check_count(count: int, trend: Trend, groups: int = 0) -> None:
         what = "a plane" if trend == Trend.PLANE else "a constant"
         message = f"{count} control points are too few: {what} as trend needs {least} or more"
         message += ", to be validated without some" if groups else ""
-        raise CollocationError([Problem(message=message)])
+        raise CollocationError.of(message)

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.errors import Problem, SeaError
+from musatpy.errors import SeaError
 from musatpy.geometry.crs import MapPlan
 from musatpy.geometry.systems import System
 from musatpy.pointfiles.columns import ABOVE_ZERO, AXES, FileColumn, Wanted, place_columns
@@ -111,8 +111,7 @@ def read_points(
     position = position if plan is None else plan.places(position)
     known = given[kept, 0]
     if known.all() and precision.is_known:
-        message = "all points have sigmas of their own, so none can be given"
-        raise SeaError([Problem(file=str(path), message=message)])
+        raise SeaError.of("all points have sigmas of their own, so none can be given", file=path)
     covariance = np.square(sigma[kept])[:, :, None] * np.eye(3)
     if not known.all():
         covariance[~known] = precision.covariance(position[~known], plan)
@@ -127,14 +126,13 @@ def is_wanted(name: str, only: Sequence[str]) -> bool:
 
 def _check_any(path: Path, count: int, only: Sequence[str]) -> None:
     if not count:
-        message = f"no point fits {', '.join(only)}" if only else "no point"
-        raise SeaError([Problem(file=str(path), message=message)])
+        raise SeaError.of(f"no point fits {', '.join(only)}" if only else "no point", file=path)
 
 
 def _read_record(path: Path, precision: PointPrecision, only: Sequence[str]) -> ReadPoints:
     if precision.is_known:
         message = "the record of a run has covariances, and sigmas are given too: one or the other"
-        raise SeaError([Problem(file=str(path), message=message)])
+        raise SeaError.of(message, file=path)
     tables = read_record(path, (*SYSTEM, "points"))
     system, points = job_system(tables), tables["points"]
     wanted = [row for row, name in enumerate(points["point"]) if is_wanted(name, only)]
@@ -156,5 +154,5 @@ def _read_record(path: Path, precision: PointPrecision, only: Sequence[str]) -> 
             ids=tuple(points["point"][row] for row in rows), position=position, covariance=covariances[rows]
         )
     except ValueError as error:
-        raise SeaError([Problem(file=str(path), message=str(error))]) from error
+        raise SeaError.of(error, file=path) from error
     return ReadPoints(points=known, left=tuple(left), plan=plan)

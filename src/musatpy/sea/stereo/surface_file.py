@@ -10,7 +10,7 @@ import numpy as np
 
 import musatpy
 from musatpy.arrays import FloatArray
-from musatpy.errors import Problem, SeaError, SystemsError
+from musatpy.errors import SeaError, SystemsError
 from musatpy.geometry.crs import own_ellipsoid
 from musatpy.geometry.projected import Projected
 from musatpy.records.json_files import read_json
@@ -50,7 +50,7 @@ def load_surface(path: Path) -> FourierSurface | GridSurface:
     try:
         if str(record["schema_version"]).split(".")[0] != VERSION.split(".")[0]:
             message = f"is of version {record['schema_version']}, and this program reads {VERSION}"
-            raise SeaError([Problem(file=str(path), message=message)])
+            raise SeaError.of(message, file=path)
         if record["model"] not in _TABLES:
             raise ValueError(f"unknown model '{record['model']}'")
         fitted = _surface(record)
@@ -60,9 +60,9 @@ def load_surface(path: Path) -> FourierSurface | GridSurface:
             raise ValueError("covariance is not symmetric")
         return fitted
     except KeyError as error:
-        raise SeaError([Problem(file=str(path), message=f"is no file of a surface: no {error}")]) from error
+        raise SeaError.of(f"is no file of a surface: no {error}", file=path) from error
     except (TypeError, ValueError) as error:
-        raise SeaError([Problem(file=str(path), message=f"is no file of a surface: {error}")]) from error
+        raise SeaError.of(f"is no file of a surface: {error}", file=path) from error
 
 
 def load_map(path: Path) -> Projected | None:
@@ -74,7 +74,7 @@ def load_map(path: Path) -> Projected | None:
         definition = json.loads(path.read_text(encoding="utf-8")).get("map")
         return None if definition is None else Projected(definition, own_ellipsoid(definition))
     except (ValueError, AttributeError, TypeError, SystemsError) as error:
-        raise SeaError([Problem(file=str(path), message=f"is no file of a surface: {error}")]) from error
+        raise SeaError.of(f"is no file of a surface: {error}", file=path) from error
 
 
 def _array(table: dict[str, Any], name: str, *shape: int) -> FloatArray:
