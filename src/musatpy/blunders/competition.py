@@ -13,18 +13,9 @@ from musatpy.adjustment.kinds.gnss import AntennaTies
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
+from musatpy.blunders import explanation
 from musatpy.blunders.alternatives import exchanged_images
-from musatpy.blunders.explanation import (
-    NEARLY,
-    SENSIBLE,
-    Case,
-    given_up,
-    model_of,
-    readjusted,
-    sensible,
-    with_hypothesis,
-    with_revision,
-)
+from musatpy.blunders.explanation import Case
 from musatpy.blunders.findings import own_tides
 from musatpy.blunders.hypotheses import (
     CAUSES,
@@ -64,9 +55,9 @@ def rivals(search: BlunderSearch, sea: Sea | None, most: int) -> list[list[Rival
     found = [*whole.taken, *members(search, most)]
     found = [found[row] for row in falling([_explained(member, size) for member in found]).tolist()]
     rest: LinearModel | None = None
-    if any(member.point or member.kind in SENSIBLE for member in found[:most]):
+    if any(member.point or member.kind in explanation.SENSIBLE for member in found[:most]):
         with suppress(*GIVEN_UP):
-            rest = model_of(whole)
+            rest = explanation.model_of(whole)
     left = {one.key: one for one in common_errors(rest)} if rest else {}
     residual = _residual(whole)
     groups: list[list[Rival]] = []
@@ -137,10 +128,10 @@ def _member(block: Block, kind: CauseKind, *parts: GivenUp) -> Hypothesis:
 def _without(whole: Case, member: Hypothesis, sea: Sea | None) -> Case | None:
     """Return the case without a hypothesis, not adjusted again; None where that makes no sense."""
     if member.given_up:
-        return replace(whole, out=given_up(whole.out, member, 0.0))
-    if member.kind not in SENSIBLE:
+        return replace(whole, out=explanation.given_up(whole.out, member, 0.0))
+    if member.kind not in explanation.SENSIBLE:
         return None
-    case = with_revision(whole, replace(member, value=-float(member.error[0])), sea)
+    case = explanation.with_revision(whole, replace(member, value=-float(member.error[0])), sea)
     taken = tuple(other for other in whole.taken if other is not member)
     return replace(case, taken=taken, state=case.state) if np.isfinite(case.squares) else None
 
@@ -164,18 +155,18 @@ def _ranked(
     """
     try:
         near = _same_photos(case.scene, member) if member.kind in _IMAGES else None
-        options = hypotheses(model_of(case), near)
+        options = hypotheses(explanation.model_of(case), near)
     except GIVEN_UP:
         return [Rival(member, np.nan, 1)]
     first = next((option for option in options if option.key == member.key), None)
-    first = first or replace(member, squares=max(readjusted(case).squares - final, 0.0))
+    first = first or replace(member, squares=max(explanation.readjusted(case).squares - final, 0.0))
     if not first.given_up:  # the model without it is far from the minimum: so is its size
         first = replace(first, error=member.error, sigma=member.sigma)
     others = [
         option
         for option in options
         if option.key != first.key
-        and sensible(option)
+        and explanation.sensible(option)
         and option.squares >= _NEARLY * first.squares
         and not (option.gain(variance) < first.gain(variance) and _covers(case, option, first))
     ]
@@ -186,8 +177,8 @@ def _ranked(
         pairs = exchanged_images(case.scene.network, case.state, first.point[0])
         tried += [(_exchange(first, photos), final) for photos in pairs]
     for option in others[:few]:
-        trial = with_hypothesis(case, option, sea)
-        if worst - trial.squares >= NEARLY * (worst - final):
+        trial = explanation.with_hypothesis(case, option, sea)
+        if worst - trial.squares >= explanation.NEARLY * (worst - final):
             tried.append((_sized(trial.taken[-1], trial.scene.network, _residual(trial)), trial.squares))
     costs = [squares / variance + PENALTY * option.parameters for option, squares in tried]
     equal = PENALTY + _SAME * (worst - final) / variance
@@ -202,7 +193,7 @@ def _covers(case: Case, hypothesis: Hypothesis, other: Hypothesis) -> bool:
     """Return whether a hypothesis gives up all that another one does, which is in, and more."""
     if not other.given_up or len(hypothesis.error) <= len(other.error):
         return False
-    return bool(other.values_in(given_up(case.out, hypothesis)).all())
+    return bool(other.values_in(explanation.given_up(case.out, hypothesis)).all())
 
 
 def _same_photos(scene: StagedBlock, images: Hypothesis) -> BoolArray:

@@ -12,17 +12,8 @@ from pathlib import Path, PurePosixPath
 from typing import Literal
 from xml.etree import ElementTree
 
-from musatpy.campaign.baselines import (
-    RULES,
-    Baseline,
-    BaselineError,
-    Entry,
-    below,
-    given_rules,
-    load_baseline,
-    new_results,
-    work_folder,
-)
+from musatpy.campaign import baselines
+from musatpy.campaign.baselines import Baseline, BaselineError, Entry
 from musatpy.campaign.batch import BatchResult, Watch, run_batch
 from musatpy.campaign.batch_jobs import BatchJob, JobOutcome, sha256_of
 from musatpy.campaign.manifest import decks_in
@@ -94,15 +85,17 @@ def check(
     Where no deck is named, those are looked for that the baseline does not have. Raises `BaselineError`,
     `RulesError`, `LockedError`, `OSError`.
     """
-    baseline = load_baseline(folder)
+    baseline = baselines.load_baseline(folder)
     chosen = baseline.chosen(names)
     if not chosen:
         raise BaselineError(f"{folder}: the baseline has no deck any more; musat baseline save adds some")
     if record_rules is not None and not baseline.records:
         raise BaselineError(f"{folder}: the baseline keeps listings only; there are no records for these rules")
-    places = {ending: folder / name for ending, name in RULES.items() if (folder / name).exists()}
-    ruled = {ending: load_rules(path) for ending, path in (places | given_rules(rules, record_rules)).items()}
-    with work_folder(folder, work) as (place, locks):
+    places = {ending: folder / name for ending, name in baselines.RULES.items() if (folder / name).exists()}
+    ruled = {
+        ending: load_rules(path) for ending, path in (places | baselines.given_rules(rules, record_rules)).items()
+    }
+    with baselines.work_folder(folder, work) as (place, locks):
         plan = replace(baseline, settings=(*baseline.settings, *settings)).plan(chosen, place)
         batch = run_batch(plan, processes=processes, again=True, watch=watch, locks=locks)
         runs = zip(chosen, batch.outcomes, strict=True)
@@ -136,7 +129,7 @@ def _checked(
         notes.append(f"it can be used now: {outcome.state}")
     elif (int(outcome.state.status), outcome.state.value) != (entry.status, entry.state):
         notes.append(f"it is {outcome.state} now, and was {entry.state}")
-    results = new_results(baseline, name, outcome, work) if entry.fails == outcome.unusable else {}
+    results = baselines.new_results(baseline, name, outcome, work) if entry.fails == outcome.unusable else {}
     for ending, new in results.items():
         kept = baseline.kept(name)[ending]
         try:
@@ -149,7 +142,7 @@ def _checked(
         except CannotCompareError as error:
             notes.append(str(error))
         else:
-            unmatched[RULES[ending]] = difference.unused_rules
+            unmatched[baselines.RULES[ending]] = difference.unused_rules
             differences += [] if contents[0] == contents[1] else [difference]
     state: Likeness = "within the rules" if differences else "identical"
     if notes or not all(difference.same for difference in differences):
@@ -168,7 +161,7 @@ def _unknown_decks(baseline: Baseline) -> list[str]:
     """Return the decks that a baseline does not have, in the folders of those that it has."""
     root = baseline.folder / baseline.root
     folders = sorted({root / PurePosixPath(name).parent for name in baseline.entries})
-    decks = [below(deck, root) for folder in folders for deck in decks_in(folder)]
+    decks = [baselines.below(deck, root) for folder in folders for deck in decks_in(folder)]
     return [name for name in decks if name is not None and name not in baseline.entries]
 
 

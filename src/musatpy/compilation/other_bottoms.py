@@ -16,19 +16,9 @@ from musatpy.errors import SoundingError, SystemsError
 from musatpy.soundings.contours import ContourLines, Offsets, area_between, largest_of_most, offsets
 from musatpy.soundings.differences import DepthDifferences
 from musatpy.soundings.sounding_files import Soundings
+from musatpy.surfaces import tin
 from musatpy.surfaces.contours import contours
-from musatpy.surfaces.tin import (
-    EMPTY,
-    FEW,
-    INSIDE,
-    LAND,
-    LONG_EDGE,
-    OUTSIDE,
-    REASONS,
-    SurfaceValues,
-    Tin,
-    planes_at,
-)
+from musatpy.surfaces.tin import SurfaceValues, Tin
 
 COMPILED, OTHER = "compiled", "other"  # whose contours are sampled
 NOT_IN_OTHER = "the other source has no contour of it"
@@ -134,7 +124,7 @@ def _of_level(
         span = f"the surface goes from {low:.2f} to {high:.2f} m"
         return replace(none, reason=NO_BOTTOM if low < level < high else span), []
     backward = offsets(others, compiled, farthest)
-    backward = backward.part(bottom.at(backward.xy).reason == INSIDE)
+    backward = backward.part(bottom.at(backward.xy).reason == tin.INSIDE)
     if not len(backward.xy):
         return replace(none, reason=NOT_ON_IT), []
     forward = offsets(compiled, others, farthest)
@@ -188,9 +178,9 @@ STEEP = "the bottom is steeper there than the limit"
 DRY = "dry: the bottom there is above the water"
 UNDATED = "its date is not known"
 _WEST = ": they look like longitudes that are positive to the west; give them positive to the east"
-_DRY = len(REASONS) + 1
+_DRY = len(tin.REASONS) + 1
 _RANK = np.argsort(
-    [OUTSIDE, EMPTY, FEW, LONG_EDGE, LAND, _DRY, INSIDE]
+    [tin.OUTSIDE, tin.EMPTY, tin.FEW, tin.LONG_EDGE, tin.LAND, _DRY, tin.INSIDE]
 )  # of reasons of several surfaces the last counts
 
 
@@ -261,7 +251,7 @@ def _surest_bottom(
     """Return the surest bottom at soundings, and the last of the reasons why there is none."""
     n = len(soundings.depth)
     value, sigma, gradient = np.full(n, np.nan), np.full(n, np.inf), np.full((n, 2), np.nan)
-    reason = np.full(n, OUTSIDE)
+    reason = np.full(n, tin.OUTSIDE)
     for surface in surfaces:
         if surface.angular != soundings.angular:
             needed = "lat and lon" if surface.angular else "x and y"
@@ -269,7 +259,7 @@ def _surest_bottom(
             raise SoundingError.of(f"the job has {needed}: give the soundings in these{named}")
         part = _bottom_at(surface, surface.places(soundings.place), radius)
         reason = np.where(_RANK[part.reason] > _RANK[reason], part.reason, reason)
-        surer = (part.reason == INSIDE) & ~(part.sigma >= sigma)  # one without a sigma is better than none
+        surer = (part.reason == tin.INSIDE) & ~(part.sigma >= sigma)  # one without a sigma is better than none
         value[surer], sigma[surer], gradient[surer] = part.value[surer], part.sigma[surer], part.gradient[surer]
     return SurfaceValues(value=value, gradient=gradient, sigma=sigma, reason=reason)
 
@@ -283,7 +273,7 @@ def _bottom_at(surface: JoinedSurface | RasterBottom, places: FloatArray, radius
     points = surface.points
     assert surface.tin is not None
     if np.isfinite(radius):
-        at = planes_at(places, points.xy, points.depth, points.sigma, radius)
+        at = tin.planes_at(places, points.xy, points.depth, points.sigma, radius)
     else:
         at = surface.tin.at(places)
     nearest = KDTree(points.xy).query(places)[1]
@@ -311,9 +301,9 @@ def nowhere(
 
 def _reasons(reason: IntArray, slope: FloatArray, soundings: Soundings, how: Matching) -> dict[int, str]:
     """Return why soundings do not count, by their rows in order."""
-    words = {**REASONS, _DRY: DRY}
-    reasons = {int(row): words[int(reason[row])] for row in np.flatnonzero(reason != INSIDE)}
-    reasons |= dict.fromkeys(np.flatnonzero((reason == INSIDE) & (slope > how.steepest)).tolist(), STEEP)
+    words = {**tin.REASONS, _DRY: DRY}
+    reasons = {int(row): words[int(reason[row])] for row in np.flatnonzero(reason != tin.INSIDE)}
+    reasons |= dict.fromkeys(np.flatnonzero((reason == tin.INSIDE) & (slope > how.steepest)).tolist(), STEEP)
     if how.not_before is not None:
         reasons |= dict.fromkeys(np.flatnonzero(np.isnat(soundings.date)).tolist(), UNDATED)
         old = np.flatnonzero(soundings.date < np.datetime64(how.not_before))

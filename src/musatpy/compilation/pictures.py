@@ -7,31 +7,20 @@ from typing import Any
 
 import numpy as np
 
+from musatpy import figures
 from musatpy.compilation.bottom import Bottom
 from musatpy.compilation.compiled import Compiled
 from musatpy.compilation.joined_surfaces import JoinedSurface, Of
-from musatpy.figures import (
-    DRY,
-    FORM,
-    GREY,
-    INK,
-    RED,
-    ImageForm,
-    add_bar,
-    image_of,
-    lay_out,
-    new_panels,
-    styled,
-    write_beside,
-)
 from musatpy.surfaces.contours import Contour
 
 _PANEL = 6.0  # inches, of the width of a surface
 _TALLEST = 1.5  # of the width
 
 
-@styled
-def contour_pictures(compiled: Compiled, bottom: Bottom, form: ImageForm = FORM) -> dict[str, bytes]:
+@figures.styled
+def contour_pictures(
+    compiled: Compiled, bottom: Bottom, form: figures.ImageForm = figures.FORM
+) -> dict[str, bytes]:
     """Return the surfaces side by side, north up, by suffix: PNG and PDF, or as the form says.
 
     Raises `MusatError` without matplotlib.
@@ -43,11 +32,11 @@ def contour_pictures(compiled: Compiled, bottom: Bottom, form: ImageForm = FORM)
     title = f"depths below {compiled.datum.title}, m" if of_depth else "heights, m"
     title = "\n".join([*compiled.deck.titles[:1], title])
     x, y = ("X", "Y") if compiled.run.ellipsoid is None else ("east", "north")
-    figure, (panels,) = new_panels([_PANEL] * max(len(shown), 1), [_PANEL], title)
+    figure, (panels,) = figures.new_panels([_PANEL] * max(len(shown), 1), [_PANEL], title)
     for axes, (surface, tin) in zip(panels, shown, strict=False):
         axes.set(aspect="equal", xlabel=f"{x}, m", ylabel=f"{y}, m")
         shade = axes.tripcolor(*tin.xy.T, tin.z, triangles=tin.triangles[tin.kept], shading="gouraud", **style)
-        axes.plot(*tin.xy.T, ".", color=DRY, markersize=2, label="points")
+        axes.plot(*tin.xy.T, ".", color=figures.DRY, markersize=2, label="points")
         _draw_lines(axes, _lines_of(bottom, surface))
         _draw_models(axes, compiled, surface)
     if shown:
@@ -56,10 +45,10 @@ def contour_pictures(compiled: Compiled, bottom: Bottom, form: ImageForm = FORM)
         height = below + _PANEL * min(slope, _TALLEST)
         figure.set_figheight(height)
         figure.subplots_adjust(bottom=below / height)
-        add_bar(axes, shade, f"{bottom.of}, m")
-    lay_out(figure)
+        figures.add_bar(axes, shade, f"{bottom.of}, m")
+    figures.lay_out(figure)
     kinds = [form.kind] if form.kind else ["png", "pdf"]
-    return dict(image_of(figure, replace(form, kind=kind)) for kind in kinds)
+    return dict(figures.image_of(figure, replace(form, kind=kind)) for kind in kinds)
 
 
 def _lines_of(bottom: Bottom, surface: JoinedSurface) -> list[Contour]:
@@ -70,7 +59,7 @@ def _lines_of(bottom: Bottom, surface: JoinedSurface) -> list[Contour]:
 def _draw_lines(axes: Any, lines: list[Contour]) -> None:
     """Draw contours, those of the index thick and with their levels."""
     for line in lines:
-        axes.plot(*line.xy.T, color=INK, linewidth=1.2 if line.index else 0.5)
+        axes.plot(*line.xy.T, color=figures.INK, linewidth=1.2 if line.index else 0.5)
         if line.index:
             _label(axes, line)
 
@@ -95,11 +84,16 @@ def _draw_models(axes: Any, compiled: Compiled, surface: JoinedSurface) -> None:
             continue
         stereo, photos = model.stereo, model.stereo.run.block.photos
         base = surface.places(photos.position[list(stereo.photos)][:, :2])
-        axes.plot(*base.T, "^-", color=RED, markersize=7, zorder=5, label="base of a model")
-        write_beside(axes, base, photos.ids[list(stereo.photos)], (4, 5), zorder=5)
+        axes.plot(*base.T, "^-", color=figures.RED, markersize=7, zorder=5, label="base of a model")
+        figures.write_beside(axes, base, photos.ids[list(stereo.photos)], (4, 5), zorder=5)
         half = 0.5 * stereo.camera("format_size").min(axis=0) / stereo.camera("focal_length").mean() * stereo.height
         stations = stereo.stations[:, 0]
         west, east = stations.max() - half[0], stations.min() + half[0]
         corners = np.array([[west, -half[1]], [east, -half[1]], [east, half[1]], [west, half[1]], [west, -half[1]]])
         outline = stereo.working(np.column_stack([corners, np.zeros(5)]))
-        axes.plot(*surface.places(stereo.run.frame.system(outline)[:, :2]).T, "--", color=GREY, label="both photos")
+        axes.plot(
+            *surface.places(stereo.run.frame.system(outline)[:, :2]).T,
+            "--",
+            color=figures.GREY,
+            label="both photos",
+        )

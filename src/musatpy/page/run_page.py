@@ -10,16 +10,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.model import Cause, Refraction
-from musatpy.page import flight
-from musatpy.page.accuracy import (
-    analysis_table,
-    depths_of,
-    order_facts,
-    orders_table,
-    refraction_sentences,
-    sample_table,
-    samples,
-)
+from musatpy.page import accuracy, flight
 from musatpy.page.cells import cell_text, significant
 from musatpy.page.page_tables import (
     PageReport,
@@ -201,7 +192,7 @@ def _figures(tables: Tables, places: Mapping[str, str]) -> Iterator[Fact]:
     for figure in headline(tables, cell_text):
         value, detail = figure.value.replace(" um", " µm"), figure.detail.lstrip(",: ")
         yield Fact(figure.label, value, detail=detail, link=place_of(places, figure.section))
-    yield from order_facts(depths_of(tables), places)
+    yield from accuracy.order_facts(accuracy.depths_of(tables), places)
 
 
 def _data(tables: Tables) -> Iterator[Part]:
@@ -253,16 +244,16 @@ def _left_out(tables: Tables) -> Iterator[Part]:
 
 
 def _accuracy(tables: Tables) -> Iterator[Part]:
-    every, depths = samples(tables), depths_of(tables)
+    every, depths = accuracy.samples(tables), accuracy.depths_of(tables)
     if every:
-        yield sample_table(every)
+        yield accuracy.sample_table(every)
     else:
         yield Sentences(texts=["No control point or check point says how far positions are from given ones."])
     yield from tables_of(_DIFFERENCES, tables)
-    sentences = list(refraction_sentences(tables, depths))
+    sentences = list(accuracy.refraction_sentences(tables, depths))
     if sentences:
         yield Sentences(texts=sentences, title="What Refraction Changed")
-    yield from orders_table(depths)
+    yield from accuracy.orders_table(depths)
     yield from tables_of(_ACCURACY, tables)
 
 
@@ -304,7 +295,7 @@ def _computed(tables: Tables) -> Iterator[Part]:
         yield Sentences(texts=[f"Set for this run: {', '.join(settings)}."])
     yield _options(tables["options"])
     for report in analyses.REPORTS:
-        yield analysis_table(at(tables, report.path), report.title, str(report.stated()[-1].heading))
+        yield accuracy.analysis_table(at(tables, report.path), report.title, str(report.stated()[-1].heading))
     yield from tables_of(_COMPUTED, tables)
 
 

@@ -9,21 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.figures import CONTROL, DRY, GREY, INK, WET
-from musatpy.plots.maps import (
-    MAPS_NEED,
-    MOST_ARROWS,
-    add_arrows,
-    confidence_ellipses,
-    dot_size,
-    draw_outlines,
-    largest_of_cells,
-    magnification,
-    name_places,
-    new_maps,
-    round_length,
-    spacing,
-    view_of,
-)
+from musatpy.plots import maps
 from musatpy.plots.picture import Picture, counted, measure
 from musatpy.plots.plane import MapPlane, ground_of, outlines, plane_of, turned
 from musatpy.records.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
@@ -60,7 +46,7 @@ def block_plan(tables: Tables) -> BlockPlan:
     plane, stations, points = plane_of(tables), part(tables, "stations"), part(tables, "points")
     position = numbers(points, "position", 3)
     places, turns = plane.places(position), plane.turns(position)
-    axes, angle = confidence_ellipses(numbers(points, "covariance", 3, 3), turns)
+    axes, angle = maps.confidence_ellipses(numbers(points, "covariance", 3, 3), turns)
     control = part(tables, "control")
     ids, known = texts(points, "point"), texts(control, "point")
     row = rows_of(ids, known)
@@ -109,10 +95,10 @@ def sentence(plan: BlockPlan) -> str:
 def figure(plan: BlockPlan) -> Any:
     """Return the figure of a plan. Raises `MusatError` where matplotlib is missing."""
     core = np.concatenate([plan.stations, plan.outlines.reshape(-1, 2)])
-    bounds, seen = view_of(core, plan.points, keys=True)
-    figure, (axes,) = new_maps(bounds, plan.plane, "Block plan")
-    draw_outlines(axes, plan.outlines)
-    marker = dot_size(bounds, int(seen.sum()))
+    bounds, seen = maps.view_of(core, plan.points, keys=True)
+    figure, (axes,) = maps.new_maps(bounds, plan.plane, "Block plan")
+    maps.draw_outlines(axes, plan.outlines)
+    marker = maps.dot_size(bounds, int(seen.sum()))
     axes.plot(*plan.stations.T, "o", color=INK, markerfacecolor="white", markersize=1.3 * marker, label="stations")
     for wet, sign, shade, label in ((False, ".", DRY, "dry point"), (True, "x", WET, "submerged point")):
         rows = seen & (plan.submerged == wet)
@@ -127,9 +113,9 @@ def figure(plan: BlockPlan) -> Any:
             axes.plot(
                 *plan.control_places[rows].T, sign, color=CONTROL, fillstyle="none", markersize=8, label=label
             )
-    add_arrows(axes, plan.control_places, plan.discrepancy, "control, adjusted minus given", color=CONTROL)
-    taken = name_places(axes, plan.control_places, plan.control, color=CONTROL)
-    name_places(axes, plan.stations, plan.photos, taken=taken)
+    maps.add_arrows(axes, plan.control_places, plan.discrepancy, "control, adjusted minus given", color=CONTROL)
+    taken = maps.name_places(axes, plan.control_places, plan.control, color=CONTROL)
+    maps.name_places(axes, plan.stations, plan.photos, taken=taken)
     if outside := int((~seen).sum()):
         axes.plot([], [], " ", label=f"{counted(outside, 'point')} outside, or without a place")
     return figure
@@ -140,12 +126,12 @@ def _draw_ellipses(axes: Any, plan: BlockPlan, seen: BoolArray) -> None:
     from matplotlib.collections import EllipseCollection
 
     known = np.flatnonzero(seen & np.isfinite(plan.axes).all(axis=1))
-    rows = known[largest_of_cells(plan.points[known], plan.axes[known, 0], MOST_ARROWS)]
+    rows = known[maps.largest_of_cells(plan.points[known], plan.axes[known, 0], maps.MOST_ARROWS)]
     (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
-    factor = magnification(plan.axes[rows, 0], spacing(np.array([east - west, north - south]), len(rows)))
+    factor = maps.magnification(plan.axes[rows, 0], maps.spacing(np.array([east - west, north - south]), len(rows)))
     if not factor:
         return
-    radius = round_length(0.02 * (east - west) / factor)
+    radius = maps.round_length(0.02 * (east - west) / factor)
     place = np.array([west + 0.4 * (east - west), south + 0.035 * (north - south)])
     size = 2.0 * factor * np.concatenate([plan.axes[rows], [[radius, radius]]])
     drawn = EllipseCollection(
@@ -162,7 +148,7 @@ def _draw_ellipses(axes: Any, plan: BlockPlan, seen: BoolArray) -> None:
 PLAN = Picture(
     name="plan",
     title="Block plan",
-    needs=(*MAPS_NEED, "plates", "control"),
+    needs=(*maps.MAPS_NEED, "plates", "control"),
     numbers=block_plan,
     figure=figure,
     words=sentence,

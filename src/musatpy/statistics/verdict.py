@@ -27,17 +27,7 @@ from musatpy.model.block import other_focal_length
 from musatpy.model.findings import GRADES, a_few, named
 from musatpy.model.tables import falling, largest
 from musatpy.probability import probability_beyond, quantile, test_limit
-from musatpy.statistics.gates import (
-    elevations,
-    flag_notes,
-    flags,
-    flying_height,
-    gates,
-    ground_heights,
-    metric_differences,
-    rectangular,
-    straight,
-)
+from musatpy.statistics import gates
 from musatpy.statistics.quality import CommonErrors, Quality
 from musatpy.units import DEGREE, MICROMETRE, length_unit
 
@@ -63,9 +53,9 @@ def verdict_of(statistics: Quality) -> Verdict:
     reasons = [
         *convergence(statistics),
         *inertial(statistics),
-        *gates(statistics),
-        *flags(statistics),
-        *straight(statistics),
+        *gates.gates(statistics),
+        *gates.flags(statistics),
+        *gates.straight(statistics),
         *blunders(statistics),
         *sigma0(statistics),
         *observations(statistics),
@@ -187,11 +177,11 @@ def given_stations(statistics: Quality) -> Iterator[Reason]:
     Where stations are computed, cards count that most of them agree with: the others may be those of other photos.
     """
     block, options, solution = statistics.block, statistics.block.options, statistics.solution
-    height, given = flying_height(statistics), block.photos.position
+    height, given = gates.flying_height(statistics), block.photos.position
     computed = options.initial is Initial.COMPUTE
     if computed and solution.cards is not None:
         given = solution.cards
-    difference = metric_differences(block, given, solution.stations.position)
+    difference = gates.metric_differences(block, given, solution.stations.position)
     with np.errstate(invalid="ignore"):
         distance = np.linalg.norm(difference, axis=1) / height
         far = np.flatnonzero(distance > options.station_limit)
@@ -240,16 +230,18 @@ def given_attitudes(statistics: Quality) -> Iterator[Reason]:
 def units(statistics: Quality) -> Iterator[Reason]:
     """Yield feet for metres, or the focal length of another camera, where that explains where the stations are."""
     block, adjusted = statistics.block, statistics.solution.stations.position
-    whose, scale = in_feet(rectangular(block, block.photos.position), rectangular(block, adjusted))
+    whose, scale = in_feet(gates.rectangular(block, block.photos.position), gates.rectangular(block, adjusted))
     if whose:
         others = {"control": "stations", "stations": "control"}[whose]
         far = f"the adjusted stations are {scale:.3f} times as far apart as the given ones"
         text = f"{far}, as if {whose} were in feet and {others} in metres"
         yield Reason(Grade.DOUBTFUL, Concern.UNIT, text, _STATION_ANALYSIS)
         return
-    ground = ground_heights(statistics)
+    ground = gates.ground_heights(statistics)
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratios = (elevations(block, adjusted) - ground) / (elevations(block, block.photos.position) - ground)
+        ratios = (gates.elevations(block, adjusted) - ground) / (
+            gates.elevations(block, block.photos.position) - ground
+        )
     ratios = ratios[np.isfinite(ratios)]
     ratio = float(np.median(ratios)) if len(ratios) else float("nan")
     focal = float(np.median(statistics.block.cameras.focal_length))
@@ -340,7 +332,7 @@ def notes(statistics: Quality) -> Iterator[str]:
         given = um / statistics.solution.plate_factor
         made = f"its variance component makes it {um:.1f} um"
         yield f"the plate sigma is a guess of {given:.1f} um: {made}, with which the job is adjusted and tested"
-    yield from flag_notes(statistics)
+    yield from gates.flag_notes(statistics)
 
 
 def _observation(statistics: Quality, row: int, test: float) -> str:
