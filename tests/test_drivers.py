@@ -10,7 +10,7 @@ from drivers.mutated_decks import absurdities, decks, run
 from drivers.slips import DECKS, UNUSABLE, slips
 from musatpy.model import Grade
 
-_SLOW = [pytest.param(first, 42, marks=pytest.mark.slow) for first in range(6, 300, 42)]
+_SLOW = [pytest.param(first, 42, marks=pytest.mark.slow) for first in range(6, 132, 42)]
 
 
 @pytest.mark.parametrize(("first", "count"), [(0, 6), *_SLOW])
@@ -37,7 +37,7 @@ def test_absurd_answers_are_seen() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(7, 13))
+@pytest.mark.parametrize("seed", range(7, 10))
 def test_spoilt_inputs_end_in_an_answer_or_a_message(seed: int) -> None:
     tally = fuzz(50, seed, tell=lambda text: None)
     assert tally.failures == []

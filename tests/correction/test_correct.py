@@ -34,7 +34,7 @@ from musatpy.simulation import simulate
 from musatpy.simulation.simulation_spec import spec_from_table
 
 Method = Callable[[Path], tuple[tuple[float, float, float], tuple[object, ...]]]
-DRAWS, NOISE, CONTROL, TIDE = 300, 0.006, 0.05, 0.04  # mm, m, m
+DRAWS, NOISE, CONTROL, TIDE = 100, 0.006, 0.05, 0.04  # mm, m, m
 BOTTOM = np.array([[-400.0, -300.0, -4.0], [0.0, 100.0, -12.0], [300.0, 500.0, -8.0], [500.0, -200.0, -2.0]])
 
 
@@ -84,9 +84,9 @@ def apparent(photos: model.Photos, cameras: model.Cameras, xy: FloatArray, seen:
 
 @pytest.mark.slow
 def test_errors_are_as_large_as_their_sigmas() -> None:
-    """By 300 draws of all that the block is measured by: east, north, height and depth, RMS of errors in sigmas.
+    """By 100 draws of all that the block is measured by: east, north, height and depth, RMS of errors in sigmas.
 
-    By the first two photographs that see each point, and by all.
+    By the first two photographs that see each point, and by all. The RMS has a sigma of .03 to .04 by its scatter.
     """
     block = perfect()
     truth, draws = adjust(block), np.random.default_rng(11)
@@ -120,7 +120,7 @@ def test_errors_are_as_large_as_their_sigmas() -> None:
             ratios[name].append(off / np.column_stack([sigma, depth_sigma]))
     for name, found in ratios.items():
         rms = np.sqrt(np.mean(np.square(found), axis=(0, 1)))
-        assert (rms > 0.95).all() and (rms < 1.05).all(), (name, rms)
+        assert (np.abs(rms - 1.0) < 0.12).all(), (name, rms)
 
 
 def test_sigmas_are_those_of_the_run_for_its_own_points() -> None:
