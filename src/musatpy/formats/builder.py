@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from musatpy.errors import DeckError, Problem, in_order, nearest_or_all
 from musatpy.formats import assembly, mapping, system_rows
-from musatpy.formats.cards.deck import CardDeck, card_images
+from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec
 from musatpy.formats.checks import cross_check
 from musatpy.formats.draft import Draft, draft_of_rows
@@ -298,8 +298,7 @@ class BlockBuilder:
             lines = np.concatenate([first[:0], *(one.lines for one in of_role)])
             cards = specs if role in system_rows.TABLES else (self._spec(role),)
             rows[role] = RoleRows.of(role, cards, with_flags(role, values, flags), lines)
-        deck = CardDeck(file="", tables={}, lines={}, problems=(), images=card_images(b"\n" * self._next()))
-        return draft_of_rows(rows, deck, self._label)
+        return draft_of_rows(rows, CardDeck.blank("", self._next()), self._label)
 
     def _spec(self, role: str) -> CardSpec:
         """Return the card of a role that has its units, by the name of the call in place of its own."""

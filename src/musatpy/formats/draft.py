@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
@@ -282,14 +283,11 @@ def first_of_names(rows: RoleRows, others: RoleRows) -> IntArray:
 
 def _first_appearance(columns: list[TextArray]) -> tuple[TextArray, list[IntArray]]:
     """Return the different texts of several columns in the order of first appearance, and links; -1 for blank."""
-    texts = np.concatenate([column.ravel() for column in columns])
-    unique, first, inverse = np.unique(texts, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    order = order[unique[order] != ""]
-    rank = np.full(len(unique), -1)
-    rank[order] = np.arange(len(order))
-    parts = np.split(rank[inverse.ravel()], np.cumsum([column.size for column in columns])[:-1])
-    return unique[order], [part.reshape(column.shape) for part, column in zip(parts, columns, strict=True)]
+    texts = [column.ravel().tolist() for column in columns]
+    number = {name: row for row, name in enumerate(dict.fromkeys(filter(None, chain(*texts))))}
+    unique, row_of = np.array(list(number), dtype=np.str_), (number | {"": -1}).__getitem__
+    links = [np.fromiter(map(row_of, names), np.int64, len(names)) for names in texts]
+    return unique, [link.reshape(column.shape) for link, column in zip(links, columns, strict=True)]
 
 
 def _by_matrices(attitudes: RoleRows, matrices: RoleRows) -> RoleRows:

@@ -22,7 +22,7 @@ import numpy as np
 
 from musatpy.errors import DeckError, Problem, nearest_or_all
 from musatpy.formats import assembly, mapping, system_rows
-from musatpy.formats.cards.deck import CardDeck, CardImages, read_cards, write_cards
+from musatpy.formats.cards.deck import CardDeck, read_cards, write_cards
 from musatpy.formats.cards.settings import Setting, deck_with
 from musatpy.formats.cards.spec import Family
 from musatpy.formats.draft import Draft, draft_of, draft_of_rows
@@ -153,10 +153,7 @@ def draft_of_tables(
     if settings:
         once = _set(tables, family, settings)
         rows |= {role: of for role, of in once.items() if _stands_in_text(role) and role != "cameras"}
-    blank = np.broadcast_to(np.full(80, ord(" "), dtype=np.uint8), (line, 80))
-    images = CardImages(cards=blank, overlong={}, bad_characters=(), letters={})
-    deck = CardDeck(file=file, tables={}, lines={}, problems=(), images=images)
-    return draft_of_rows(rows, deck, lambda number: _label(rows, number))
+    return draft_of_rows(rows, CardDeck.blank(file, line), lambda number: _label(rows, number))
 
 
 def placed(problem: Problem, draft: Draft) -> Problem:
@@ -184,7 +181,8 @@ def _stands_in_text(role: str) -> bool:
 
 def _plain(values: Array) -> Array:
     """Return an array as it is kept: texts no wider than the longest of them."""
-    return np.array(values.tolist(), dtype=np.str_).reshape(values.shape) if values.dtype.kind == "U" else values
+    width = max(1, int(np.char.str_len(values).max(initial=1))) if values.dtype.kind == "U" else 0
+    return values.astype(f"U{width}") if width else values
 
 
 def _written(value: Any) -> str:

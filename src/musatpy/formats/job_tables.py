@@ -244,7 +244,8 @@ def flags_of(tables: Iterable[tuple[str, Table]]) -> dict[str, list[str]]:
 def with_flags(role: str, table: Table, flags: Flags) -> Table:
     """Return a table in which every plate or control row of some points has flags besides its own."""
     more = {flag: ids for flag, ids in flags.items() if ids and role in ("plates", "control")}
-    columns = {flag: np.isin(table[f"{role}.point"], ids) for flag, ids in more.items()}
+    points = table[f"{role}.point"].tolist() if more else []
+    columns = {flag: np.fromiter(map(set(ids).__contains__, points), bool) for flag, ids in more.items()}
     return table | {flag: table[flag].astype(bool) | named for flag, named in columns.items()}
 
 

@@ -240,7 +240,7 @@ def _add_images(build: Any, model: Model, beside: Beside, used: BoolArray, size:
 
 def tie_names(points: TextArray, control: TextArray) -> TextArray:
     """Return names (p,) of the points of a model that no control point has: with T before all where one has."""
-    return np.char.add("T", points) if np.isin(control, points).any() else points
+    return np.char.add("T", points) if np.isin(points, control).any() else points
 
 
 def ideal_coordinates(lens: PixelLens, pixels: FloatArray, size: float) -> FloatArray:

@@ -48,8 +48,8 @@ class _Image:
     name: str
     camera: int
     pose: Sequence[float]  # qw qx qy qz tx ty tz
-    pixel: FloatArray  # (f, 2)
-    point: IntArray  # (f,) -1: none
+    pixel: FloatArray  # (f, 2) of the features that belong to a point
+    point: IntArray  # (f,)
 
 
 def is_colmap(folder: Path) -> bool:
@@ -182,11 +182,10 @@ def _assembled(paths: list[Path], lenses: dict[int, PixelLens], every: list[_Ima
     counts = [len(image.point) for image in every]
     point = np.concatenate([np.zeros(0, dtype=np.int64), *(image.point for image in every)])
     pixel = np.concatenate([np.zeros((0, 2)), *(image.pixel for image in every)])
-    of_point = point >= 0
-    photo, point, pixel = np.repeat(np.arange(len(every)), counts)[of_point], point[of_point], pixel[of_point]
-    order = np.argsort(points.ids)
-    row = np.minimum(np.searchsorted(points.ids, point, sorter=order), max(len(order) - 1, 0))
-    known = points.ids[order][row] == point if len(order) else np.zeros(len(point), dtype=bool)
+    photo, order = np.repeat(np.arange(len(every)), counts), np.argsort(points.ids)
+    ids = points.ids[order]
+    row = np.minimum(np.searchsorted(ids, point), max(len(ids) - 1, 0))
+    known = ids[row] == point if len(ids) else np.zeros(len(point), dtype=bool)
     if not known.all():
         name, missing = every[photo[~known][0]].name, point[~known][0]
         message = f"image {name} names point {missing}, which is not in {paths[2].name}"
@@ -261,6 +260,7 @@ def _text_images(path: Path) -> Iterator[_Image]:
                 raise ValueError
         except ValueError:
             raise _wrong(path, number, line, "POINTS2D[] as X Y POINT3D_ID") from None
+        features = features[features[:, 2] >= 0.0]
         point = features[:, 2].astype(np.int64)
         yield _Image(name=name, camera=camera, pose=pose, pixel=features[:, :2], point=point)
 
@@ -337,6 +337,7 @@ def _binary_images(path: Path) -> Iterator[_Image]:
         features = int(file.take(struct.Struct("<Q"))[0])
         file.need(features * _FEATURE.itemsize)
         rows = np.frombuffer(file.data, _FEATURE, features, file.at)
+        rows = rows[rows["point"] >= 0]
         file.at += features * _FEATURE.itemsize
         yield _Image(name=name, camera=int(camera), pose=pose, pixel=rows["xy"], point=rows["point"])
 

@@ -6,6 +6,7 @@ from the corner of the image. Coordinates are those of the file, of any scale.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,6 +20,7 @@ from musatpy.reduction.pixel_lens import PixelLens
 LOCAL = "local"  # in the place of a system: metres, Z up
 LONGEST = 128  # bytes of the name of a photo
 NO_TURN = 1e-6  # by which the determinant of a rotation may miss 1
+_AT_A_TIME = 2**15  # images, that stay in the fast memory
 
 
 class ModelError(ProblemsError):
@@ -54,12 +56,14 @@ class Model:
 
     def gaps(self, position: FloatArray, photo: IntArray, point: IntArray, pixel: FloatArray) -> FloatArray:
         """Return the same of images (r,) of points at positions (p, 3) of the model's coordinates."""
-        rays = np.einsum("rij,rj->ri", self.rotation[photo], position[point] - self.centre[photo])
         computed, camera = np.full(pixel.shape, np.nan), self.camera[photo]
-        ahead = rays[:, 2] > 0.0
         for number, lens in enumerate(self.lenses):
-            of = np.flatnonzero(ahead & (camera == number))
-            computed[of] = lens.pixels(rays[of, :2] / rays[of, 2:])
+            every = np.flatnonzero(camera == number)
+            for of in np.array_split(every, 1 + len(every) // _AT_A_TIME):
+                away = position[point[of]] - self.centre[photo[of]]
+                rays = np.einsum("rij,rj->ri", self.rotation[photo[of]], away)
+                ahead = rays[:, 2] > 0.0
+                computed[of[ahead]] = lens.pixels(rays[ahead, :2] / rays[ahead, 2:])
         return computed - pixel
 
     @cached_property
@@ -72,8 +76,7 @@ def checked(model: Model, source: str) -> Model:
     """Return a model that can be used. Raises `ModelError` that names what cannot, by its id."""
     problems = [] if len(model.photos) else [Problem(message="it has no photo that is placed", file=source)]
     for what, names in (("photos", model.photos), ("points", model.points)):
-        each, count = np.unique(names, return_counts=True)
-        twice = each[count > 1].tolist()
+        twice = sorted(name for name, count in Counter(names.tolist()).items() if count > 1)
         problems += [Problem(message=f"two {what} are called {name}", file=source) for name in twice]
     for name in model.photos.tolist():
         if not name.isprintable() or len(name.encode("utf-8", "replace")) > LONGEST:

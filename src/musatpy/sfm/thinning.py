@@ -17,7 +17,7 @@ from musatpy.sfm.wet import Wet
 COLUMNS, ROWS = 8, 6  # of cells, along the longer and the shorter side of a photo
 COMMON = 12  # tracks of each pair of photos that overlap
 _ANGLE, _RESIDUAL = 0.1, 0.01  # degree, px: what is nearer counts as equal, on every machine
-_AT_A_TIME = 2**22
+_AT_A_TIME = 2**18
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,16 +74,19 @@ def ranked(model: Model) -> IntArray:
 
 def widest_angles(model: Model) -> FloatArray:
     """Return the widest angle (p,) rad between two rays of each track, 0 without two."""
-    rays = model.position[model.point] - model.centre[model.photo]
-    with np.errstate(invalid="ignore"):
-        rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     order, out = np.argsort(model.point, kind="stable"), np.zeros(len(model.points))
     start = np.cumsum(model.counts) - model.counts
     for length in np.unique(model.counts[model.counts > 1]).tolist():
         tracks = np.flatnonzero(model.counts == length)
-        for some in np.array_split(tracks, 1 + len(tracks) * length**2 // _AT_A_TIME):
-            of = rays[order[start[some][:, None] + np.arange(length)]]
-            cosine = np.einsum("tia,tja->tij", of, of).min(axis=(1, 2))
+        for some in np.array_split(tracks, 1 + len(tracks) * length // _AT_A_TIME):
+            photo = model.photo[order[start[some] + np.arange(length)[:, None]]]
+            rays = np.moveaxis(model.position[some] - model.centre[photo], 2, 0).copy()  # x, y, z
+            with np.errstate(invalid="ignore"):
+                rays /= np.sqrt(np.einsum("ait,ait->it", rays, rays))
+            cosine = np.ones(len(some))
+            for apart in range(1, length):
+                pairs = np.einsum("ait,ait->it", rays[:, apart:], rays[:, :-apart])
+                np.minimum(cosine, pairs.min(axis=0), out=cosine)
             out[some] = np.arccos(np.clip(cosine, -1.0, 1.0))
     return np.nan_to_num(out)
 

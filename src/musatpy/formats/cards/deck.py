@@ -122,6 +122,13 @@ class CardDeck:
     unread: frozenset[int] = frozenset()  # lines with errors, whose values are not known
     end: int | None = None  # the first line that should not be there: it stands behind the END card
 
+    @classmethod
+    def blank(cls, file: str, count: int) -> CardDeck:
+        """Return a deck of blank cards, in the place of one where other files or calls say it all."""
+        cards = np.broadcast_to(np.uint8(ord(" ")), (count, CARD_WIDTH))
+        images = CardImages(cards=cards, overlong={}, bad_characters=(), letters={})
+        return cls(file=file, tables={}, lines={}, problems=(), images=images)
+
 
 def read_cards(source: Path | str | bytes, family: Family, name: str | None = None) -> CardDeck:
     """Return the deck in `source`, a path or the bytes of a file, which messages call `name`.

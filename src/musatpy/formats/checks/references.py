@@ -71,9 +71,11 @@ def _keys(draft: Draft, role: str, path: str) -> Iterator[tuple[IntArray, TextAr
     else:
         inverse = np.unique(values, return_inverse=True)[1].reshape(values.shape)
         numbers = np.where(values == "", -1, inverse)
-    numbers, texts = (column.reshape(len(values), math.prod(values.shape[1:])) for column in (numbers, values))
+    if values.ndim == 1:
+        yield numbers, values
+        return
     order = np.argsort(numbers, axis=1)
-    yield from zip(np.take_along_axis(numbers, order, 1).T, np.take_along_axis(texts, order, 1).T, strict=True)
+    yield from zip(np.take_along_axis(numbers, order, 1).T, np.take_along_axis(values, order, 1).T, strict=True)
 
 
 @check()
