@@ -19,6 +19,9 @@ from musatpy.adjustment import kinds
 from musatpy.adjustment.kinds import state_after
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import job_frame
+from musatpy.jobs.agreement import Part
+from musatpy.jobs.extract import extracted
+from musatpy.jobs.merge import MergeOptions, merged
 from musatpy.model import CauseKind, Editing, ObservationKind, PointStatus, Program, Refraction
 from musatpy.formats import musat
 from harbour_ranges import Ranges
@@ -46,6 +49,14 @@ cards = musat.deck_bytes(block)
 block = musat.read_deck(cards)
 assert sum(card.startswith(b"RNG ") for card in cards.splitlines()) == count and musat.deck_bytes(block) == cards
 np.testing.assert_allclose(block.ranges.length, length, atol=6e-5)
+
+# its rows go with their photos, and together again
+first = np.arange(block.photos.count) < photo[count // 2]
+parts = [Part(name=name, block=extracted(block, rows).block) for name, rows in (("a", first), ("b", ~first))]
+assert [part.block.ranges.count for part in parts] == [np.count_nonzero(rows[photo]) for rows in (first, ~first)]
+whole = merged([*parts, parts[1]], MergeOptions(join_photos=True)).block
+assert sorted(whole.ranges.length) == sorted(block.ranges.length)
+assert set(whole.photos.ids[whole.ranges.photo]) == set(block.photos.ids[photo])
 
 # its partials are those of differences
 job, state = prepared(block, None)

@@ -22,6 +22,7 @@ from musatpy.geometry.body import BodyAngles, body_angles, body_matrix, inverse_
 from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.geometry.similarity import Similarity
 from musatpy.jobs.extract import extracted
+from musatpy.jobs.punch import Content, Punch, punched
 from musatpy.model import Action, Block, CauseKind, Editing, Grade, ObservationKind, Solution, SystemSpec
 from musatpy.simulation import Simulation
 from musatpy.units import DEGREE
@@ -428,3 +429,10 @@ def test_merged_decks_have_the_attitudes_of_both() -> None:
     assert whole.inertial_convention == block.inertial_convention
     with pytest.raises(DeckError, match=r"the angles of inertial attitudes are RPY in .*, OPK in"):
         merge(parts[0], altered(parts[1], inertial_convention={"angles": "OPK"}))
+
+
+def test_a_result_has_them_in_its_sigmas() -> None:
+    """Their cards would count them twice."""
+    result, notes = punched(converged(flown(16).block), Punch(content=Content.RESULT))
+    assert not {card[:3] for card in deck_bytes(result).decode().splitlines()} & {"INS", "INO", "MIS"}
+    assert "inertial attitudes are left out: 6" in notes

@@ -261,7 +261,10 @@ def test_what_a_result_leaves_out_is_noted() -> None:
     solution = solved(with_options(reread(rich()), program=Program.IIIA))
     block, notes = punched(solution, replace(RESULT, plates=True))
     assert notes == (
-        "groups, air bases, distances and height differences are left out: 7",
+        "equal elevations are left out: 1",
+        "air bases are left out: 2",
+        "distances are left out: 2",
+        "height differences are left out: 2",
         "the plate coordinates are in the sigmas of the result already: do not adjust both together",
     )
     assert not {card[:3] for card in cards(block)} & {"EQL", "BAS", "DIS", "HDF"}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.errors import Problem
-from musatpy.model import Block, CoordinateSystem, Options, Water, WaveOrigin, Waves
+from musatpy.model import Block, CoordinateSystem, InertialConvention, Options, Water, WaveOrigin, Waves
 from musatpy.model.block import linking
 from musatpy.model.tables import columns, empty
 from musatpy.units import ARC_SECOND
@@ -101,6 +101,14 @@ def waves_of(parts: Sequence[Part], chosen: Part | None) -> tuple[Waves, WaveOri
             message = f"the waves of {first.name} are not those of {part.name}: they differ in {apart}"
             problems.append(Problem(message=message))
     return first.block.waves, first.block.wave_origin, tuple(problems)
+
+
+def convention_of(parts: Sequence[Part]) -> tuple[InertialConvention | None, tuple[Problem, ...]]:
+    """Return the convention of inertial attitudes in the merged job, and what decks say against it."""
+    given = {convention: part.name for part in parts if (convention := part.block.inertial_convention)}
+    angles = ", ".join(f"{convention.angles} in {name}" for convention, name in given.items())
+    problem = Problem(message=f"the angles of inertial attitudes are {angles}")
+    return next(iter(given), None), (problem,) if len(given) > 1 else ()
 
 
 def _waves_apart(one: Block, other: Block) -> Iterator[str]:

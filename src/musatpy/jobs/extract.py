@@ -12,9 +12,8 @@ from musatpy.arrays import BoolArray, IntArray, TextArray
 from musatpy.errors import DeckError, Problem
 from musatpy.geometry.areas import Area
 from musatpy.jobs.plan_positions import images_on_ground, plan
-from musatpy.model import Block, EqualElevations
-from musatpy.model.block import in_order, with_tables, without_unused_cameras
-from musatpy.model.tables import Table, renumbered, taken
+from musatpy.model import Block
+from musatpy.model.block import in_order, with_rows, without_unused_cameras
 
 _NUMBERED = re.compile(r"(.*?)(\d+)", re.DOTALL)
 
@@ -128,18 +127,9 @@ def _stay_members(block: Block, measured: BoolArray) -> BoolArray:
 
 def _part(block: Block, photos: BoolArray, measured: BoolArray) -> Block:
     """Return the block of some photos (n,), with the rows all of whose photos stay, and whose points (p,) do."""
-    stays = {"photos": photos, "points": measured}
-    tables: dict[str, Table] = {"photos": taken(block.photos, photos)}
-    for name, table in block.tables().items():
-        links = [(stays[to], rows) for to in stays for rows in table.links_to(to).values()]
-        kept = [known[rows].all(axis=1) if rows.ndim > 1 else known[rows] for known, rows in links]
-        if isinstance(table, EqualElevations):
-            tables[name] = table.with_members(_stay_members(block, measured))
-        elif kept:
-            tables[name] = renumbered(taken(table, np.all(kept, axis=0)), {"photos": np.cumsum(photos) - 1})
-    part, lines = with_tables(block, tables), block.antenna_lines
-    flown = taken(lines, np.isin(lines.line, part.antenna_positions.line))
-    return in_order(without_unused_cameras(replace(part, antenna_lines=flown)))
+    groups = block.equal_elevations.with_members(_stay_members(block, measured))
+    part = with_rows(replace(block, equal_elevations=groups), {"photos": photos, "points": measured})
+    return in_order(without_unused_cameras(part))
 
 
 def _left_out(block: Block, part: Block, measured: BoolArray) -> dict[str, tuple[str, ...]]:

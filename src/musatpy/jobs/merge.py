@@ -13,9 +13,9 @@ from musatpy.errors import DeckError, Problem
 from musatpy.jobs import agreement
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.naming import Linking, NamedKind, Once, once
-from musatpy.model import Block, EqualElevations, InertialConvention, Photos, PlateMeasurements, Points, WaterLevel
-from musatpy.model.block import in_order, linking
-from musatpy.model.tables import taken
+from musatpy.model import Block, EqualElevations, Photos, PlateMeasurements, Points, WaterLevel, Waves
+from musatpy.model.block import in_order, linking, with_tables
+from musatpy.model.tables import Table, columns, parts_of, taken
 from musatpy.units import MICROMETRE
 
 
@@ -70,9 +70,9 @@ class _Merger:
         self.problems += agreement.same_cameras(self.parts)
         water, disagree = agreement.water_of(self.parts, self.chosen)
         waves, origin, others = agreement.waves_of(self.parts, self.chosen)
-        self.problems += [*disagree, *others]
-        block = replace(self._tables(), water=water, waves=waves, wave_origin=origin)
-        block = replace(block, inertial_convention=self._inertial_convention())
+        convention, differ = agreement.convention_of(self.parts)
+        self.problems += [*disagree, *others, *differ]
+        block = replace(self._tables(waves), water=water, wave_origin=origin, inertial_convention=convention)
         if self.problems:
             raise DeckError(self.problems)
         self._note_water(block)
@@ -84,29 +84,23 @@ class _Merger:
             notes=tuple(self.notes),
         )
 
-    def _tables(self) -> Block:
+    def _tables(self, waves: Waves) -> Block:
         """Return the merged tables under the options that hold; what cannot be merged is among the problems."""
-        return replace(
-            self.head,
-            titles=tuple(dict.fromkeys(title for part in self.parts for title in part.block.titles)),
-            cameras=taken(self.names.table("cameras"), self._first(NamedKind.CAMERA)),
+        tables: dict[str, Table] = {
+            "waves": waves,
+            "cameras": taken(self.names.table("cameras"), self._first(NamedKind.CAMERA)),
             **{name: self._of_first_decks(name) for name in linking(self.head, "cameras") if name != "photos"},
-            photos=self._photos(),
-            fiducial_measurements=self._on_photos("fiducial_measurements", "fiducial mark"),
-            cross_measurements=self._on_photos("cross_measurements", "reseau cross"),
-            antenna_positions=self._of_photos("antenna_positions", "antenna position"),
-            antenna_covariances=self._of_photos("antenna_covariances", "covariance of the antenna position"),
-            exposure_times=self._of_photos("exposure_times", "time"),
-            antenna_lines=self._antenna_lines(),
-            points=self._points(),
-            plates=self._plates(),
-            control=self._control(),
-            equal_elevations=self._groups(),
-            inertial_attitudes=self._of_photos("inertial_attitudes", "inertial attitude"),
-            air_bases=self._air_bases(),
-            distances=self._measured("distances", "length", turn=1.0),
-            height_differences=self._measured("height_differences", "difference", turn=-1.0),
-        )
+            "photos": self._photos(),
+            "points": self._points(),
+            "plates": self._plates(),
+            "equal_elevations": self._groups(),
+            "air_bases": self._air_bases(),
+            "distances": self._measured("distances", "length", turn=1.0),
+            "height_differences": self._measured("height_differences", "difference", turn=-1.0),
+        }
+        known = {name: self._known_by_keys(name) for name in self.head.tables() if name not in tables}
+        titles = tuple(dict.fromkeys(title for part in self.parts for title in part.block.titles))
+        return with_tables(replace(self.head, titles=titles), tables | known)
 
     def _first(self, kind: NamedKind) -> IntArray:
         """Return the row, among those of all parts, in which each name first appears."""
@@ -128,6 +122,19 @@ class _Merger:
         self.doubles[label] = distinct
         self.problems += distinct.problems
         return taken(table, distinct.stays)
+
+    def _known_by_keys(self, name: str) -> Any:
+        """Return a table whose rows are known by their keys, or by all that they say where they have none."""
+        table = self.names.table(name)
+        about = columns(type(table))
+        keys = [column for column in about if about[column].key] or list(about)
+        key = np.column_stack([_ranks(part) for column in keys for part in parts_of(getattr(table, column))])
+        names = [self.names.named(about[column].link, getattr(table, column)) for column in keys]
+        what = (
+            " of ".join([str(last), *(f"{column} {owner}" for column, owner in zip(keys, owners, strict=False))])
+            for *owners, last in zip(*names, strict=True)
+        )
+        return self._once(name, table.row_noun or name.replace("_", " "), table, self._nth(name, key), what, keys)
 
     def _nth(self, name: str, key: IntArray) -> IntArray:
         """Return keys (k, q + 1) with a number for each reading of a deck: of raw plates there may be several."""
@@ -159,35 +166,11 @@ class _Merger:
         number = self.names.number[NamedKind.PHOTO]
         return taken(kept, np.argsort([number[name] for name in kept.ids.tolist()]))
 
-    def _on_photos(self, name: str, label: str) -> Any:
-        """Return the measured marks, or crosses, of all photos."""
-        table, photos = self.names.table(name), self.names.ids(NamedKind.PHOTO)
-        what = [f"{mark} of photo {photos[photo]}" for mark, photo in zip(table.ids, table.photo, strict=True)]
-        key = self._nth(name, np.stack([table.photo, _ranks(table.ids)], axis=1))
-        return self._once(name, label, table, key, what, ("photo", "ids"))
-
-    def _of_photos(self, name: str, label: str) -> Any:
-        """Return what a card for each photo says."""
-        table, photos = self.names.table(name), self.names.ids(NamedKind.PHOTO)
-        what = (photos[photo] for photo in table.photo)
-        return self._once(name, label, table, table.photo[:, None], what, ("photo",))
-
-    def _antenna_lines(self) -> Any:
-        table = self.names.table("antenna_lines")
-        return self._once("antenna_lines", "line", table, _ranks(table.line)[:, None], table.line, ("line",))
-
     def _air_bases(self) -> Any:
         table, photos = self.names.table("air_bases"), self.names.ids(NamedKind.PHOTO)
         ends = np.sort(table.photo, axis=1)
         what = [f"{photos[a]}-{photos[b]}" for a, b in ends]
         return self._once("air_bases", "air base", table, ends, what, ("photo",))
-
-    def _inertial_convention(self) -> InertialConvention | None:
-        given = {one: part.name for part in self.parts if (one := part.block.inertial_convention)}
-        if len(given) > 1:
-            angles = ", ".join(f"{one.angles} in {name}" for one, name in given.items())
-            self.problems.append(Problem(message=f"the angles of inertial attitudes are {angles}"))
-        return next(iter(given), None)
 
     # --- points ---
 
@@ -236,11 +219,6 @@ class _Merger:
                 f"{part.name}: its submerged factor of {own.submerged_factor:g} is in its plate sigmas now"
             )
         return sigma
-
-    def _control(self) -> Any:
-        table, points = self.names.table("control"), self.names.ids(NamedKind.POINT)
-        what = (points[point] for point in table.point)
-        return self._once("control", "control point", table, table.point[:, None], what, ("point",))
 
     def _groups(self) -> EqualElevations:
         """Return the groups of all parts: those of one name are one group, and a member of both is one member."""

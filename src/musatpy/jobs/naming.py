@@ -16,6 +16,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from musatpy.arrays import BoolArray, IntArray, TextArray
 from musatpy.errors import DeckError, Problem
@@ -233,6 +234,10 @@ class Linking:
 
     def _numbers(self, part: Part) -> dict[str, IntArray]:
         return {table: self.links(part, kind) for table, kind in _LINKS.items()}
+
+    def named(self, link: str, values: NDArray[Any]) -> list[Any]:
+        """Return values of such a table as they are, or, of links to a table with names, these."""
+        return (np.array(self.ids(_LINKS[link]))[values] if link else values).tolist()
 
     def deck(self, name: str) -> IntArray:
         """Return which part (k,) each row of such a table comes from."""

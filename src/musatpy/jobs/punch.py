@@ -16,20 +16,12 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, turn_about_one_line, wrapped
 from musatpy.jobs.plan_positions import frame_of
 from musatpy.model import (
-    AirBases,
-    AntennaCovariances,
-    AntennaLines,
-    AntennaPositions,
     Block,
     Control,
     ControlKind,
-    Distances,
     Editing,
-    EqualElevations,
-    ExposureTimes,
-    HeightDifferences,
     Initial,
-    LeverArms,
+    ObservationKind,
     Options,
     Photos,
     PlateMeasurements,
@@ -42,7 +34,7 @@ from musatpy.model import (
     WaterLevel,
     Waves,
 )
-from musatpy.model.block import in_order
+from musatpy.model.block import in_order, with_tables
 from musatpy.model.tables import empty, stacked, taken
 from musatpy.model.water import WAVE_SIGMAS, known_waves
 from musatpy.units import DEGREE
@@ -63,6 +55,7 @@ class PunchedPoints(StrEnum):
     ALL = "all"  # every point with a position; in a restart as check points, where they have no card
 
 
+_PUNCHED = ("", "plates", "photos", "control")  # tables of observations that a result has
 KINDS = {
     "F": ControlKind.FULL,
     "H": ControlKind.HORIZONTAL,
@@ -228,18 +221,16 @@ def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tupl
     """Return the adjusted values of a solution with their a posteriori sigmas, for another job, and notes.
 
     Stations, attitudes, water, waves, and `points` as control of one kind, in the system of the answer. What was
-    used to find them is in their sigmas and left out: equal elevation groups, air bases, distances, height
-    differences. Control that is fixed, a check point, or not determined keeps its card.
+    observed besides is in their sigmas, and left out. Control that is fixed, a check point, or not determined keeps
+    its card.
     """
-    block, notes = solution.block, []
-    if not solution.converged:
-        notes.append("the run has not converged: these are not results to use")
-    groups, between = block.equal_elevations, (block.air_bases, block.distances, block.height_differences)
-    used = len(groups.ids) + sum(len(table.sigma) for table in between)
-    if used:
-        notes.append(f"groups, air bases, distances and height differences are left out: {used}")
-    if number := block.antenna_positions.count:
-        notes.append(f"antenna positions, and what their cards say besides, are left out: {number}")
+    block, tables = solution.block, solution.block.tables()
+    notes = [] if solution.converged else ["the run has not converged: these are not results to use"]
+    used = {kind.attribute: kind.noun for kind in ObservationKind if kind.attribute not in _PUNCHED}
+    notes += [f"{noun} are left out: {tables[name].count}" for name, noun in used.items() if tables[name].count]
+    block = with_tables(
+        block, {name: empty(type(of)) for name, of in tables.items() if name in used or of.about in used}
+    )
     punched = replace(
         block,
         options=_options(block),
@@ -247,15 +238,7 @@ def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tupl
         waves=_waves_found(block.waves, solution),
         photos=_photos_found(solution),
         control=_control_found(solution, points, kind),
-        equal_elevations=empty(EqualElevations),
-        lever_arms=empty(LeverArms),
-        antenna_lines=empty(AntennaLines),
-        antenna_positions=empty(AntennaPositions),
-        antenna_covariances=empty(AntennaCovariances),
-        exposure_times=empty(ExposureTimes),
-        air_bases=empty(AirBases),
-        distances=empty(Distances),
-        height_differences=empty(HeightDifferences),
+        inertial_convention=None,
         given_in=_words_of_answer(block),
         stated_in=None,
     )

@@ -35,7 +35,7 @@ from musatpy.model.reduction import (
     ReductionOptions,
     ReseauCrosses,
 )
-from musatpy.model.tables import POSITION_UNIT, Table, columns, empty, per_row, renumbered, taken
+from musatpy.model.tables import POSITION_UNIT, Table, columns, empty, parts_of, per_row, renumbered, taken
 from musatpy.model.water import Water, WaveOrigin, Waves
 
 Kind = TypeVar("Kind")
@@ -156,7 +156,7 @@ class PlateMeasurements(Table):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FiducialMeasurements(Table):
+class FiducialMeasurements(Table, noun="fiducial mark"):
     """r measured fiducial marks, in the order of the deck, in the measuring system of the plate."""
 
     photo: IntArray = per_row(link="photos", key=True)  # (r,) link to Photos
@@ -185,7 +185,7 @@ _LETTERS = {
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Control(Table):
+class Control(Table, noun="control point"):
     """k control points.
 
     Positions stand in the coordinate system of the job (see `Photos`), NaN in components that the card leaves
@@ -401,13 +401,30 @@ def in_order(block: Block) -> Block:
 
 def without_unused_cameras(block: Block) -> Block:
     """Return the block without cameras that took none of its photos, and what belongs to them."""
-    used: BoolArray = np.isin(np.arange(len(block.cameras.ids)), block.photos.camera)
-    number: IntArray = np.cumsum(used) - 1
-    tables = {
-        name: renumbered(taken(table, used[table.links_to("cameras")["camera"]]), {"cameras": number})
-        for name, table in linking(block, "cameras").items()
-    }
-    return with_tables(block, tables | {"cameras": taken(block.cameras, used)})
+    return with_rows(block, {"cameras": np.isin(np.arange(block.cameras.count), block.photos.camera)})
+
+
+def with_rows(block: Block, stays: dict[str, BoolArray]) -> Block:
+    """Return the block with the rows of tables, by name, that stay, and those of others that need no other rows.
+
+    They link to rows that stay alone, and are named by those that have to (`used_by`).
+    """
+    numbers, tables = {name: np.cumsum(rows) - 1 for name, rows in stays.items()}, block.tables()
+    for name, table in tables.items():
+        links = [stays[to][rows] for to in stays for rows in table.links_to(to).values()]
+        kept = [rows.all(axis=tuple(range(1, rows.ndim))) for rows in links]
+        kept += [stays[name]] if name in stays else []
+        if kept and isinstance(table, EqualElevations):
+            table = table.with_members(np.all(kept, axis=0))
+        elif kept:
+            table = taken(table, np.all(kept, axis=0))
+        tables[name] = renumbered(table, numbers)
+    for name, table in tables.items():
+        for column, about in columns(type(table)).items():
+            if about.used_by:
+                other, _, names = about.used_by.partition(".")
+                tables[name] = taken(table, np.isin(getattr(table, column), getattr(tables[other], names)))
+    return with_tables(block, tables)
 
 
 def with_tables(block: Block, tables: dict[str, Table]) -> Block:
@@ -468,7 +485,7 @@ def _columns(values: Any) -> list[Any]:
     if values.dtype.kind == "U":
         names, numbers = np.unique(values, return_inverse=True)
         values = _ranks(natural_order(names.tolist()))[numbers].reshape(values.shape)
-    return [values] if values.ndim == 1 else list(values.T)
+    return parts_of(values)
 
 
 def _ranks(order: IntArray) -> IntArray:

@@ -20,7 +20,7 @@ _FREE = {"": False, "F": True}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AntennaPositions(Table):
+class AntennaPositions(Table, noun="antenna position"):
     """a observed antenna positions, in the coordinate system of the job (IIIA).
 
     observed = station + M' lever arm + shift + drift (t - mean t of the line), M from the ground to the photo.
@@ -35,7 +35,7 @@ class AntennaPositions(Table):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AntennaCovariances(Table):
+class AntennaCovariances(Table, noun="covariance of the antenna position", about="antenna_positions"):
     """b covariances of antenna positions, in place of their three standard deviations."""
 
     photo: IntArray = per_row(link="photos", key=True)  # (b,)
@@ -54,7 +54,7 @@ class AntennaCovariances(Table):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ExposureTimes(Table):
+class ExposureTimes(Table, noun="time", about="antenna_positions"):
     """e times of exposures, on one clock."""
 
     photo: IntArray = per_row(link="photos", key=True)  # (e,)
@@ -62,7 +62,7 @@ class ExposureTimes(Table):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LeverArms(Table):
+class LeverArms(Table, about="antenna_positions"):
     """l vectors from the projection centre to the antenna, along the axes of the photo."""
 
     camera: IntArray = per_row(link="cameras", key=True)  # (l,)
@@ -77,10 +77,10 @@ class LeverArms(Table):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AntennaLines(Table):
+class AntennaLines(Table, noun="line", about="antenna_positions"):
     """g flight lines whose antenna positions have a shift and a drift linear in time, both zero as given."""
 
-    line: TextArray = per_row(key=True, sort=True)  # (g,)
+    line: TextArray = per_row(key=True, sort=True, used_by="antenna_positions.line")  # (g,)
     shift_sigma: FloatArray = per_row(3, unit="m", blank=np.nan)  # (g, 3) NaN: held, or free
     shift_free: BoolArray = per_row(codes=_FREE, blank=False)  # (g,) components without a sigma are free
     drift_sigma: FloatArray = per_row(3, unit="m/s", blank=np.nan)  # (g, 3) likewise

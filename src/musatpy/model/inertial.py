@@ -20,7 +20,7 @@ class InertialConvention:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class InertialAttitudes(Table):
+class InertialAttitudes(Table, noun="inertial attitude"):
     """a attitudes of the body at exposures, in the local vertical of the station.
 
     Sigmas are those of small rotations about the axes of the body: of roll, pitch, heading where it is level.
@@ -32,7 +32,7 @@ class InertialAttitudes(Table):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Misalignments(Table):
+class Misalignments(Table, about="inertial_attitudes"):
     """c misalignments: omega, phi, kappa of the rotation R3(kappa) R2(phi) R1(omega) from camera to body axes.
 
     An angle with a sigma is unknown; one without is held, or `free`.

@@ -140,7 +140,7 @@ class ReseauCrosses(Table):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CrossMeasurements(Table):
+class CrossMeasurements(Table, noun="reseau cross"):
     """r readings of reseau crosses, in the order of the deck."""
 
     photo: IntArray = per_row(link="photos")  # (r,) link to Photos

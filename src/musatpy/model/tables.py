@@ -11,7 +11,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -41,6 +41,7 @@ class Column:
     noun: str = ""  # what it is called where a file cannot hold it; empty: its name
     codes: Codes | None = None
     blank: Any = None  # what a table has that is made without the column; None: it must be given
+    used_by: str = ""  # column of another table, `antenna_positions.line`, that names the rows which matter
 
 
 def per_row(*components: int, **meaning: Any) -> Any:
@@ -75,11 +76,19 @@ def types_of(kind: Any) -> Mapping[str, type]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
-    """Columns (n,) or (n, k, ...), checked and frozen. Raises `ValueError` for wrong shapes."""
+    """Columns (n,) or (n, k, ...), checked and frozen. Raises `ValueError` for wrong shapes.
 
-    def __init_subclass__(cls) -> None:
+    A row is called by its `row_noun`, if not by the name of the table; `about` is the table of observations that
+    the table says more of, and without which it means nothing.
+    """
+
+    row_noun: ClassVar[str]
+    about: ClassVar[str]
+
+    def __init_subclass__(cls, noun: str = "", about: str = "") -> None:
         """Let every table say what it has: a dataclass would write a `__repr__` of its own, with all numbers."""
         cls.__repr__ = Table.__repr__  # type: ignore[method-assign]
+        cls.row_noun, cls.about = noun, about
 
     def __repr__(self) -> str:
         """Return the name of the table with the number of its rows and its columns: `Points(22: ids, ...)`."""
@@ -160,6 +169,11 @@ def freeze(owner: object, name: str, dtype: DTypeLike, *shape: int) -> None:
         array = array.view()
         array.flags.writeable = False
     object.__setattr__(owner, name, array)
+
+
+def parts_of(values: NDArray[Any]) -> list[NDArray[Any]]:
+    """Return the components of values (n,) or (n, k, ...), each (n,)."""
+    return list(values.reshape(len(values), -1).T) if values.size else [values.reshape(-1)]
 
 
 def order_of(numbers: IntArray) -> IntArray:

@@ -10,10 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import FloatArray
 from musatpy.model import Block, CrossMeasurements, FiducialMeasurements, ReductionOptions, Refused
+from musatpy.model.block import with_rows
 from musatpy.model.reduction import Quantity, Reduced, ReducedPlate, ReductionStep, Spread, Unit
-from musatpy.model.tables import empty, renumbered, taken
+from musatpy.model.tables import empty
 from musatpy.reduction import distortion, planar
 from musatpy.reduction.displacements import Curvature, Refraction
 from musatpy.reduction.distortion import Lens
@@ -41,20 +42,8 @@ def reduce(block: Block) -> tuple[Block, Reduced]:
     done = replace(done, fiducial_measurements=empty(FiducialMeasurements))
     good = np.array([plate.refusal is None or not len(plate.ids) for plate in reductions], dtype=bool)
     told = [plate for plate in reductions if len(plate.ids) or len(plate.mark_means.ids)]
-    return _with_photos(done, good), Reduced(given=block, plates=tuple(_plate(plate) for plate in told))
-
-
-def _with_photos(block: Block, wanted: BoolArray) -> Block:
-    """Return the block with the photos that are `wanted` (n,), and with what belongs to them only."""
-    if wanted.all():
-        return block
-    number, tables = np.cumsum(wanted) - 1, {}
-    for name in ("plates", "air_bases", "antenna_positions", "antenna_covariances", "exposure_times"):
-        table = getattr(block, name)
-        kept = wanted[table.photo]
-        kept = kept.all(axis=tuple(range(1, kept.ndim)))
-        tables[name] = renumbered(taken(table, kept), {"photos": number})
-    return replace(block, photos=taken(block.photos, wanted), **tables)
+    done = done if good.all() else with_rows(done, {"photos": good})
+    return done, Reduced(given=block, plates=tuple(_plate(plate) for plate in told))
 
 
 def _plate(plate: PlateReduction) -> ReducedPlate:
