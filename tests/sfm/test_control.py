@@ -238,6 +238,9 @@ def test_local_metres(tmp_path: Path, exact: Scene, chunk: Model) -> None:
 def test_systems_that_are_refused(system: str, message: str) -> None:
     with pytest.raises(SystemsError, match=message):
         level_positions(np.array([[500000.0, 2e6, 0.0]]), system)
+    if not system.startswith(("EPSG:2227", "EPSG:26717")):  # --crs beside the system of a file is no good either
+        with pytest.raises(SystemsError, match=message):
+            level_positions(np.array([[500000.0, 2e6, 0.0]]), UTM, system)
 
 
 def test_degrees_are_of_wgs_84(tmp_path: Path, chunk: Model) -> None:

@@ -161,7 +161,7 @@ def block_of(
     names = [str(number + 1) for number in range(len(model.lenses))]
     _add_cameras(build, model, names, size, held)
     positions = placement.positions(model.centre)
-    observed = np.isfinite(beside.position_sigma).all(axis=1, keepdims=True)
+    observed = np.isfinite(beside.position_sigma)  # in plan both or none
     build.add(
         "stations",
         ids=model.photos,

@@ -48,9 +48,11 @@ def level_positions(
     The system is the one that the file has stated, else `crs`: a code EPSG[+vertical], PROJ string or WKT, or
     `local` for metres with Z up, which stay as they are on no ellipsoid (None). `geoid` is the grid of heights.
     Raises `SystemsError` where no system is stated, where it is in feet or stands on another ellipsoid than WGS 84
-    and GRS 80, and where `geometry.crs` refuses it.
+    and GRS 80, and where `geometry.crs` refuses it, or `crs` beside it.
     """
     definition = stated or crs
+    if stated and crs not in ("", LOCAL):
+        system_of(crs, own_ellipsoid(crs), geoid)
     if not definition:
         message = "no coordinate system is stated: give --crs EPSG:code[+vertical], or --crs local for local metres"
         raise SystemsError([Problem(message=message)])
@@ -121,7 +123,9 @@ def georeferenced(
     known = np.isfinite(metres).all(axis=1) & np.isfinite(x).all(axis=1)
     rows = np.flatnonzero(known & np.isfinite(sigma).all(axis=1) & ~check)
     if len(rows) < 3:
-        raise ModelError([Problem(message=_too_few(int((rows < count).sum()), int((rows >= count).sum())))])
+        flat = int((np.isfinite(sigma[count:, :2]).all(axis=1) & np.isnan(sigma[count:, 2])).sum())
+        numbers = int((rows < count).sum()), int((rows >= count).sum()), flat
+        raise ModelError([Problem(message=_too_few(*numbers))])
     middle = metres[rows].mean(axis=0)
     axes = np.eye(3) if ellipsoid is None else ellipsoid.frame(geographic(ellipsoid, middle))
     y = (metres - middle) @ axes.T
@@ -146,10 +150,11 @@ def georeferenced(
     )
 
 
-def _too_few(control: int, photos: int) -> str:
+def _too_few(control: int, photos: int, flat: int) -> str:
+    heights = f"; the positions of {flat} photos have no heights of use: --heights takes them" if flat else ""
     return (
         f"{control} control points with coordinates and two images or more, and {photos} photos with positions are "
-        "known: three places that are not on a line are needed (--gcp, --gnss)"
+        f"known: three places that are not on a line are needed (--gcp, --gnss){heights}"
     )
 
 

@@ -28,6 +28,7 @@ from musatpy.sfm.times import SOURCES, Exposures, clock_offset, read_exposures
 from musatpy.sfm.wet import Wet, Wetness, read_flags, read_water, wetness
 
 FORMATS = ("colmap", "opensfm", "metashape")
+_METRIC = 1e-9  # by which the scale of a file in metres may miss 1
 _LEAST_DOUBT = 0.05  # m, of the height of a point of a model that was put in place
 
 
@@ -42,6 +43,7 @@ class Asked:
     gnss: Path | None = None
     heights: bool = False  # those of positions without RTK too
     crs: str = ""
+    geoid: str = ""  # grid of the heights of control
     time_zone: str = ""
     tide: Path | None = None
     tide_datum: str = ""
@@ -102,11 +104,15 @@ def imported(asked: Asked, title: str) -> Imported:
     exposures = _exposures(asked, model)
     control = None if asked.gcp is None else read_control(asked.gcp, model)
     geo, control_level = _placed(asked, model, control, exposures)
+    if geo.placement.ellipsoid is None:  # nothing local leads to what the file says of the earth
+        model = replace(model, to_geocentric=None)
     warnings += [*geo.wrong, *geo.notes, *(control.notes if control else ())]
     lines += list(_places(geo))
     levels = _levels(asked, model, geo.placement, exposures)
     if exposures is not None:
         lines += clock_lines(exposures)
+        if flat := np.count_nonzero(np.isfinite(exposures.sigma[:, 0]) & np.isnan(exposures.sigma[:, 2])):
+            lines.append(f"{flat} photos have positions without heights of use: --heights takes them, with 10 m")
         warnings += clock_offset(exposures).warnings()
     wet = _wetness(asked, model, geo, levels)
     lines += [f"{count} points {code} by {source}" for (code, source), count in wet.counts().items()]
@@ -165,22 +171,25 @@ def _placed(
     """Return where the model stands, and the positions (k, 3) of control as the block has them."""
     level, ellipsoid = np.zeros((0, 3)), cast("Ellipsoid | None", Ellipsoid("WGS84"))
     if control is not None:
-        level, of_control = level_positions(control.position, control.system, asked.crs)
+        level, of_control = level_positions(control.position, control.system, asked.crs, asked.geoid)
         if of_control is None and exposures is not None:
-            message = "control in local metres and positions of GNSS do not go together: --gnss none, or a system"
+            message = "control in local metres and positions of GNSS do not go together: no --gnss, or a system"
             raise ModelError([Problem(message=message, file=str(asked.gcp))])
         ellipsoid = of_control
     stations, sigma = None, None
     if exposures is not None:
         stations, sigma = exposures.position, exposures.sigma
     elif np.isfinite(model.reference).any():
-        stations, _ = level_positions(model.reference, model.reference_system, asked.crs)
+        stations, _ = level_positions(model.reference, model.reference_system, asked.crs, asked.geoid)
         sigma = np.where(np.isfinite(stations), 10.0, np.nan)
     of_file = file_placement(model)
     if control is None and stations is None and of_file is not None:
         nothing = np.full((len(model.photos), 3), np.nan)
         return Georeference(placement=of_file, control=level, photos=nothing, wrong=(), notes=()), level
-    return georeferenced(model, ellipsoid, control, level, stations, sigma), level
+    # metres of a model are those of its positions: without RTK they are no better than these
+    fixed = exposures is not None and bool(exposures.rtk.all())
+    metric = fixed and of_file is not None and abs(of_file.scale - 1.0) < _METRIC
+    return georeferenced(model, ellipsoid, control, level, stations, sigma, metric=metric), level
 
 
 def _places(geo: Georeference) -> Iterator[str]:
@@ -239,11 +248,10 @@ def _beside(
     beside = Beside.nothing(len(model.photos), len(model.points))
     beside = replace(beside, wet=wet.code == Wet.WET)
     if exposures is not None:
-        observed = np.isfinite(exposures.sigma).all(axis=1, keepdims=True)
         beside = replace(
             beside,
             position=exposures.position,
-            position_sigma=np.where(observed, exposures.sigma, np.nan),
+            position_sigma=exposures.sigma,
             time=exposures.time - np.nanmin(np.append(exposures.time, np.inf)),
         )
     if levels is not None:
