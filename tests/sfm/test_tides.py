@@ -1,10 +1,14 @@
 """The water at exposures: levels between and beyond the readings of a gauge, and clocks that are hours off."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from musatpy.files import write_files
+from musatpy.formats.job_folder import files_of_tables
+from musatpy.model import ObservationKind
 from musatpy.sfm import tides
 from musatpy.sfm.model import ModelError
 
@@ -156,17 +160,27 @@ def test_the_zero_of_a_tide_is_a_height_or_a_grid(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("shift", [-2, 0, 1])
-def test_a_clock_off_by_a_zone_is_named(shift: int) -> None:
+def test_a_clock_off_by_a_zone_is_named_by_the_levels_of_a_run(shift: int, tmp_path: Path) -> None:
+    """Levels of three flights that images find, .04 m each; the tide pulls them, and keeps a fifth of its error."""
     rng = np.random.default_rng(5)
-    time = NOON + 4000.0 + np.linspace(0.0, 3600.0, 40)
-    level = height(time + 3600.0 * shift) + 0.08 + rng.normal(0.0, 0.05, 40)
-    tide = gauge(600.0, hours=48.0, noise=0.01)
-    found = tides.hour_shift(tide, time, level, np.full(40, 0.05), common=0.1)
-    assert found.best == shift
-    here, later = found.misfit[found.hours.index(shift)], found.misfit[found.hours.index(shift + 1)]
-    assert here < 70.0 and here + 9.0 < later  # 40 levels
-    # levels of which all may be off by as much as the tide say nothing within a minute
-    vague = tides.hour_shift(tide, time[:3], level[:3], np.full(3, 0.05), common=5.0)
-    assert vague.best is None
-    beyond = tides.hour_shift(tide, time + 1e6, level, np.full(40, 0.05), common=0.1)
-    assert beyond.best is None and np.isinf(beyond.misfit).all()
+    time = NOON + 4000.0 + np.repeat([0.0, 4000.0, 9000.0], 10) + np.tile(np.arange(10.0), 3)
+    levels = tides.tide_levels(gauge(600.0, hours=48.0, noise=0.01), ["a.jpg"] * 30, time, np.full(30, 5.0))
+    write_files(files_of_tables({}, tmp_path / "a.job", levels.kept(time)))
+    first, share = np.array([0, 10, 20]), np.full(3, 0.2)
+    found = height(time[first] + 3600.0 * shift) + 5.0 + rng.normal(0.0, 0.04, 3)
+    kind, sigma = np.full(3, ObservationKind.WATER_LEVEL), 0.04 * np.sqrt(share)
+    residual = share * (found - levels.level[first])
+    observed = SimpleNamespace(kind=kind, row=np.arange(3), residual=residual, sigma=sigma, redundancy=share)
+    water = SimpleNamespace(correction_ids=np.array(["FLIGHT1", "FLIGHT2", "FLIGHT3"]))
+    note = tides.clock_note(tmp_path / "a.job", SimpleNamespace(observed=observed, water=water))
+    assert (f"that of the tide {shift:+d} hours off: is the zone of a clock wrong?" in note) == (shift != 0)
+    assert bool(note) == (shift != 0)
+
+
+def test_hours_that_fit_a_level() -> None:
+    """One level of a tide that rises and falls fits twice in half a day; beyond the readings nothing does."""
+    tide, time, sigma = gauge(600.0, hours=30.0, noise=0.01), np.array([NOON]), np.array([0.05])
+    hours = tides.fitting_hours(tide, time, height(time + 2.0 * 3600.0), sigma)
+    assert 2 in hours and 1 < len(hours) < 9 and hours == sorted(hours, key=abs)
+    assert tides.fitting_hours(tide, time + 1e6, np.zeros(1), sigma) == []
+    assert tides.fitting_hours(tide, time, height(time), sigma) == []

@@ -251,6 +251,10 @@ def _tell(result: RunResult, quiet: bool, *, err: bool = False) -> None:
     complain_of_verdict(result.deck, verdict)
     for cause in solution.causes[:_CAUSES] if verdict.reasons else ():
         complain(f"{name}: possible cause: {cause}")
+    if verdict.reasons and result.deck.suffix.lower() == ".job":
+        from musatpy.sfm.tides import clock_note
+
+        complain_of_each(result.deck, filter(None, [clock_note(result.deck, solution)]))
     if quiet:
         return
     complain_of_each(result.deck, (f"note: {note}" for note in verdict.notes))

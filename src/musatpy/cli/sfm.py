@@ -78,7 +78,7 @@ def import_command(form: str, path: Path, out: Path, quiet: bool, **given: Any) 
     done = imported(asked, out.stem.upper()[:68])
     for warning in done.warnings:
         complain(f"{name_of(path)}: warning: {warning}")
-    contents = job_files(done.block, out, done.cameras.arrays(), done.inputs)
+    contents = job_files(done.block, out, done.source, done.inputs)
     write_files({photos: done.photos_csv, **contents})
     if not quiet:
         tell("\n".join([*done.lines, f"wrote {name_of(out)} and {name_of(photos)}"]))

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -64,10 +64,10 @@ class Asked:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Imported:
-    """A job, the cameras of its file, what there is to say, and the table of its photos."""
+    """A job, what is kept of what it was made from, what there is to say, and the table of its photos."""
 
     block: Block
-    cameras: FileCameras
+    source: dict[str, Any]  # the cameras of its file, and the tide, as the job keeps them
     inputs: dict[str, str]  # SHA-256 of files by their names
     lines: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -128,13 +128,14 @@ def imported(asked: Asked, title: str) -> Imported:
             "pixels; the adjustment estimates it anew"
         )
     beside = _beside(asked, model, exposures, levels, wet, control, control_level)
+    tide = {} if levels is None or exposures is None else levels.kept(exposures.time)
     block = block_of(
         model, geo.placement, beside, used, size=asked.pixel_size, image_sigma=asked.image_sigma * asked.pixel_size,
         index=asked.index, index_sigma=asked.index_sigma, held=asked.held, title=title,
     )  # fmt: skip
     return Imported(
         block=block,
-        cameras=FileCameras.of(model, geo.placement, asked.pixel_size, asked.held),
+        source=FileCameras.of(model, geo.placement, asked.pixel_size, asked.held).arrays() | tide,
         inputs=_digests(asked),
         lines=tuple(lines),
         warnings=tuple(warnings),

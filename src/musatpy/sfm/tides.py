@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.errors import Problem
+from musatpy.formats.job_folder import read_job
 from musatpy.geometry.projected import Geoid
+from musatpy.model import ObservationKind, Solution
 from musatpy.pointfiles.columns import FileColumn, Wanted, number
 from musatpy.pointfiles.point_tables import read_table
-from musatpy.sfm.model import ModelError, refused
+from musatpy.sfm.model import ModelError, links, refused
 from musatpy.sfm.times import parsed_time, seconds, zone_of
+from musatpy.sfm.wet import LIMIT
 
 GAP = 1800.0  # s, the longest between readings, and between photos of a flight
 _LEAST = 5  # readings that say how well they are interpolated
 _TRIALS = 4  # of a gap in all of the file, each begun some readings later
-_CERTAIN = 9.0  # by so much a shift must fit better than any other one (3 sigma)
 _COLUMNS = (
     FileColumn(name="time", kind="text", aliases=("t", "date time", "datetime"), expected="a time"),
     FileColumn(name="date", kind="text", aliases=("day",), required=False, expected="a day"),
@@ -94,6 +97,18 @@ class PhotoLevels:
     level: FloatArray  # (n,) m
     sigma: FloatArray  # (n,) m
     group: TextArray  # (n,) photos with a common error: flights
+    tide: Tide | None = None  # from which they are, its levels as those of the photos
+
+    def kept(self, time: FloatArray) -> dict[str, Any]:
+        """Return what is kept of a tide in a job folder, with the mean times of flights by those of photos (n,)."""
+        if self.tide is None:
+            return {}
+        names, number = np.unique(self.group, return_inverse=True)
+        return {
+            "tide": np.column_stack([self.tide.time, self.tide.level, self.tide.sigma]),
+            "flights": names,
+            "flight_times": np.bincount(number, time) / np.bincount(number),
+        }
 
 
 def read_tide(path: Path, zone: str = "", sigma: float = np.nan) -> Tide:
@@ -167,7 +182,8 @@ def tide_levels(tide: Tide, photos: Sequence[str], time: FloatArray, datum: Floa
             why = f"{utc(at)}: readings are from {utc(first)} to {utc(last)}, and go no further"
         problems.append(Problem(file=tide.file, message=f"photo {photos[row]}, {why}"))
     refused(problems)
-    return PhotoLevels(level=level + datum, sigma=sigma, group=flights(time))
+    tide = replace(tide, level=tide.level + datum.mean())
+    return PhotoLevels(level=level + datum, sigma=sigma, group=flights(time), tide=tide)
 
 
 def given_levels(level: float, sigma: float, time: FloatArray) -> PhotoLevels:
@@ -184,32 +200,39 @@ def flights(time: FloatArray, gap: float = GAP) -> TextArray:
     return np.array([f"FLIGHT{flight}" for flight in numbers.tolist()], dtype=np.str_)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class HourShift:
-    """How levels that photos say fit a tide whose clock is off by whole hours."""
+def fitting_hours(tide: Tide, time: FloatArray, level: FloatArray, sigma: FloatArray) -> list[int]:
+    """Return the whole hours, -14 to 14, by which a tide must be later to fit levels at k times, the least first.
 
-    hours: tuple[int, ...]
-    misfit: FloatArray  # (h,) sum of squares over their variances; infinite where the tide has no readings
-    best: int | None  # hours later at which the tide fits, the least; None: others of the same half day fit too
-
-
-def hour_shift(tide: Tide, time: FloatArray, level: FloatArray, sigma: FloatArray, common: float) -> HourShift:
-    """Return the whole hours, -14 to 14, by which the tide at k times must be later to fit levels above its zero.
-
-    `sigma` (k,) m is that of each level, `common` that of all: the height of the gauge's zero.
+    `sigma` (k,) m is that of each level. Within three sigmas all fit; none where they do as it is.
     """
-    hours, misfit = tuple(range(-14, 15)), np.full(29, np.inf)
-    for place, hour in enumerate(hours):
+    hours = sorted(range(-14, 15), key=lambda hour: (abs(hour), hour))
+    fitting = []
+    for hour in hours:
         at, doubt = tide.at(time + 3600.0 * hour)
-        if len(at) and np.isfinite(at).all():
-            off, weight = level - at, 1.0 / (sigma**2 + doubt**2)
-            # inverse of the covariances by Sherman and Morrison
-            misfit[place] = weight @ off**2 - (common * (weight @ off)) ** 2 / (common**2 * weight.sum() + 1.0)
-    near = [hour for hour, of in zip(hours, misfit.tolist(), strict=True) if of < misfit.min() + _CERTAIN]
-    least = min(near, key=abs, default=0)
-    # a tide comes back after half a day
-    sure = bool(near) and all(abs(hour - least) > 10 for hour in near if hour != least)
-    return HourShift(hours=hours, misfit=misfit, best=least if sure else None)
+        if (np.abs(level - at) <= LIMIT * np.hypot(sigma, doubt)).all():
+            fitting.append(hour)
+    return [] if 0 in fitting else fitting
+
+
+def clock_note(job: Path, solution: Solution) -> str:
+    """Return which clock may be in a wrong zone by the adjusted levels of an imported job; empty where none may."""
+    of, water = solution.observed, solution.water
+    if of is None or water is None:
+        return ""
+    rows = np.flatnonzero((of.kind == ObservationKind.WATER_LEVEL) & (of.redundancy > 0.0))
+    share = of.redundancy[rows]
+    error, sigma = -of.residual[rows] / share, of.sigma[rows] / np.sqrt(share)  # what images alone say
+    source = read_job(job).source if (np.abs(error) > LIMIT * sigma).any() else {}
+    if "tide" not in source:
+        return ""
+    flight, known = links(water.correction_ids[of.row[rows]].tolist(), source["flights"].tolist())
+    time, level, reading = source["tide"].T
+    tide, at = Tide(file=str(job), time=time, level=level, sigma=reading), source["flight_times"][flight]
+    hours = fitting_hours(tide, at, tide.at(at)[0] - error, sigma) if known.all() else []
+    if not hours:
+        return ""
+    fitting = ", ".join(f"{hour:+d}" for hour in hours)
+    return f"the water level of the images is that of the tide {fitting} hours off: is the zone of a clock wrong?"
 
 
 def utc(time: float) -> str:
