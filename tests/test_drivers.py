@@ -75,7 +75,6 @@ def test_a_block_without_mistakes_is_accepted_and_right(block: str) -> None:
         ("three", "control in feet"),
         ("iiia", "focal 2 %"),
         ("iiia", "focal a tenth"),  # trials that lead nowhere leave effort for the one that fits
-        ("iiia", "control in km"),
         ("watpt", "flags, all"),
         ("three", "x mirrored"),
         ("three", "control in km"),

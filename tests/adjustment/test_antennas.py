@@ -220,17 +220,17 @@ def test_parts_of_a_job_and_merged_jobs_keep_them() -> None:
 
 @pytest.mark.slow
 def test_errors_are_as_large_as_their_sigmas() -> None:
-    """A hundred draws: RMS of errors over sigmas, within three of its own; the test of sigma0."""
+    """Fifty draws: RMS of errors over sigmas, within three of its own; the test of sigma0."""
     ratios, passes = [], 0
-    for seed in range(100):
+    for seed in range(50):
         simulated = flown(1000 + seed)
         solution = converged(simulated.block)
         ratios.append(deviations(simulated, solution))
         passes += bool(Statistics(solution).sigma0.accepted)
     rms = np.sqrt(np.mean(np.square(ratios), axis=0))
-    np.testing.assert_array_less(np.abs(rms - 1.0), 3.0 / np.sqrt(2 * 100))
-    assert abs(np.sqrt(np.mean(np.square(ratios))) - 1.0) < 0.05
-    assert 0.9 * 100 <= passes
+    np.testing.assert_array_less(np.abs(rms - 1.0), 3.0 / np.sqrt(2 * 50))
+    assert abs(np.sqrt(np.mean(np.square(ratios))) - 1.0) < 0.09
+    assert 0.86 * 50 <= passes
 
 
 def test_antenna_positions_place_a_block_that_nothing_else_does() -> None:

@@ -300,9 +300,9 @@ def errors(draws: int, **inertial: object) -> tuple[np.ndarray, float]:
     [{}, {"free": False, "misalignment_sigma": [60.0, 60.0, 60.0], "misalignment_error": [60.0, 60.0, 60.0]}],
 )
 def test_errors_agree_with_their_sigmas(prior: dict[str, object]) -> None:
-    rms, passed = errors(100, **prior)
-    np.testing.assert_allclose(rms, 1.0, atol=0.21)  # of 100 draws, three sigmas
-    assert 0.9 < passed < 0.99
+    rms, passed = errors(50, **prior)
+    np.testing.assert_allclose(rms, 1.0, atol=0.3)  # of 50 draws, three sigmas
+    assert 0.86 < passed < 0.99
 
 
 # --- conventions ---

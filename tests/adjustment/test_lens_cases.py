@@ -18,7 +18,7 @@ from musatpy.model import Grade, Solution
 from musatpy.simulation import Simulation
 
 LEVEL, INDEX, FOCAL = 0.3, 0.002, 0.05  # sigmas of what is given: m, none, mm
-DRAWS = 100
+DRAWS = 50
 
 
 def over_deep_water(seed: int) -> Simulation:
@@ -89,14 +89,14 @@ def drawn(draws: int, first: int = 0) -> tuple[Mapping[str, float], float]:
 
 @pytest.mark.slow
 def test_errors_over_deep_water_are_as_large_as_their_sigmas() -> None:
-    """A hundred draws: RMS within three of its sigmas, .21, for what a draw has one of, and .1 for the others.
+    """Fifty draws: RMS within three of its sigmas, .30, for what a draw has one of, and .13 for the others.
 
     A thousand draws gave .958 (focal length) to 1.019 (wet heights), and 947 that passed the test of sigma0.
     """
     ratios, passed = drawn(DRAWS)
     for name, ratio in ratios.items():
-        assert ratio == pytest.approx(1.0, abs=0.21 if name in ("F", "level", "index") else 0.1), name
-    assert 0.92 < passed < 0.98
+        assert ratio == pytest.approx(1.0, abs=0.30 if name in ("F", "level", "index") else 0.13), name
+    assert 0.86 < passed < 0.99
 
 
 FOCAL_LENGTH = {"parameter": [{"name": "F", "change": 0.05}]}

@@ -261,9 +261,9 @@ def draw(seed: int) -> tuple[np.ndarray, float]:
 
 @pytest.mark.slow
 def test_errors_are_as_large_as_their_sigmas() -> None:
-    """A hundred draws: RMS within three of its sigma (.07), of many unknowns .08; sigma0 passes its test."""
-    squares, share = zip(*(draw(seed) for seed in range(1000, 1100)), strict=True)
+    """Fifty draws: RMS within three of its sigma (.1), of stations and points .05; sigma0 passes its test."""
+    squares, share = zip(*(draw(seed) for seed in range(1000, 1050)), strict=True)
     rms = np.sqrt(np.mean(squares, axis=0))
-    np.testing.assert_array_less(np.abs(rms[:4] - 1.0), 0.21)
-    np.testing.assert_array_less(np.abs(rms[4:] - 1.0), 0.08)
-    assert 0.90 < np.mean(np.array(share) < 1.0) < 0.99
+    np.testing.assert_array_less(np.abs(rms[:4] - 1.0), 0.30)
+    np.testing.assert_array_less(np.abs(rms[4:] - 1.0), 0.15)
+    assert 0.86 < np.mean(np.array(share) < 1.0) < 0.99

@@ -166,7 +166,7 @@ def _entries(waves: Harmonic, C: np.ndarray, G: np.ndarray, time: np.ndarray, n:
         return np.cross(np.column_stack([-slope[0], -slope[1], np.ones(len(C))]), a - n * b)[:, :2]
 
     xy = G[:, :2] + 0.7 * (C - G)[:, :2] * (-G[:, 2:] / (C - G)[:, 2:])
-    for _ in range(8):
+    for _ in range(5):
         at = snell(xy)
         J = np.stack([(snell(xy + step) - snell(xy - step)) / 2e-4 for step in 1e-4 * np.eye(2)], axis=2)
         xy = xy - np.linalg.solve(J, at[..., None])[..., 0]

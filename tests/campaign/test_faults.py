@@ -221,7 +221,7 @@ def test_a_folder_that_cannot_be_written_to_says_what_to_do(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gap", [0.0, 0.02, 0.1])
+@pytest.mark.parametrize("gap", [0.0, 0.1])
 def test_an_impatient_user_and_a_worker_that_is_stopped(tmp_path, gap):
     """Ctrl-C again while the batch ends is the same wish; a process that does not listen is killed all the same."""
     decks_in(tmp_path, small=0, large=2)

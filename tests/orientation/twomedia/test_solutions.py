@@ -164,7 +164,7 @@ def recovered(method: str, control: int, seed: int) -> tuple[set[int], bool]:
 
 @pytest.mark.slow
 def test_contaminated_orientations_are_recovered():
-    """By all methods together, two each; of a hundred by each (minutes) 95 and more are, too.
+    """By all methods together, one each; of a hundred by each (minutes) 95 and more are, too.
 
     Of those whose errors the other points check at all, as one in the laboratory's pair is not (4 %). COMBINED with
     eight control points: of five, errors in three leave two, and nothing to choose them by.
@@ -173,12 +173,12 @@ def test_contaminated_orientations_are_recovered():
     for method in METHODS:
         control = 8 if method == "COMBINED" else control_of(METHODS[method])
         beyond = set(np.flatnonzero(~checked(method, control)).tolist())
-        for seed in range(2):
+        for seed in range(1):
             touched, right = recovered(method, control, seed)
             if not touched & beyond:
                 results.append(right)
-    assert len(results) > 10
-    assert np.mean(results) >= 0.95
+    assert len(results) > 5
+    assert all(results)
 
 
 def test_a_point_comes_back_from_within_two_and_a_half_sigmas():
