@@ -27,9 +27,11 @@ from musatpy.simulation import simulate
 SIZE = 0.0024  # mm of a pixel
 WIDTH, HEIGHT = 5472, 3648
 LEVEL = 1.30  # m above the ellipsoid
+CENTRE = [47.6, -122.5]
+SHORE = -40.0  # m east of the centre: all points beyond are submerged, two thirds of them
 SPEC = {
     "title": ["DRONE BLOCK OVER A BAY"],
-    "job": {"centre": [47.6, -122.5], "ellipsoid": "WGS84"},
+    "job": {"centre": CENTRE, "ellipsoid": "WGS84"},
     "camera": {"focal_length": 8.8, "format": [WIDTH * SIZE, HEIGHT * SIZE], "margin": 0.1},
     "lens": {
         "side": "IDEAL",
@@ -47,7 +49,7 @@ SPEC = {
     },
     "terrain": {"level": 6.0, "relief": 3.0, "wavelength": 140.0},
     "water": {"level": LEVEL, "tide_sigma": 0.02, "level_error": 0.01},
-    "shoal": [{"share": 0.67, "depth": [0.2, 7.0]}],
+    "shoal": [{"depth": [0.2, 7.0], "area": [SHORE, 400.0, -400.0, 400.0]}],
     "points": {"extra": [{"number": 900}]},
     "control": [{"kind": "full", "number": 6, "sigma": 0.02, "error": 0.02}],
     "stations": {"position_error": 0.03, "position_sigma": 0.03, "attitude_error": 1.0},
@@ -225,8 +227,13 @@ def files_of(bay: Bay, folder: Path) -> None:
             lat, lon = np.degrees(place[:2]).tolist()
             time = f"2026:01:09 14:{10 + number // 20:02d}:{3 * (number % 20):02d}.00"
             rows.writerow([name, time, f"{lat:.10f}", f"{lon:.10f}", f"{place[2]:.4f}", 50, 0.03, 0.03, 0.03])
+    degree = 111320.0 * np.cos(np.radians(CENTRE[0]))
+    line = [[CENTRE[1] + SHORE / degree, CENTRE[0] + north] for north in (-0.004, 0.004)]
+    shore = {"type": "Feature", "properties": {}, "geometry": {"type": "LineString", "coordinates": line}}
+    shoreline = {"type": "FeatureCollection", "features": [shore]}
+    (folder / "shoreline.geojson").write_text(json.dumps(shoreline) + "\n", encoding="utf-8")
     tide = [
-        f"2026-01-09T{hour:02d}:{minute:02d}:00Z,{LEVEL:.3f}"
+        f"2026-01-09T{hour:02d}:{minute:02d}:00Z,{block.photos.tide[0]:.3f}"
         for hour in (13, 14, 15)
         for minute in range(0, 60, 10)
     ]

@@ -45,6 +45,7 @@ def imported(folder: Path, *more: str, status: int = 0) -> str:
     """Import the model of a folder as its owner does, with more options; the last of an option counts."""
     words = ["import", "colmap", folder, "-o", folder / "bay.job", "--tide-datum", "0", "--tide-sigma", "0.02"]
     words += ["--gcp", folder / "gcp_list.txt", "--gnss", folder / "exif.csv", "--tide", folder / "tide.csv"]
+    words += ["--water", folder / "shoreline.geojson", "--water-side", "right"]
     result = musat(*words, *more)
     assert result.exit_code == status, result.output
     return result.output
@@ -86,7 +87,7 @@ def test_a_cloud_of_a_blind_model_comes_right_through_its_own_cameras(job: Job) 
 
 def test_the_commands_of_a_drone_surveyor(job: Job) -> None:
     made, folder, found = job.made, job.folder, job.cloud
-    for words in ("points wet by height", "placed by 6 control", "UTCAtExposure"):
+    for words in ("points wet by area", "placed by 6 control", "UTCAtExposure"):
         assert words in job.output
     wet = made.cloud_wet
     error = found["true_z"] - made.cloud_truth[:, 2]
@@ -99,7 +100,7 @@ def test_the_commands_of_a_drone_surveyor(job: Job) -> None:
     again = musat("import", "colmap", folder / "export", "-o", folder / "again.job", "--gnss", folder / "exif.csv")
     assert again.exit_code == 0, again.output  # whose residuals prove its convention
     photos = (folder / "bay.photos.csv").read_text().splitlines()
-    assert photos[1] == '"DCIM/DJI_20260109000001.JPG",2026-01-09 14:10:00 UTC,UTCAtExposure,1.3000,0.0200,FLIGHT1'
+    assert photos[1] == '"DCIM/DJI_20260109000001.JPG",2026-01-09 14:10:00 UTC,UTCAtExposure,1.3100,0.0200,FLIGHT1'
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,7 @@ class FileCameras:
     rotation: FloatArray  # (n, 3, 3)
     centre: FloatArray  # (n, 3)
     lenses: tuple[PixelLens, ...]
+    extent: FloatArray  # (cameras, 2, 2) least and greatest pixels of the images of points on each camera
     placement: Placement
     to_geocentric: FloatArray | None  # (4, 4) as the file has it; None: it has none
     size: float
@@ -40,7 +41,11 @@ class FileCameras:
         """Return the cameras of a model."""
         names = ("program", "photos", "camera", "rotation", "centre", "lenses", "to_geocentric")
         of_model = {name: getattr(model, name) for name in names}
-        return cls(placement=placement, size=size, held=held, **of_model)
+        camera, extent = model.camera[model.photo], np.empty((len(model.lenses), 2, 2))
+        for number in range(len(extent)):
+            pixel = model.pixel[camera == number]
+            extent[number] = np.stack([pixel.min(axis=0), pixel.max(axis=0)]) if len(pixel) else np.nan
+        return cls(placement=placement, size=size, held=held, extent=extent, **of_model)
 
     def arrays(self) -> dict[str, Any]:
         """Return what is kept in a job folder."""
@@ -56,7 +61,7 @@ class FileCameras:
             "ellipsoid": np.array([ellipsoid.definition if (ellipsoid := self.placement.ellipsoid) else ""]),
             "pixel": np.array([self.size]),
             "held": np.array([self.held]),
-            **{name: getattr(self, name) for name in ("photos", "camera", "rotation", "centre")},
+            **{name: getattr(self, name) for name in ("photos", "camera", "rotation", "centre", "extent")},
         }
         return arrays | ({} if self.to_geocentric is None else {"to_geocentric": self.to_geocentric})
 
@@ -80,7 +85,7 @@ class FileCameras:
                 to_geocentric=source.get("to_geocentric"),
                 size=float(source["pixel"][0]),
                 held=bool(source["held"][0]),
-                **{name: source[name] for name in ("photos", "camera", "rotation", "centre")},
+                **{name: source[name] for name in ("photos", "camera", "rotation", "centre", "extent")},
             )
         except (KeyError, ValueError, IndexError):
             message = "it has no cameras of another program: it was not imported from a model"
@@ -102,7 +107,11 @@ class FileCameras:
         return (geocentric - self.placement.shift) @ self.placement.rotation / self.placement.scale
 
     def seen(self, x: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
-        """Return which points (n, 3) of the model are in the format of which photo: rows (r,), photos, pixels."""
+        """Return which points (n, 3) of the model are in which photo: rows (r,), photos, pixels.
+
+        A photo sees what is in the extent of its camera's images: rays beyond it, where straight ones miss most and
+        matchers leave a margin, would pull a point away from where the rays that made it meet.
+        """
         rows: list[IntArray] = []
         pixels: list[FloatArray] = []
         for photo, (R, C) in enumerate(zip(self.rotation, self.centre, strict=True)):
@@ -111,7 +120,8 @@ class FileCameras:
             xy = v[ahead, :2] / v[ahead, 2:]
             within = np.hypot(*xy.T) < lens.reach
             pixel = lens.pixels(xy[within])
-            inside = ((pixel >= 0.0) & (pixel <= [lens.width, lens.height])).all(axis=1)
+            least, greatest = self.extent[self.camera[photo]]
+            inside = ((pixel >= least) & (pixel <= greatest)).all(axis=1)
             rows.append(ahead[within][inside])
             pixels.append(pixel[inside])
         photos = np.repeat(np.arange(len(rows)), [len(part) for part in rows])
