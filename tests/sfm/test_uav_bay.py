@@ -45,7 +45,7 @@ def imported(folder: Path, *more: str, status: int = 0) -> str:
     """Import the model of a folder as its owner does, with more options; the last of an option counts."""
     words = ["import", "colmap", folder, "-o", folder / "bay.job", "--tide-datum", "0", "--tide-sigma", "0.02"]
     words += ["--gcp", folder / "gcp_list.txt", "--gnss", folder / "exif.csv", "--tide", folder / "tide.csv"]
-    words += ["--water", folder / "shoreline.geojson", "--water-side", "right"]
+    words += ["--gcp-sigma", "0.02", "--water", folder / "shoreline.geojson", "--water-side", "right"]
     result = musat(*words, *more)
     assert result.exit_code == status, result.output
     return result.output

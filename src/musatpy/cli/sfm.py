@@ -17,6 +17,8 @@ _import_options = options_of(
     click.option("--component", type=click.IntRange(min=1), default=None, help="Which of several components."),
     click.option("--gcp", type=NamedPath(), metavar="FILE",
                  help="Control: gcp_list.txt, cameras.xml with markers, or a table with images."),
+    click.option("--gcp-sigma", type=POSITIVE, default=0.05, show_default=True, metavar="M",
+                 help="Of control whose file states none."),
     click.option("--gnss", type=NamedPath(), metavar="CSV",
                  help="Times and positions of the photos: what 'exiftool -csv -n' prints."),
     click.option("--heights", is_flag=True, help="Take heights of positions without RTK too."),

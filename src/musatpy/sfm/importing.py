@@ -40,6 +40,7 @@ class Asked:
     path: Path
     component: int = 0
     gcp: Path | None = None
+    gcp_sigma: float = 0.05  # m, of control whose file states none
     gnss: Path | None = None
     heights: bool = False  # those of positions without RTK too
     crs: str = ""
@@ -268,7 +269,7 @@ def _beside(
         beside,
         control=control.ids[known],
         control_position=control_level[known],
-        control_sigma=np.where(np.isfinite(sigma), sigma, 0.05),
+        control_sigma=np.where(np.isfinite(sigma), sigma, asked.gcp_sigma),
         check=control.check[known],
         control_photo=control.photo[images],
         control_of=number[control.point[images]],
