@@ -129,6 +129,17 @@ def test_the_cameras_of_a_file_are_kept_to_the_last_bit() -> None:
         FileCameras.read({}, "x.job")
 
 
+def test_a_photo_sees_what_lies_in_the_extent_of_its_cameras_images() -> None:
+    given = model()
+    left = given.pixel[:, 0] < np.median(given.pixel[:, 0])
+    cut = replace(given, photo=given.photo[left], point=given.point[left], pixel=given.pixel[left])
+    row, photo, pixel = FileCameras.of(cut, LOCAL, SIZE, held=True).seen(given.position)
+    seen = set(zip(row.tolist(), photo.tolist(), strict=True))
+    images = set(zip(cut.point.tolist(), cut.photo.tolist(), strict=True))
+    assert len(images - seen) <= 4  # those that bound it, by rounding
+    assert pixel[:, 0].max() <= cut.pixel[:, 0].max() < given.pixel[:, 0].max()
+
+
 def test_rays_that_are_kept_lie_evenly_around_a_point() -> None:
     azimuth = np.tile(np.linspace(-3.0, 3.0, 30), 2)
     rows, photo = np.repeat([0, 1], 30), np.tile(np.arange(30), 2)
