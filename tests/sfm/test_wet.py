@@ -28,20 +28,20 @@ def test_heights_decide_beyond_three_sigmas_of_both() -> None:
 
 
 def test_the_first_that_speaks_decides() -> None:
-    #                    flag   inside class
+    #                    flag   area   class
     rows = [
-        (-5.0, WET, False, 0, WET, "flag"),
-        (-5.0, DRY, True, 40, DRY, "flag"),
-        (0.1, DRY, True, 40, DRY, "flag"),
-        (-5.0, NOTHING, True, 41, WET, "area"),
-        (-0.1, NOTHING, True, 40, UNDECIDED, "area"),
-        (0.1, NOTHING, False, 41, UNDECIDED, "area"),
-        (5.0, NOTHING, True, 40, WET, "area"),
-        (np.nan, NOTHING, True, 0, WET, "area"),
+        (-5.0, WET, DRY, 0, WET, "flag"),
+        (-5.0, DRY, WET, 40, DRY, "flag"),
+        (0.1, DRY, WET, 40, DRY, "flag"),
+        (-5.0, NOTHING, WET, 41, WET, "area"),
+        (-0.1, NOTHING, WET, 40, UNDECIDED, "area"),
+        (0.1, NOTHING, DRY, 41, UNDECIDED, "area"),
+        (5.0, NOTHING, WET, 40, WET, "area"),
+        (np.nan, NOTHING, WET, 0, WET, "area"),
     ]
-    height, flags, inside, classes, code, source = map(np.array, zip(*rows, strict=True))
+    height, flags, areas, classes, code, source = map(np.array, zip(*rows, strict=True))
     sigma, level = np.full(8, 0.2), np.zeros(8)
-    of = wetness(height, sigma, level, level, flags=flags, inside=inside, classes=classes)
+    of = wetness(height, sigma, level, level, flags=flags, areas=areas, classes=classes)
     assert of.code.tolist() == code.tolist()
     names = ("", "flag", "area", "class", "height")
     assert [names[number] for number in of.source] == source.tolist()
@@ -99,6 +99,17 @@ def test_areas_and_closed_lines_hold_what_is_in_them(tmp_path: Path) -> None:
     assert read_water(path, geographic=False).holds(plan).tolist() == [True, False, False, True, False, False]
     path.write_text(json.dumps({"type": "Polygon", "coordinates": [POOL]}))
     assert read_water(path, geographic=True).holds(plan).tolist() == [True, True, False, False, False, False]
+
+
+def test_heights_decide_near_a_shore_of_a_model_that_is_off(tmp_path: Path) -> None:
+    water = read_water(geojson(tmp_path, {"type": "Polygon", "coordinates": [POOL]}), geographic=False)
+    plan = np.array([[5.0, 5.0], [0.4, 5.0], [-0.4, 5.0], [-0.8, 5.0], [0.8, 5.0], [10.4, 10.4]])
+    assert water.codes(plan, 0.5).tolist() == [WET, NOTHING, NOTHING, DRY, WET, DRY]
+    path = geojson(tmp_path, {"type": "LineString", "coordinates": [[-122.5, 47.0], [-122.5, 48.0]]})
+    shore, metre = read_water(path, "right", geographic=True), 1.0 / 111195.0
+    east = -122.5 + np.array([-3.0, -1.0, 1.0, 3.0]) * metre / np.cos(np.radians(47.5))
+    codes = shore.codes(np.column_stack([east, np.full(4, 47.5)]), 2.0 * metre)
+    assert codes.tolist() == [DRY, NOTHING, NOTHING, WET]
 
 
 def test_a_shoreline_has_the_water_on_one_side(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from musatpy.errors import Problem
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block
 from musatpy.model.tables import finite_rows
+from musatpy.reduction.displacements import EARTH_RADIUS
 from musatpy.sfm import colmap, metashape, opensfm
 from musatpy.sfm.block import Beside, Placement, block_of
 from musatpy.sfm.control import ImagedControl, read_control
@@ -25,7 +26,7 @@ from musatpy.sfm.source import FileCameras
 from musatpy.sfm.thinning import thinned
 from musatpy.sfm.tides import PhotoLevels, datum_heights, given_levels, read_tide, tide_levels, utc
 from musatpy.sfm.times import SOURCES, Exposures, clock_offset, read_exposures
-from musatpy.sfm.wet import Wet, Wetness, read_flags, read_water, wetness
+from musatpy.sfm.wet import LIMIT, Wet, Wetness, read_flags, read_water, wetness
 
 FORMATS = ("colmap", "opensfm", "metashape")
 _METRIC = 1e-9  # by which the scale of a file in metres may miss 1
@@ -117,6 +118,9 @@ def imported(asked: Asked, title: str) -> Imported:
         warnings += clock_offset(exposures).warnings()
     wet = _wetness(asked, model, geo, levels)
     lines += [f"{count} points {code} by {source}" for (code, source), count in wet.counts().items()]
+    if wet.against.any():
+        names = ", ".join(model.points[wet.against][:5].tolist())
+        warnings.append(f"{np.count_nonzero(wet.against)} points are wet or dry against their heights: {names}")
     always = np.zeros(len(model.points), dtype=bool)
     kept = thinned(model, wet.code, always, asked.per_photo)
     used = kept.kept & (wet.code < Wet.UNDECIDED)
@@ -226,15 +230,19 @@ def _wetness(asked: Asked, model: Model, geo: Georeference, levels: PhotoLevels 
         return wetness(position[:, 2], np.zeros(count), np.full(count, -np.inf), np.zeros(count), flags=dry)
     rays = np.maximum(model.counts, 1)
     level, sigma = (np.bincount(model.point, of[model.photo], count) / rays for of in (levels.level, levels.sigma))
-    off = np.concatenate([geo.control[:, 2], geo.photos[:, 2]])
-    doubt = max(_LEAST_DOUBT, float(np.sqrt(np.nanmean(np.square(off)))) if np.isfinite(off).any() else 0.0)
-    inside = None
+    off = np.concatenate([geo.control, geo.photos])
+    off = off[finite_rows(off)]
+    doubt = np.fmax(_LEAST_DOUBT, np.sqrt(np.square(off).sum(axis=0) / max(len(off), 1)))
+    areas = None
     if asked.water is not None:
         geographic = geo.placement.ellipsoid is not None
-        plan = np.degrees(position[:, 1::-1]) if geographic else position[:, :2]
-        inside = read_water(asked.water, asked.side, geographic=geographic).holds(plan)
+        plan, metre = position[:, :2], 1.0
+        if geographic:
+            plan, metre = np.degrees(position[:, 1::-1]), float(np.degrees(1.0 / EARTH_RADIUS))
+        water = read_water(asked.water, asked.side, geographic=geographic)
+        areas = water.codes(plan, LIMIT * float(doubt[:2].max()) * metre)
     flags = None if asked.flags is None else read_flags(asked.flags, model.points)
-    return wetness(position[:, 2], np.full(count, doubt), level, sigma, flags=flags, inside=inside)
+    return wetness(position[:, 2], np.full(count, doubt[2]), level, sigma, flags=flags, areas=areas)
 
 
 def _beside(

@@ -63,15 +63,14 @@ def wetness(
     level_sigma: FloatArray,
     *,
     flags: IntArray | None = None,
-    inside: BoolArray | None = None,
+    areas: IntArray | None = None,
     classes: IntArray | None = None,
 ) -> Wetness:
     """Return what p points are by heights and the level of the water there, m, with their sigmas.
 
-    `flags` (p,) are codes or `NOTHING`, `inside` (p,) whether points are in areas of water, `classes` (p,) those of
-    LAS. The first that says something decides, but nearer to the water than three sigmas only flags and classes of
-    its surface do: the others leave a point undecided, and so do heights that are not known. After the adjustment
-    the same function decides by the heights that came out.
+    `flags` (p,) and `areas` (p,) are codes or `NOTHING`, `classes` (p,) those of LAS. The first that says something
+    decides, but nearer to the water than three sigmas only flags and classes of its surface do: the others leave a
+    point undecided, and so do heights that are not known.
     """
     above = height - level
     near = ~(np.abs(above) > LIMIT * np.hypot(sigma, level_sigma))
@@ -80,7 +79,7 @@ def wetness(
     of_class = silent.copy()
     for number, meaning in _CLASSES.items() if classes is not None else ():
         of_class[classes == number] = meaning
-    given = [silent if flags is None else flags, silent if inside is None else inside.astype(np.int64), of_class]
+    given = [silent if flags is None else flags, silent if areas is None else areas, of_class]
     every = np.stack([*given, by_height])
     source = np.argmax(every != NOTHING, axis=0)
     stated = every[source, np.arange(len(height))]
@@ -126,6 +125,16 @@ class WaterArea:
             for rows in np.array_split(np.arange(len(plan)), 1 + len(plan) * len(self.shore) // 2**19):
                 inside[rows] |= self.side * _left_of(self.shore * self.scale, plan[rows] * self.scale) > 0.0
         return inside
+
+    def codes(self, plan: FloatArray, doubt: float) -> IntArray:
+        """Return (k,) codes of plan positions (k, 2): `NOTHING` nearer to a shore than `doubt`, in northings.
+
+        A model whose bundle knew of no water is off in plan too.
+        """
+        turn = np.arange(0.0, 2.0 * np.pi, np.pi / 4.0)
+        around = doubt * np.column_stack([np.cos(turn), np.sin(turn)]) / self.scale
+        inside = np.stack([self.holds(plan), *(self.holds(plan + off) for off in around)])
+        return np.where(inside.all(axis=0), Wet.WET, np.where(inside.any(axis=0), NOTHING, Wet.DRY))
 
 
 def _left_of(parts: FloatArray, plan: FloatArray) -> FloatArray:
