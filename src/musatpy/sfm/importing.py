@@ -129,8 +129,8 @@ def imported(asked: Asked, title: str) -> Imported:
         lines.append(f"{np.count_nonzero(kept.double)} points with two images in one photo are left out")
     if (wet.code == Wet.WET).any() and not asked.held:
         warnings.append(
-            "the lens was estimated over water by a program that knew of none: its focal length is off by pixels, as a "
-            "rule short; the adjustment estimates it anew"
+            "the lens was estimated over water by a program that knew of none: its focal length is off by pixels, "
+            "as a rule short; the adjustment estimates it anew"
         )
     beside = _beside(asked, model, exposures, levels, wet, control, control_level)
     tide = {} if levels is None or exposures is None else levels.kept(exposures.time)
