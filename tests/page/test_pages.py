@@ -34,7 +34,7 @@ def numbers(rows, head):
 
 def test_the_verdict_stands_first(page):
     before, _, after = page.text.partition("ACCEPTED")
-    assert "Accuracy" not in before and "no test speaks against it" in after[:60]
+    assert "Accuracy" not in before and "no test rejects it" in after[:60]
 
 
 def test_the_head_says_the_system_of_the_job_and_what_is_given_for_the_page(tmp_path):

@@ -259,7 +259,7 @@ def a_few(first: Sequence[str], count: int, joint: str = ", ") -> str:
 class Grade(StrEnum):
     """What may be done with an answer, from the best to the worst."""
 
-    ACCEPTED = "ACCEPTED"  # no test speaks against it
+    ACCEPTED = "ACCEPTED"  # no test rejects it
     DOUBTFUL = "DOUBTFUL"  # converged; to be looked at before it is used
     REJECTED = "REJECTED"  # converged, but not to be used
     FAILED = "FAILED"  # not converged

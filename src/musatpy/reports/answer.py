@@ -22,7 +22,7 @@ from musatpy.statistics.verdict import COMMON_ERRORS
 INDEX = "Index Of Pages"
 ALL_REASONS = "Verdict: All Reasons And Notes"
 USE = {
-    Grade.ACCEPTED: "no test speaks against it",
+    Grade.ACCEPTED: "no test rejects it",
     Grade.DOUBTFUL: "to be looked at before it is used",
     Grade.REJECTED: "not to be used",
     Grade.FAILED: "not converged, not to be used",
