@@ -146,11 +146,11 @@ def test_covariances_weigh_as_their_inverses() -> None:
     job, state = prepared(block, None)
     rows = ANTENNA.rows(job.network, state)
     v = ANTENNA.values(block, job.network, state)
-    C = block.antenna_covariances.matrices
+    C = block.antenna_positions.covariance
     expected = np.einsum("ai,aij,aj->a", v, np.linalg.inv(C), v)
     np.testing.assert_allclose((rows.weight * rows.residual**2).reshape(-1, 3).sum(axis=1), expected, rtol=1e-9)
     left = ANTENNA.without(block, np.arange(block.photos.count) == 2)  # as EDIT drops a card
-    assert 2 not in left.antenna_positions.photo and left.antenna_covariances.count == block.photos.count - 1
+    assert 2 not in left.antenna_positions.photo and left.antenna_positions.count == block.photos.count - 1
 
 
 @pytest.mark.slow
@@ -202,7 +202,7 @@ def test_decks_in_other_words_come_back(kind: str, sigmas: str) -> None:
     assert again is not None, problems
     off = (again.antenna_positions.position - block.antenna_positions.position) * [6.4e6, 6.4e6, 1.0]
     assert np.abs(off).max() < 1e-3
-    matrices = again.antenna_covariances.matrices, block.antenna_covariances.matrices
+    matrices = again.antenna_positions.covariance, block.antenna_positions.covariance
     np.testing.assert_allclose(matrices[0], matrices[1], rtol=1e-4, atol=1e-7)
 
 
@@ -212,7 +212,7 @@ def test_parts_of_a_job_and_merged_jobs_keep_them() -> None:
     assert first.antenna_lines.line.tolist() == ["L1"] and first.antenna_positions.count == 4
     parts = [Part(name="first", block=first), Part(name="rest", block=rest)]
     whole = merged(parts, MergeOptions(join_photos=True)).block
-    for name in ("antenna_positions", "antenna_covariances", "exposure_times", "antenna_lines", "lever_arms"):
+    for name in ("antenna_positions", "exposure_times", "antenna_lines", "lever_arms"):
         one, other = (in_order_of_ids(each).tables()[name] for each in (block, whole))
         for column in columns(type(one)):
             np.testing.assert_array_equal(getattr(one, column), getattr(other, column), err_msg=name)

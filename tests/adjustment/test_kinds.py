@@ -20,7 +20,6 @@ from musatpy.formats.musat import read_deck
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.model import (
     AirBases,
-    AntennaCovariances,
     AntennaLines,
     AntennaPositions,
     Block,
@@ -47,17 +46,15 @@ CASES = ("all by days", "all by photos", "unknown waves")
 def antennas(block: Block) -> dict[str, Table]:
     """Antenna positions of a line with covariances and of photos of none; all that can be unknown of them is."""
     n = block.photos.count
-    some, sigma = np.arange(n), np.full((n, 3), 0.1)
-    sigma[0] = np.nan
+    some, sigma, correlation = np.arange(n), np.full((n, 3), 0.1), np.full((n, 3), np.nan)
+    sigma[0], correlation[0] = [0.1, 0.2, 0.3], [0.5, -0.3, 0.6]
     return {
         "antenna_positions": AntennaPositions(
             photo=some,
             line=np.where(some < n - 1, "A", ""),
             position=block.photos.position + np.array([1e-7, 2e-7, 3.0]),
             sigma=sigma,
-        ),
-        "antenna_covariances": AntennaCovariances(
-            photo=[0], sigma=[[0.1, 0.2, 0.3]], correlation=[[0.5, -0.3, 0.6]]
+            correlation=correlation,
         ),
         "exposure_times": ExposureTimes(photo=some, time=5.0 * some**1.1),
         "lever_arms": LeverArms(

@@ -52,13 +52,13 @@ CASES: list[Case] = [
     ),
     case(_with((_GNX, 58, "0.000")), f"{_GNX} GNX.sigma_east [0.000] must be greater than zero"),
     case(_with((_GNL, 10, " -0.5000")), f"{_GNL} GNL.shift_sigma_east [-0.5000] must be greater than zero"),
-    case(_with(add=_GNC), f"{_GNX} GNX [0.0500.0500.100] here and on a GNC card: one of both"),
+    case(_with(add=_GNC), f"{_END} GNC [0.0500   0.0500   0.0800] the sigmas are 0.05 0.05 0.08 m here and"),
     case(_with((_GNX, 58, " " * 15)), f"{_GNX} GNX [] its three standard deviations are needed, or a GNC card"),
     case(
         _with((_GNX, 58, " " * 15), add=_GNC.replace("0.30000 -0.10000  0.0", "0.90000  0.90000 -0.9")),
-        f"{_END} GNC [0.90000  0.90000 -0.90000] not positive definite",
+        f"{_END} GNC [0.90000  0.90000 -0.90000] no positive definite matrix",
     ),
     case(_with((_GNL, 37, "F")), f"{_GNL} GNL.shift_free [F] all three components have a standard deviation"),
     case(_with(add="GNC 9" + _GNC[5:]), f"{_END} GNC.photo [9] photo 9 has no station card",
-         f"{_END} GNC.photo [9] a covariance, and no antenna position"),
+         f"{_END} GNC.photo [9] photo 9 has no GNS or GNX card: covariances belong"),
 ]  # fmt: skip

@@ -82,10 +82,7 @@ def full(system: CoordinateSystem) -> model.Block:
         ),
         antenna_positions=model.AntennaPositions(
             photo=[0, 1], line=["L1", ""], position=block.photos.position[:2],
-            sigma=[[np.nan] * 3, [0.05, 0.06, 0.07]],
-        ),
-        antenna_covariances=model.AntennaCovariances(
-            photo=[0], sigma=[[0.05, 0.06, 0.07]], correlation=[[0.25, -0.125, 0.5]]
+            sigma=[[0.05, 0.06, 0.07]] * 2, correlation=[[0.25, -0.125, 0.5], [np.nan] * 3],
         ),
         exposure_times=model.ExposureTimes(photo=[0, 1], time=[1.5, 2.25]),
         inertial_convention=model.InertialConvention(angles="OPK"),

@@ -13,11 +13,21 @@ from musatpy.arrays import IntArray
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.formats.draft import Draft, first_of_names
-from musatpy.formats.job_tables import ROLES, Table, Tables, roles_of, size, table_of
+from musatpy.formats.job_tables import (
+    COVARIANCES,
+    PLACES,
+    ROLES,
+    Table,
+    Tables,
+    keys_of,
+    roles_of,
+    size,
+    table_of,
+)
 from musatpy.formats.statements import in_words
 from musatpy.geometry.collinearity import AngleForm, other_angles
 from musatpy.model import tables
-from musatpy.model.block import COVARIANCES, parts_of_block
+from musatpy.model.block import parts_of_block
 from musatpy.model.tables import columns
 from musatpy.units import AngleUnit
 
@@ -36,7 +46,6 @@ def block_of(draft: Draft) -> model.Block:
         "water": _water(draft),
         "photos": model.Photos(ids=draft.photo_ids, camera=draft.camera_of_photo, **photos),
         "points": model.Points(ids=draft.point_ids, bathymetric=draft.bathymetric, dry=draft.flagged("points.dry")),
-        "control": _control(draft),
         "equal_elevations": _equal_elevations(draft),
         "waves": waves_of(draft),
     }
@@ -48,7 +57,8 @@ def block_of(draft: Draft) -> model.Block:
             parts[name] = mapping.single_of(name, rows.values)
             continue
         links = {column: draft.links(about.link)[name] for column, about in columns(kind).items() if about.link}
-        parts[name] = kind(**links, **{one: rows[f"{name}.{one}"] for one in columns(kind) if one not in links})
+        values = {column: rows.values.get(f"{name}.{column}") for column in columns(kind) if column not in links}
+        parts[name] = kind(**links, **values | _correlations(draft, name))
     titles = tuple(draft.rows["titles"]["titles"].tolist())
     return model.Block(titles=titles, given_in=draft.given_in, stated_in=draft.stated_in, **parts)
 
@@ -79,13 +89,14 @@ def waves_of(draft: Draft) -> model.Waves:
     return model.Waves(**values)
 
 
-def _control(draft: Draft) -> model.Control:
-    """Return the control, with the correlations of the cards of covariances."""
-    rows, covariances = draft.rows["control"], draft.rows[COVARIANCES]
-    correlation, row = np.full((len(rows), 3), np.nan), first_of_names(rows, covariances)
-    correlation[row >= 0] = covariances["control.correlation"][row[row >= 0]]
-    of_cards = {name: rows[f"control.{name}"] for name in ("position", "kind", "fixed", "sigma")}
-    return model.Control(point=draft.point["control"], correlation=correlation, **of_cards)
+def _correlations(draft: Draft, table: str) -> Table:
+    """Return the column of a table that the cards of covariances say."""
+    correlation = np.full((len(draft.rows[table]), 3), np.nan)
+    for role in (role for role, of in COVARIANCES.items() if of == table):
+        row = first_of_names(draft.rows[table], draft.rows[role])
+        correlation[row >= 0] = draft.rows[role][f"{table}.correlation"][row[row >= 0]]
+        return {"correlation": correlation}
+    return {}
 
 
 def _equal_elevations(draft: Draft) -> model.EqualElevations:
@@ -124,8 +135,7 @@ def cards_of_tables(
     unit = AngleUnit.DMS if given_in is None else given_in.unit
     matrices = given_in is not None and given_in.angles == system_rows.MATRICES
     geographic = (system if given_in is None else given_in.kind) == model.CoordinateSystem.GEOGRAPHIC
-    places = ("stations", "control", "antenna_positions", "wave_origin")
-    angular = {**dict.fromkeys(places, geographic), "attitudes": not matrices}
+    angular = {**dict.fromkeys(PLACES, geographic), "attitudes": not matrices}
     role_of = {spec: role for role, specs in roles_of(family).items() for spec in specs}
     for spec in family.cards.values():
         role = role_of.get(spec, "")
@@ -136,8 +146,9 @@ def cards_of_tables(
         values = tables.get(role, {})
         if role == "water" and "water_conditions" in role_of.values():
             values = _without_computed_index(values, tables.get("water_conditions", {}))
-        if role == "control" and COVARIANCES in tables:
-            values = _without_sigmas_of(values, tables[COVARIANCES])
+        for covariances, table in COVARIANCES.items():
+            if role == table and covariances in tables:
+                values = _without_sigmas_of(role, values, tables[covariances])
         if size(values) or not spec.fields:
             yield spec, values, system_rows.radians_of(unit)
 
@@ -150,12 +161,13 @@ def _without_computed_index(water: Table, conditions: Table) -> Table:
     return {**water, "water.index": np.full(1, np.nan)} if any((one == one).any() for one in others) else {}
 
 
-def _without_sigmas_of(control: Table, covariances: Table) -> Table:
-    """Return what the cards of control say where others have the same sigmas with their correlations."""
-    sigmas = dict(zip(covariances["control.point"].tolist(), covariances["control.sigma"].tolist(), strict=True))
-    rows = zip(control["control.point"].tolist(), control["control.sigma"].tolist(), strict=True)
+def _without_sigmas_of(role: str, places: Table, covariances: Table) -> Table:
+    """Return what the cards of places say where others have the same sigmas with their correlations."""
+    path = f"{role}.sigma"
+    sigmas = dict(zip(keys_of(role, covariances), covariances[path].tolist(), strict=True))
+    rows = zip(keys_of(role, places), places[path].tolist(), strict=True)
     same = np.array([sigmas.get(name) == sigma for name, sigma in rows], dtype=bool)
-    return {**control, "control.sigma": np.where(same[:, None], np.nan, control["control.sigma"])}
+    return {**places, path: np.where(same[:, None], np.nan, places[path])}
 
 
 def tables_of(block: model.Block, family: Family) -> Tables:
@@ -182,8 +194,8 @@ def _table_of(block: model.Block, role: str, spec: CardSpec) -> Table:
             return _equal_elevation_values(block, spec)
         case "stations" | "attitudes" | "tides":
             return _table_values(block, table, _photos_with(block.photos, role))
-        case "control_covariances":
-            return _table_values(block, table, np.flatnonzero(block.control.correlated))
+        case _ if role in COVARIANCES:
+            return _table_values(block, table, np.flatnonzero(part.correlated))
         case "wave_sigmas":
             return _table_values(block, table, np.flatnonzero(block.waves.unknown))
     if isinstance(part, tables.Table):

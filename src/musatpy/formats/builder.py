@@ -31,7 +31,6 @@ from musatpy.formats.job_tables import (
 )
 from musatpy.formats.musat import has_errors
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, Options, WaterConditions
-from musatpy.model.block import COVARIANCES
 
 Texts = str | Sequence[str] | NDArray[np.str_]
 Triple = ArrayLike | None
@@ -51,7 +50,7 @@ _CALLS = {
     "tides": "add_photo",
     "plates": "add_images",
     "control": "add_control",
-    COVARIANCES: "add_control",
+    "control_covariances": "add_control",
     "equal_elevations": "add_equal_elevations",
     "air_bases": "add_air_base",
     "distances": "add_distance",
@@ -163,7 +162,7 @@ class BlockBuilder:
         NaN, or None: not given; a `fixed` point needs no sigmas. Correlations: of east north, east up, north up.
         """
         if correlation is not None:
-            self.add(COVARIANCES, point=point, sigma=sigma, correlation=correlation)
+            self.add("control_covariances", point=point, sigma=sigma, correlation=correlation)
         values = {"kind": kind, "fixed": fixed, "position": position, "sigma": sigma}
         self.add("control", point=point, bathymetric=submerged, dry=dry, **values)
 

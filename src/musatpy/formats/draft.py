@@ -21,8 +21,18 @@ from musatpy.errors import Problem
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.formats.job_tables import ROLES, Flags, RoleRows, attributes, naming, nothing, roles_of, with_flags
-from musatpy.model.block import COVARIANCES
+from musatpy.formats.job_tables import (
+    COVARIANCES,
+    ROLES,
+    Flags,
+    RoleRows,
+    attributes,
+    keys_of,
+    naming,
+    nothing,
+    roles_of,
+    with_flags,
+)
 
 AGREES = 0.5001e-3  # of sigmas: half of the last digit of the cards of control
 
@@ -225,8 +235,8 @@ def draft_of(deck: CardDeck, family: Family, flags: Flags | None = None) -> Draf
 def draft_of_rows(rows: dict[str, RoleRows], deck: CardDeck, call: Callable[[int], str] | None = None) -> Draft:
     """Return the draft that the rows of every role make; `deck` is where their lines stand, or `call` says what."""
     given_in = system_rows.spec_of(system_rows.IN, rows)
-    if len(rows[COVARIANCES]):
-        rows = rows | {"control": _with_covariances(rows["control"], rows[COVARIANCES])}
+    given = {role: table for role, table in COVARIANCES.items() if len(rows[role])}
+    rows = rows | {table: _with_covariances(rows[table], rows[role]) for role, table in given.items()}
     options = model.Options(**mapping.said_of("options", rows["options"].values | rows["more_options"].values))
     if given_in is not None:  # the adjustment is geographic where it knows no such system
         known = (
@@ -267,18 +277,19 @@ def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float =
     return RoleRows(role=role, specs=specs, kind=kind[order], lines=lines[order], values=values)
 
 
-def _with_covariances(control: RoleRows, covariances: RoleRows) -> RoleRows:
-    """Return the cards of control with the sigmas of those of covariances, where theirs are blank or agree."""
-    given = np.append(covariances["control.sigma"], np.full((1, 3), np.nan), axis=0)
-    given, sigma = given[first_of_names(control, covariances)], control["control.sigma"]
+def _with_covariances(places: RoleRows, covariances: RoleRows) -> RoleRows:
+    """Return the cards of places with the sigmas of those of covariances, where theirs are blank or agree."""
+    path = f"{places.role}.sigma"
+    given = np.append(covariances[path], np.full((1, 3), np.nan), axis=0)
+    given, sigma = given[first_of_names(places, covariances)], places[path]
     taken = (given > 0.0) & ~(np.abs(sigma - given) > AGREES)
-    return replace(control, values=control.values | {"control.sigma": np.where(taken, given, sigma)})
+    return replace(places, values=places.values | {path: np.where(taken, given, sigma)})
 
 
 def first_of_names(rows: RoleRows, others: RoleRows) -> IntArray:
-    """Return the first of other cards of control that names the point of each (k,), -1 for none."""
-    first = {name: row for row, name in reversed(list(enumerate(others["control.point"].tolist())))}
-    return np.array([first.get(name, -1) for name in rows["control.point"].tolist()], dtype=int)
+    """Return the first of other cards that name the point, or photo, of each (k,), -1 for none."""
+    first = {key: row for row, key in reversed(list(enumerate(keys_of(others.role, others.values))))}
+    return np.array([first.get(key, -1) for key in keys_of(rows.role, rows.values)], dtype=int)
 
 
 def _first_appearance(columns: list[TextArray]) -> tuple[TextArray, list[IntArray]]:

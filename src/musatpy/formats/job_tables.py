@@ -21,8 +21,7 @@ from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.codec import empty_column
 from musatpy.formats.cards.spec import CardSpec, Family, card_formats_folder, load_family
 from musatpy.model import extensions
-from musatpy.model.block import COVARIANCES
-from musatpy.model.tables import Column, columns
+from musatpy.model.tables import POSITION_UNIT, Column, columns
 
 Array = NDArray[Any]
 Table = dict[str, Array]  # model attribute -> (k,) or (k, components), of k cards
@@ -50,6 +49,9 @@ def _roles() -> Iterator[tuple[str, str]]:
 
 ROLES = dict(_roles())
 
+# Of places with correlations: the cards that give these besides, and the table.
+COVARIANCES = {role: path.partition(".")[0] for role, path in ROLES.items() if path.endswith(".correlation")}
+
 # What a family need not have cards for.
 OPTIONAL = (
     *system_rows.TABLES,
@@ -59,7 +61,7 @@ OPTIONAL = (
     "wave_sigmas",
     "wave_origin",
     "orientation",
-    COVARIANCES,
+    *COVARIANCES,
     "ports",
 )
 
@@ -106,6 +108,9 @@ def naming(table: str) -> Mapping[str, str]:
 KEYS = {
     role: keys for role in ROLES if (keys := tuple(path for path, about in attributes(role).items() if about.key))
 }
+
+# The cards with places in the system of the job.
+PLACES = tuple(role for role, path in ROLES.items() if attributes(role).get(path, Column()).unit == POSITION_UNIT)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

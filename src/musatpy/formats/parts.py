@@ -19,7 +19,9 @@ from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.formats.checks.systems import statements
 from musatpy.formats.draft import draft_of, draft_of_rows
 from musatpy.formats.job_tables import (
+    COVARIANCES,
     KEYS,
+    PLACES,
     ROLES,
     RoleRows,
     Table,
@@ -41,10 +43,7 @@ if TYPE_CHECKING:
     from musatpy.systems import Statement
 
 # What is in words of the statement.
-_STATED = (
-    "stations", "attitudes", "tides", "control", "matrices", "antenna_positions", "antenna_covariances",
-    "wave_origin",
-)  # fmt: skip
+_STATED = (*PLACES, *COVARIANCES, "attitudes", "tides", "matrices")
 
 
 def held_attributes(role: str) -> tuple[str, ...]:

@@ -7,24 +7,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SystemsError
 from musatpy.formats import mapping, system_rows
-from musatpy.formats.job_tables import Tables
+from musatpy.formats.job_tables import COVARIANCES, PLACES, ROLES, Tables
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, SystemSpec
-from musatpy.model.block import COVARIANCES, with_tables
-from musatpy.model.tables import Table
+from musatpy.model.block import with_tables
 from musatpy.units import ARC_SECOND
 
 if TYPE_CHECKING:
     from musatpy.formats.draft import Draft
 
 OF_SYSTEM = "SYST"  # sigmas are those of the coordinates and attitudes as stated
-_OF_ANTENNAS = ("position", "sigma")
 _ROUNDING = 1e-14  # rad: an angle of zero comes back from a rotation with a sign, which cards would show
 
 
@@ -81,10 +79,10 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Probl
     try:
         job, warnings = entered(given, statement)
     except SystemsError as error:
-        places = _unreached(draft, block, statement.system.level)
+        places = _unreached(draft, statement.system.level)
         return draft, block, places or tuple(_placed(draft, problem) for problem in error.problems)
     problems = tuple(_placed(draft, problem) for problem in warnings)
-    photos, control = job.photos, job.control
+    photos = job.photos
     by_photo = {
         "stations": {"photos.position": photos.position, "photos.position_sigma": photos.position_sigma},
         "attitudes": {"photos.attitude": photos.attitude, "photos.attitude_sigma": photos.attitude_sigma},
@@ -94,15 +92,12 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Probl
         role: {path: column[draft.photo[role]] for path, column in table.items()}
         for role, table in by_photo.items()
     }
-    new["control"] = {"control.position": control.position, "control.sigma": control.sigma}
-    row = first_of_names(draft.rows[COVARIANCES], draft.rows["control"])
-    restated = np.append(np.hstack([control.sigma, control.correlation]), np.full((1, 6), np.nan), axis=0)[row]
-    new[COVARIANCES] = {"control.sigma": restated[:, :3], "control.correlation": restated[:, 3:]}
-    antennas, covariances = job.antenna_positions, job.antenna_covariances
-    new["antenna_positions"] = {f"antenna_positions.{name}": getattr(antennas, name) for name in _OF_ANTENNAS}
-    new["antenna_covariances"] = {
-        "antenna_covariances.sigma": covariances.sigma, "antenna_covariances.correlation": covariances.correlation
-    }  # fmt: skip
+    for covariances, name in COVARIANCES.items():
+        table: Any = getattr(job, name)
+        new[name] = {f"{name}.position": table.position, f"{name}.sigma": table.sigma}
+        row = first_of_names(draft.rows[covariances], draft.rows[name])
+        restated = np.append(np.hstack([table.sigma, table.correlation]), np.full((1, 6), np.nan), axis=0)[row]
+        new[covariances] = {f"{name}.sigma": restated[:, :3], f"{name}.correlation": restated[:, 3:]}
     new["inertial_attitudes"] = {"inertial_attitudes.angles": job.inertial_attitudes.angles}
     if job.wave_origin is not None:
         new["wave_origin"] = {"wave_origin.position": np.array([job.wave_origin.position])}
@@ -127,7 +122,7 @@ def answer_problems(draft: Draft, block: Block) -> tuple[Problem, ...]:
         statement.system.coordinates(level)
         statement.reference(level)
 
-    unreached = _unreached(draft, block, reach)
+    unreached = _unreached(draft, reach)
     axes = [problem for problem in unreached if problem.field == "axes"]
     if unreached:
         return (_of_statement(draft, system_rows.OUT, axes[0]),) if axes else unreached
@@ -146,34 +141,22 @@ def _with_sigmas(block: Block, spec: SystemSpec, scaled: Callable[[FloatArray, F
         return block
     unit = np.array([1e-3 * ARC_SECOND, 1e-3 * ARC_SECOND, 1.0])  # 1 m would be .03 arc seconds
     photos = replace(block.photos, position_sigma=scaled(block.photos.position_sigma, unit))
-    tables: dict[str, Table] = {
-        name: replace(table, sigma=scaled(table.sigma, unit))
-        for name, table in (
-            ("control", block.control),
-            ("antenna_positions", block.antenna_positions),
-            ("antenna_covariances", block.antenna_covariances),
-        )
-    }
+    every: dict[str, Any] = {name: getattr(block, name) for name in COVARIANCES.values()}
+    tables = {name: replace(table, sigma=scaled(table.sigma, unit)) for name, table in every.items()}
     return with_tables(block, tables | {"photos": photos})
 
 
-def _unreached(draft: Draft, block: Block, reach: Callable[[FloatArray], object]) -> tuple[Problem, ...]:
+def _unreached(draft: Draft, reach: Callable[[FloatArray], object]) -> tuple[Problem, ...]:
     """Return stations, control and origin of waves at which `reach` raises `SystemsError`, each at its card."""
     problems = []
-    origin = np.array([block.wave_origin.position]) if block.wave_origin else np.zeros((0, 3))
-    antennas = block.antenna_positions.position
-    every = np.concatenate([block.photos.position, block.control.position, antennas, origin])
+    of_cards = {role: draft.rows[role][ROLES[role]] for role in PLACES}
+    every = np.concatenate(list(of_cards.values()))
     try:
         reach(every[np.isfinite(every).all(axis=1)])
         return ()
     except SystemsError:
         pass  # now one by one
-    for role, path, places in (
-        ("stations", "photos.position", block.photos.position[draft.photo["stations"]]),
-        ("control", "control.position", block.control.position),
-        ("antenna_positions", "antenna_positions.position", antennas),
-        ("wave_origin", "wave_origin.position", origin),
-    ):
+    for role, places in of_cards.items():
         for row in np.flatnonzero(np.isfinite(places).all(axis=1)).tolist():
             try:
                 reach(places[row : row + 1])
@@ -181,7 +164,7 @@ def _unreached(draft: Draft, block: Block, reach: Callable[[FloatArray], object]
                 problem = error.problems[0]
                 if problem.field == "axes":  # of the system, wherever the place
                     return (problem,)
-                problems.append(draft.problem(role, row, problem.message, path=path))
+                problems.append(draft.problem(role, row, problem.message, path=ROLES[role]))
     return tuple(problems)
 
 

@@ -21,7 +21,7 @@ import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import extensions
 from musatpy.model.correlations import LEAST_EIGENVALUE, correlations_of, smallest_eigenvalues
-from musatpy.model.gnss import AntennaCovariances, AntennaLines, AntennaPositions, ExposureTimes, LeverArms
+from musatpy.model.gnss import AntennaLines, AntennaPositions, ExposureTimes, LeverArms
 from musatpy.model.inertial import InertialAttitudes, InertialConvention, Misalignments
 from musatpy.model.lenses import LensUnknowns
 from musatpy.model.options import EllipsoidSpec, Options, OrientationSpec, SystemSpec
@@ -174,7 +174,6 @@ class ControlKind(IntEnum):
     CHECK = 3  # none: compared with the result only
 
 
-COVARIANCES = "control_covariances"  # role of the cards with correlations
 _LETTERS = {
     "": ControlKind.CHECK,
     "F": ControlKind.FULL,
@@ -201,7 +200,7 @@ class Control(Table, noun="control point"):
         3, noun="standard deviations", unit="m", blank=np.nan
     )
     correlation: FloatArray = per_row(  # (k, 3) east north, east up, north up; NaN without a card of covariances
-        3, role=COVARIANCES, noun="correlations", blank=np.nan
+        3, role="control_covariances", noun="correlations", blank=np.nan
     )
 
     def __post_init__(self) -> None:
@@ -301,7 +300,6 @@ class Block:
     antenna_lines: AntennaLines = field(default_factory=partial(empty, AntennaLines))
     photos: Photos
     antenna_positions: AntennaPositions = field(default_factory=partial(empty, AntennaPositions))
-    antenna_covariances: AntennaCovariances = field(default_factory=partial(empty, AntennaCovariances))
     exposure_times: ExposureTimes = field(default_factory=partial(empty, ExposureTimes))
     fiducial_measurements: FiducialMeasurements = field(default_factory=partial(empty, FiducialMeasurements))
     points: Points

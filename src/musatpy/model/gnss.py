@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.model.correlations import correlations_of, on_cards
+from musatpy.model.correlations import correlations_of
 from musatpy.model.tables import POSITION_UNIT, Table, per_row
 
 AXES = (
@@ -27,30 +27,22 @@ class AntennaPositions(Table, noun="antenna position"):
     """
 
     photo: IntArray = per_row(link="photos", key=True)  # (a,)
-    line: TextArray = per_row(sort=True, blank="")  # (a,) flight line; empty: of none
-    position: FloatArray = per_row(3, unit=POSITION_UNIT)  # (a, 3)
-    sigma: FloatArray = per_row(  # (a, 3) east north up, NaN where a covariance stands for it
-        3, noun="standard deviations", unit="m", blank=np.nan
+    position: FloatArray = per_row(3, role="antenna_positions", unit=POSITION_UNIT)  # (a, 3)
+    line: TextArray = per_row(role="antenna_positions", sort=True, blank="")  # (a,) flight line; empty: of none
+    sigma: FloatArray = per_row(3, noun="standard deviations", unit="m")  # (a, 3) east north up
+    correlation: FloatArray = per_row(  # (a, 3) east north, east up, north up; NaN without a card of covariances
+        3, role="antenna_covariances", noun="correlations", blank=np.nan
     )
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AntennaCovariances(Table, noun="covariance of the antenna position", about="antenna_positions"):
-    """b covariances of antenna positions, in place of their three standard deviations."""
-
-    photo: IntArray = per_row(link="photos", key=True)  # (b,)
-    sigma: FloatArray = per_row(3, unit="m")  # (b, 3) east north up
-    correlation: FloatArray = per_row(3)  # (b, 3) east-north, east-up, north-up
+    @property
+    def correlated(self) -> BoolArray:
+        """(a,) True where correlations are given."""
+        return np.asarray(np.isfinite(self.correlation).all(axis=1))
 
     @property
-    def matrices(self) -> FloatArray:
-        """(b, 3, 3) m2, along east, north, up."""
-        return correlations_of(self.correlation) * self.sigma[:, :, None] * self.sigma[:, None, :]
-
-    def of_what_depends(self, partials: FloatArray) -> AntennaCovariances:
-        """Return the covariances of what depends on the positions by partials (b, 3, 3)."""
-        sigma, correlation = on_cards(partials @ self.matrices @ np.swapaxes(partials, 1, 2))
-        return replace(self, sigma=sigma, correlation=correlation)
+    def covariance(self) -> FloatArray:
+        """(a, 3, 3) m2, of east, north, up."""
+        return correlations_of(np.nan_to_num(self.correlation)) * self.sigma[:, :, None] * self.sigma[:, None, :]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.model.tables import Table, per_row
+from musatpy.model.tables import POSITION_UNIT, Table, per_job, per_row
 from musatpy.units import HECTOPASCAL
 
 INDEX_RANGE = (1.0, 2.0)  # of refractive indices, on cards as in adjustments: the air itself, and beyond any liquid
@@ -134,4 +134,4 @@ def known_waves(waves: Waves) -> Waves:
 class WaveOrigin:
     """Where the surface of the waves has its x = y = 0, in the coordinate system of the job."""
 
-    position: tuple[float, float, float]
+    position: tuple[float, float, float] = per_job(unit=POSITION_UNIT)

@@ -121,15 +121,6 @@ HEIGHT_DIFFERENCES = _between(
 )  # fmt: skip
 
 
-def _antenna_sigmas(statistics: Statistics) -> FloatArray:
-    """Return the a priori standard deviations (a, 3) of antenna positions, those of covariances too."""
-    table, covariances = statistics.block.antenna_positions, statistics.block.antenna_covariances
-    sigma = np.full((statistics.block.photos.count, 3), np.nan)
-    sigma[table.photo] = table.sigma
-    sigma[covariances.photo] = covariances.sigma
-    return sigma[table.photo]
-
-
 def _antenna_times(statistics: Statistics) -> FloatArray:
     times = statistics.block.exposure_times
     time = np.full(statistics.block.photos.count, np.nan)
@@ -145,7 +136,10 @@ ANTENNAS = Table(
         Field("time", "number?", "of the exposure", _antenna_times, "Time\ns", "F12.3", unit="s"),
         Field("difference", "3 number?", f"adjusted minus observed, {ENU}",
               "antenna_difference", along_axes()),
-        Field("sigma", "3 number", f"of the deck, {ENU}", _antenna_sigmas, along_axes("Sigma ", edit="F8.3")),
+        Field("sigma", "3 number", f"of the deck, {ENU}", "block.antenna_positions.sigma",
+              along_axes("Sigma ", edit="F8.3")),
+        Field("given_correlation", "3 number?", "of the deck: east and north, east and up, north and up",
+              "block.antenna_positions.correlation", seldom=True),
         Field("test", "3 number?", f"test values of the components, {ENU}, as `normal_test` of the observations: "
               "with a covariance, of the principal axes nearest to these", "antenna_tests",
               along_axes("Test\n", edit="F6.1", unit="")),

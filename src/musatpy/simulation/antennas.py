@@ -48,20 +48,16 @@ def state_antennas(scene: Scene) -> GivenAntennas:
     local = error + shift[line] + drift[line] * since[:, None]
     local += np.einsum("nji,j->ni", attitude_matrix(scene.flight.attitude), np.array(keys.lever_arm))
     places = scene.world.at_xyz(stations.xyz + np.einsum("nji,nj->ni", stations.vertical, local))
-    correlated = any(keys.correlation)
     tables: dict[str, Table] = {
         "antenna_positions": model.AntennaPositions(
             photo=np.arange(n),
             line=np.array(names)[line],
             position=places.job,
-            sigma=np.tile(_NONE if correlated else keys.sigma, (n, 1)),
+            sigma=np.tile(keys.sigma, (n, 1)),
+            correlation=np.tile(keys.correlation if any(keys.correlation) else _NONE, (n, 1)),
         ),
         "exposure_times": model.ExposureTimes(photo=np.arange(n), time=time),
     }
-    if correlated:
-        tables["antenna_covariances"] = model.AntennaCovariances(
-            photo=np.arange(n), sigma=np.tile(keys.sigma, (n, 1)), correlation=np.tile(keys.correlation, (n, 1))
-        )
     if any(keys.lever_arm) or any(arm_error) or keys.lever_arm_sigma or keys.lever_arm_free:
         tables["lever_arms"] = model.LeverArms(
             camera=np.zeros(1, dtype=int),

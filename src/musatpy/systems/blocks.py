@@ -7,8 +7,9 @@ What an adjustment found, as a statement has it, with its covariances.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from musatpy.geometry.body import BodyAngles, body_angles, body_matrix
 from musatpy.geometry.collinearity import in_axes, orthogonal, wrapped
 from musatpy.geometry.systems import Geocentric, MapFactors, System
 from musatpy.model import Block, CoordinateSystem, ReductionOptions, Solution, WaveOrigin
+from musatpy.model.block import with_tables
 from musatpy.model.correlations import on_cards
 from musatpy.systems.statement import (
     Axes,
@@ -119,7 +121,7 @@ def entered(given: Stated, statement: Statement) -> tuple[Block, tuple[Problem, 
     """
     block, system = given.block, statement.system
     photos, control = block.photos, block.control
-    points = block.points.ids[control.point]
+    points, tables = block.points.ids[control.point], _tables_of_places(block)
     require_same_earth(block, system)
     findings = Findings()
     _require_complete(system, photos.position, "photo", photos.ids, findings)
@@ -127,19 +129,17 @@ def entered(given: Stated, statement: Statement) -> tuple[Block, tuple[Problem, 
     _require_level_heights(block, system, findings)
     angles = _angles_or_matrices(given, statement, findings)
     findings.stop()
-    station, mark = level_of(system, photos.position), level_of(system, control.position)
-    _tell_outside(system, np.concatenate([station, mark]), findings)
+    station = level_of(system, photos.position)
+    places = {name: level_of(system, place) for name, place in tables.items()}
+    _tell_outside(system, np.concatenate([station, places["control"]]), findings)
     turned = attitudes_in(statement, station, angles)
     _tell_lost(turned.lost, photos.ids, "omega and kappa", findings)
-    sigmas = photos.position_sigma, photos.attitude_sigma, control.sigma, control.correlation
-    if statement.sigmas is Sigmas.SYSTEM:
-        by_station, by_mark = (np.asarray(np.linalg.inv(rates_at(system, at)), float) for at in (station, mark))
-        sigmas = _restated(block, system, by_station, turned.partials, by_mark, findings)
+    job = _with_sigmas(block, statement, station, turned.partials, True, findings)
     tide = photos.tide + np.where(np.isnan(photos.tide), np.nan, system.undulation(station))
     known = CoordinateSystem.LOCAL if system.ellipsoid is None else CoordinateSystem.GEOGRAPHIC
-    job = _with(block, known, (station, turned.angles, mark, tide), sigmas)
+    job = _with(job, known, station, turned.angles, tide)
+    job = _with_places(job, places, places, statement, True, findings)
     job = _with_origin(job, lambda place: level_of(system, place))
-    job = _with_antennas(job, statement, lambda place: level_of(system, place), True, findings)
     job = replace(job, reduction=_with_ground(block, system, station - photos.position))
     findings.stop()
     job = _with_inertial(job, statement, np.swapaxes(statement.reference(station), 1, 2))
@@ -153,33 +153,30 @@ def stated(block: Block, statement: Statement) -> Stated:
     geocentric nor local.
     Raises `SystemsError` with every reason.
     """
-    system, photos, control = statement.system, block.photos, block.control
+    system, photos, tables = statement.system, block.photos, _tables_of_places(block)
     require_same_earth(block, system)
     job_system, findings = own_statement(block).system, Findings()
-    station, mark = level_of(job_system, photos.position), level_of(job_system, control.position)
+    station = level_of(job_system, photos.position)
+    level = {name: level_of(job_system, place) for name, place in tables.items()}
     _require_complete(system, station, "photo", photos.ids, findings)
-    _require_complete(system, mark, "control point", block.points.ids[control.point], findings)
+    _require_complete(system, level["control"], "control point", block.points.ids[block.control.point], findings)
     _require_level_heights(block, system, findings)
     findings.stop()
-    _tell_outside(system, np.concatenate([station, mark]), findings)
+    _tell_outside(system, np.concatenate([station, level["control"]]), findings)
     turned = attitudes_out(statement, station, photos.attitude)
     _tell_lost(turned.lost, photos.ids, "first and third angle", findings)
-    sigmas = photos.position_sigma, photos.attitude_sigma, control.sigma, control.correlation
-    if statement.sigmas is Sigmas.SYSTEM:
-        rates = rates_at(system, station), turned.partials, rates_at(system, mark)
-        sigmas = _restated(block, system, *rates, findings)
-    places = coordinates_of(system, station), coordinates_of(system, mark)
+    out = _with_sigmas(block, statement, station, turned.partials, False, findings)
+    position = coordinates_of(system, station)
     tide = photos.tide - np.where(np.isnan(photos.tide), np.nan, system.undulation(station))
     known = CoordinateSystem.GEOCENTRIC if isinstance(system, Geocentric) else CoordinateSystem.GEOGRAPHIC
     if system.ellipsoid is None:
         known = CoordinateSystem.LOCAL
-    out = _with(block, known, (places[0], turned.angles, places[1], tide), sigmas)
+    out = _with(out, known, position, turned.angles, tide)
+    places = {name: coordinates_of(system, at) for name, at in level.items()}
+    out = _with_places(out, level, places, statement, False, findings)
     out = _with_origin(out, lambda place: coordinates_of(system, level_of(job_system, place)))
-    out = _with_antennas(
-        out, statement, lambda place: coordinates_of(system, level_of(job_system, place)), False, findings
-    )
     findings.stop()
-    out = replace(out, reduction=_with_ground(block, system, places[0] - station))
+    out = replace(out, reduction=_with_ground(block, system, position - station))
     out = _with_inertial(out, statement, statement.reference(station))
     matrices = turned.matrix if statement.form is None else None
     return Stated(block=out, matrices=matrices, warnings=tuple(findings.warnings))
@@ -227,27 +224,32 @@ def _with_origin(block: Block, restated: Callable[[FloatArray], FloatArray]) -> 
     return replace(block, wave_origin=WaveOrigin(position=(x, y, z)))
 
 
-def _with_antennas(
-    block: Block,
-    statement: Statement,
-    restated: Callable[[FloatArray], FloatArray],
-    to_level: bool,
-    findings: Findings,
-) -> Block:
-    """Return a block with its antenna positions in other coordinates, `to_level` ones or those of a statement."""
-    given, covariances, system = block.antenna_positions, block.antenna_covariances, statement.system
-    if not given.count:
-        return block
-    table = replace(given, position=restated(given.position))
-    if statement.sigmas is Sigmas.SYSTEM:
-        partials = rates_at(system, table.position if to_level else level_of(system, table.position))
-        partials = np.asarray(np.linalg.inv(partials)) if to_level else partials
-        owners = Owners(kind="photo", ids=block.photos.ids[given.photo], what="antenna positions")
-        table = replace(table, sigma=propagated(given.sigma, partials, owners, system.plane_alone, findings))
-        row = np.zeros(block.photos.count, dtype=int)
-        row[given.photo] = np.arange(given.count)
-        covariances = covariances.of_what_depends(partials[row[covariances.photo]])
-    return replace(block, antenna_positions=table, antenna_covariances=covariances)
+def _with_places(
+    block: Block, level: Mapping[str, FloatArray], places: Mapping[str, FloatArray], statement: Statement,
+    to_level: bool, findings: Findings,
+) -> Block:  # fmt: skip
+    """Return a block with its tables of places with covariances in other coordinates, of which `level` are level.
+
+    If sigmas are those of the system, covariances follow the coordinates: `to_level` ones, or from these.
+    """
+    tables: dict[str, Any] = {}
+    for name, place in places.items():
+        table: Any = getattr(block, name)
+        sigma, correlation = table.sigma, table.correlation
+        if statement.sigmas is Sigmas.SYSTEM:
+            partials = _rates(statement, level[name], to_level)
+            of_photos, whole = hasattr(table, "photo"), table.correlated[:, None]
+            owners = Owners(
+                kind="photo" if of_photos else table.row_noun,
+                ids=block.photos.ids[table.photo] if of_photos else block.points.ids[table.point],
+                what=f"{table.row_noun}s" if of_photos else "coordinates",
+            )
+            alone = statement.system.plane_alone
+            sigma = propagated(np.where(whole, np.nan, sigma), partials, owners, alone, findings)
+            size, restated = on_cards(partials @ table.covariance @ np.swapaxes(partials, 1, 2))
+            sigma, correlation = np.where(whole, size, sigma), np.where(whole, restated, correlation)
+        tables[name] = replace(table, position=place, sigma=sigma, correlation=correlation)
+    return with_tables(block, tables)
 
 
 def _require_complete(system: System, places: FloatArray, kind: str, ids: TextArray, findings: Findings) -> None:
@@ -343,48 +345,39 @@ def rates_at(system: System, level: FloatArray) -> FloatArray:
     return out
 
 
-def _restated(
-    block: Block,
-    system: System,
-    by_station: FloatArray,
-    by_angle: FloatArray,
-    by_mark: FloatArray,
-    findings: Findings,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the sigmas of station positions, attitudes and control by partials (., 3, 3), and its correlations.
+def _tables_of_places(block: Block) -> dict[str, FloatArray]:
+    """Return the places of the tables that have covariances of theirs."""
+    tables: dict[str, Any] = {**block.tables()}
+    return {name: table.position for name, table in tables.items() if hasattr(table, "correlated")}
 
-    Those of control with covariances stay whole.
-    """
-    photos, control = block.photos, block.control
+
+def _with_sigmas(
+    block: Block, statement: Statement, level: FloatArray, by_angle: FloatArray, to_level: bool, findings: Findings
+) -> Block:
+    """Return a block with the sigmas of stations, `level` ones (n, 3), restated if they are those of the system."""
+    if statement.sigmas is not Sigmas.SYSTEM:
+        return block
+    photos = block.photos
     station = Owners(kind="photo", ids=photos.ids, what="positions")
     turn = Owners(kind="photo", ids=photos.ids, what="attitudes")
-    mark = Owners(kind="control point", ids=block.points.ids[control.point], what="coordinates")
-    alone, whole = system.plane_alone, control.correlated[:, None]
-    size, correlation = on_cards(by_mark @ control.covariance @ np.swapaxes(by_mark, 1, 2))
-    sigma = propagated(np.where(whole, np.nan, control.sigma), by_mark, mark, alone, findings)
-    return (
-        propagated(photos.position_sigma, by_station, station, alone, findings),
-        propagated(photos.attitude_sigma, by_angle, turn, False, findings),
-        np.where(whole, size, sigma),
-        np.where(whole, correlation, control.correlation),
-    )
+    by_station, alone = _rates(statement, level, to_level), statement.system.plane_alone
+    position = propagated(photos.position_sigma, by_station, station, alone, findings)
+    attitude = propagated(photos.attitude_sigma, by_angle, turn, False, findings)
+    return replace(block, photos=replace(photos, position_sigma=position, attitude_sigma=attitude))
+
+
+def _rates(statement: Statement, level: FloatArray, to_level: bool) -> FloatArray:
+    """Return the rates (n, 3, 3) of coordinates with level ones, or `to_level` the other way."""
+    rates = rates_at(statement.system, level)
+    return np.asarray(np.linalg.inv(rates), float) if to_level else rates
 
 
 def _with(
-    block: Block,
-    known: CoordinateSystem,
-    values: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    sigmas: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    block: Block, known: CoordinateSystem, position: FloatArray, attitude: FloatArray, tide: FloatArray
 ) -> Block:
-    """Return a block with other stations, attitudes, control and tides, their sigmas, and correlations."""
-    station, angles, mark, tide = values
-    photos = replace(block.photos, position=station, attitude=angles, tide=tide)
-    return replace(
-        block,
-        options=replace(block.options, system=known),
-        photos=replace(photos, position_sigma=sigmas[0], attitude_sigma=sigmas[1]),
-        control=replace(block.control, position=mark, sigma=sigmas[2], correlation=sigmas[3]),
-    )
+    """Return a block with other stations, attitudes and tides."""
+    photos = replace(block.photos, position=position, attitude=attitude, tide=tide)
+    return replace(block, options=replace(block.options, system=known), photos=photos)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -24,7 +24,6 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, ObservationKind
 from musatpy.model.gnss import AXES, DIRECTIONS
-from musatpy.model.tables import taken
 
 _REST = 1e-4  # m at an antenna
 _MOST = 0.01  # of the extent of the antenna positions: beyond such a sigma nothing is determined
@@ -71,14 +70,12 @@ def flight_lines(block: Block) -> tuple[IntArray, FloatArray]:
 
 def principal_axes(block: Block) -> tuple[FloatArray, FloatArray]:
     """Return the axes (a, 3, 3) along which errors of the antenna positions are independent, and sigmas (a, 3)."""
-    positions, covariances = block.antenna_positions, block.antenna_covariances
+    positions, order = block.antenna_positions, np.array(list(permutations(range(3))))
     axes, sigma = np.tile(np.eye(3), (positions.count, 1, 1)), positions.sigma.copy()
-    order = np.array(list(permutations(range(3))))
-    for photo, covariance in zip(covariances.photo.tolist(), covariances.matrices, strict=True):
-        variances, vectors = np.linalg.eigh(covariance)
+    for row in np.flatnonzero(positions.correlated).tolist():
+        variances, vectors = np.linalg.eigh(positions.covariance[row])
         near = order[np.abs(vectors[np.arange(3), order]).sum(axis=1).argmax()]  # the vector of each direction
         signed = vectors[:, near] * np.sign(vectors[np.arange(3), near])
-        row = positions.photo == photo
         axes[row], sigma[row] = signed.T, np.sqrt(np.maximum(variances[near], 0.0))
     return axes, sigma
 
@@ -134,12 +131,6 @@ class Antenna(PhotoVector):
             numbers=np.concatenate(numbers, axis=1),
             since=np.nan_to_num(since),
         )
-
-    def without(self, block: Block, out: BoolArray) -> Block:
-        """Return the block without the antenna positions that are `out` (a,), and without their covariances."""
-        block = super().without(block, out)
-        stay = np.isin(block.antenna_covariances.photo, block.antenna_positions.photo)
-        return replace(block, antenna_covariances=taken(block.antenna_covariances, stay))
 
     def deviations(self, network: Network, state: State) -> Deviations:
         """Return adjusted minus observed, along the principal axes of each."""

@@ -10,10 +10,9 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem
 from musatpy.formats.checks.check import check
 from musatpy.formats.checks.images import metric
-from musatpy.formats.draft import Draft
+from musatpy.formats.draft import Draft, first_of_names
 from musatpy.formats.job_tables import ROLES
 from musatpy.model import Program
-from musatpy.model.correlations import smallest_eigenvalues
 
 _TABLES = ("antenna_positions", "antenna_covariances", "lever_arms", "antenna_lines")
 _LONGEST = 30.0  # m, of a lever arm in an aircraft
@@ -30,27 +29,13 @@ def antennas_in_iia(draft: Draft) -> Iterator[Problem]:
             yield draft.problem(role, 0, "antenna positions need program IIIA, and this job is one of MUSAT-IIA")
 
 
-@check(follows=("antenna_positions", "antenna_covariances"))
+@check(needs="antenna_positions", follows=("antenna_positions", "antenna_covariances"))
 def antenna_sigmas(draft: Draft) -> Iterator[Problem]:
-    """Yield antenna positions without standard deviations, or with two statements of them; bad covariances."""
-    role, path = "antenna_positions", "antenna_positions.sigma"
-    given, photo = np.isfinite(draft.rows[role][path]), draft.photo[role]
-    covered = np.isin(photo, draft.photo["antenna_covariances"])
-    card = draft.cards("antenna_covariances")
-    for rows, message in (
-        (covered & given.any(axis=1), f"standard deviations here and on a {card} card: one of both is needed"),
-        (~covered & ~given.all(axis=1), f"its three standard deviations are needed, or a {card} card"),
-    ):
-        yield from draft.problems(role, rows, message, path=path)
-    role = "antenna_covariances"
-    alone = ~np.isin(draft.photo[role], photo)
-    message = "photo {} has a covariance, and no antenna position"
-    yield from draft.problems(role, alone, message, draft.names("photos", role), path=f"{role}.photo")
-    correlation = draft.rows[role][f"{role}.correlation"]
-    known = np.flatnonzero((np.abs(correlation) <= 1.0).all(axis=1))
-    known = known[smallest_eigenvalues(correlation[known]) <= 0.0]
-    message = "no three errors have these correlations: their matrix is not positive definite"
-    yield from draft.problems(role, known, message, path=f"{role}.correlation")
+    """Yield antenna positions without standard deviations."""
+    role, path, rows = "antenna_positions", "antenna_positions.sigma", draft.rows["antenna_positions"]
+    lacks = np.isnan(rows[path]).any(axis=1) & (first_of_names(rows, draft.rows["antenna_covariances"]) < 0)
+    message = f"its three standard deviations are needed, or a {draft.card('antenna_covariances')}"
+    yield from draft.problems(role, lacks, message, path=path)
 
 
 @check(needs="lever_arms")

@@ -12,12 +12,11 @@ from musatpy.errors import Problem
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.checks.check import check
 from musatpy.formats.draft import Draft
-from musatpy.formats.job_tables import ROLES
+from musatpy.formats.job_tables import PLACES, ROLES
 from musatpy.formats.statements import statement_problems, system_row
 from musatpy.model import CoordinateSystem
 from musatpy.units import AngleUnit
 
-_POSITIONS = ("stations", "control", "antenna_positions", "wave_origin")
 _NEAR = (0.98, 1.1)  # geocentric distances over the semi-major axis: ocean floor at the poles, and low orbits
 _EARTH_AXIS = 6.378e6  # m, close enough to tell geocentric from local coordinates
 _HIGHEST = 100e3  # m, no local rectangular job has its vertical coordinates beyond
@@ -61,7 +60,7 @@ def decimal_angles(draft: Draft) -> Iterator[Problem]:
     unread = draft.unread("systems", "systems.unit").any()
     if unread or (draft.given_in is not None and draft.given_in.unit is not AngleUnit.DMS):
         return
-    for role in (*_POSITIONS, "attitudes"):
+    for role in (*PLACES, "attitudes"):
         rows = draft.rows[role]
         decimal = np.array([mapping.has_stated_unit(spec) for spec in rows.specs], dtype=bool)[rows.kind]
         message = f"angles in decimals, and no {draft.cards('systems')} card for IN that says their unit"
@@ -116,7 +115,7 @@ def position_cards(draft: Draft) -> Iterator[Problem]:
     if draft.unread("systems", "systems.kind").any():
         return
     kind = "rectangular" if _system(draft) == CoordinateSystem.GEOGRAPHIC else "geographic"
-    for role in _POSITIONS:
+    for role in PLACES:
         message = f"a {kind} position{{}}, in a job of system {_system(draft)}"
         yield from _first_of(draft, role, ~fits_system(draft, role), message)
 
@@ -142,7 +141,7 @@ def geocentric_positions(draft: Draft) -> Iterator[Problem]:
     if draft.system is not CoordinateSystem.GEOCENTRIC or np.isnan(axis):
         return
     low, high = _NEAR
-    for role in _POSITIONS:
+    for role in PLACES:
         distance = np.linalg.norm(draft.rows[role][ROLES[role]], axis=1)
         far = fits_system(draft, role) & ((distance < low * axis) | (distance > high * axis))
         message = "{:.1f} km from the geocentre is not near the ellipsoid"
@@ -153,7 +152,7 @@ def geocentric_positions(draft: Draft) -> Iterator[Problem]:
 def local_positions(draft: Draft) -> Iterator[Problem]:
     """Yield once for each kind of card the positions of a local job that look geocentric."""
     low, high = _NEAR
-    for role in _POSITIONS if draft.system is CoordinateSystem.LOCAL else ():
+    for role in PLACES if draft.system is CoordinateSystem.LOCAL else ():
         xyz = draft.rows[role][ROLES[role]]
         distance = np.linalg.norm(xyz, axis=1) / _EARTH_AXIS
         looks = (distance > low) & (distance < high) & (np.abs(xyz[:, 2]) > _HIGHEST)  # Z can be no height

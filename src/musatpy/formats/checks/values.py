@@ -15,10 +15,9 @@ from musatpy.formats.cards.spec import FieldSpec
 from musatpy.formats.checks.check import check
 from musatpy.formats.checks.images import FOCAL_LENGTHS, odd_focal_lengths
 from musatpy.formats.draft import AGREES, Draft, first_of_names
-from musatpy.formats.job_tables import table_of
+from musatpy.formats.job_tables import COVARIANCES, KEYS, table_of
 from musatpy.formats.system_rows import radians_of
 from musatpy.model import ControlKind, CoordinateSystem
-from musatpy.model.block import COVARIANCES
 from musatpy.model.correlations import LEAST_EIGENVALUE, smallest_eigenvalues
 from musatpy.units import DEGREE
 
@@ -201,7 +200,8 @@ def control_components(draft: Draft) -> Iterator[Problem]:
         blank = [f"X, Y and Z hold a point only together, and {name} is blank" for name in names]
         needed = (known | ~missing).any(axis=1, keepdims=True) & np.ones(3, dtype=bool)
     loose = known & np.isnan(rows["control.sigma"]) & ~rows["control.fixed"][:, np.newaxis]
-    loose &= first_of_names(rows, draft.rows[COVARIANCES])[:, np.newaxis] < 0  # these have theirs, or a problem
+    covariances = draft.rows["control_covariances"]
+    loose &= first_of_names(rows, covariances)[:, np.newaxis] < 0  # these have theirs, or a problem
     for row, component in np.argwhere(needed & missing).tolist():
         if draft.lacks("control", row, "control.position", component):
             yield draft.problem("control", row, blank[component], path="control.position", component=component)
@@ -217,38 +217,46 @@ def control_components(draft: Draft) -> Iterator[Problem]:
             yield draft.problem("control", row, message, path="control.sigma", component=one)
 
 
-@check(needs=COVARIANCES)
-def control_covariances(draft: Draft) -> Iterator[Problem]:
-    """Yield covariances of control that cannot be, or that no card of control takes, or takes with other sigmas."""
-    role, rows, control = COVARIANCES, draft.rows[COVARIANCES], draft.rows["control"]
-    names, sigma, values = (rows[f"control.{name}"] for name in ("point", "sigma", "correlation"))
-    cards = first_of_names(rows, control)
+@check()
+def covariances(draft: Draft) -> Iterator[Problem]:
+    """Yield covariances of places that cannot be, or that no card takes, or takes with other sigmas."""
+    for role, table in COVARIANCES.items():
+        if len(draft.rows[role]):
+            yield from _covariances(draft, role, table)
+
+
+def _covariances(draft: Draft, role: str, table: str) -> Iterator[Problem]:
+    rows, places, (path,) = draft.rows[role], draft.rows[table], KEYS[role]
+    names, sigma, values = rows[path], rows[f"{table}.sigma"], rows[f"{table}.correlation"]
+    cards = first_of_names(rows, places)
+    of_correlation = f"{table}.correlation"
     for row, component in np.argwhere(np.abs(values) >= 1.0).tolist():
         message = f"a correlation of {values[row, component]:g} is not between -1 and 1"
-        yield draft.problem(role, row, message, path="control.correlation", component=component)
+        yield draft.problem(role, row, message, path=of_correlation, component=component)
     possible = np.asarray((np.abs(values) < 1.0).all(axis=1))
     smallest = smallest_eigenvalues(np.where(possible[:, None], values, 0.0))
     message = "these correlations make no positive definite matrix: its smallest eigenvalue is {:.3g}"
-    yield from draft.problems(role, smallest < LEAST_EIGENVALUE, message, smallest, path="control.correlation")
+    yield from draft.problems(role, smallest < LEAST_EIGENVALUE, message, smallest, path=of_correlation)
     if draft.to_orient:
         message = "an orientation goes by the standard deviations alone, without their correlations"
-        yield draft.problem(role, 0, message, path="control.correlation", severity="warning")
-    lost = (cards < 0) & (names != "") & (not draft.is_spoilt("control"))
-    message = f"control point {{}} has no {draft.card('control')}: covariances belong to its coordinates"
-    yield from draft.problems(role, lost, message, names, path="control.point")
+        yield draft.problem(role, 0, message, path=of_correlation, severity="warning")
+    lost = (cards < 0) & (names != "") & (not draft.is_spoilt(table))
+    owner = "control point" if table == "control" else "photo"
+    message = f"{owner} {{}} has no {draft.card(table)}: covariances belong to its coordinates"
+    yield from draft.problems(role, lost, message, names, path=path)
     for row in np.flatnonzero(cards >= 0).tolist():
-        card, name, where = int(cards[row]), names[row], draft.place("control", int(cards[row]))
-        given = control["control.sigma"][card]
-        if control["control.fixed"][card]:
+        card, name, where = int(cards[row]), names[row], draft.place(table, int(cards[row]))
+        given = places[f"{table}.sigma"][card]
+        if table == "control" and places["control.fixed"][card]:
             message = f"control point {name} is fixed {where}: covariances have no effect on it"
-            yield draft.problem(role, row, message, path="control.point")
-        elif control["control.kind"][card] == ControlKind.VERTICAL:
+            yield draft.problem(role, row, message, path=path)
+        elif table == "control" and places["control.kind"][card] == ControlKind.VERTICAL:
             message = f"control point {name} has the kind V {where}, and needs its sigma there; expected F, H or C"
-            yield draft.problem(role, row, message, path="control.point")
+            yield draft.problem(role, row, message, path=path)
         elif (np.abs(given - sigma[row])[sigma[row] > 0.0] > AGREES).any():
             here, there = (" ".join(f"{value:g}" for value in values) for values in (sigma[row], given))
             message = f"the sigmas are {here} m here and {there} m {where}: leave those blank"
-            yield draft.problem(role, row, message, path="control.sigma")
+            yield draft.problem(role, row, message, path=f"{table}.sigma")
 
 
 @check()
