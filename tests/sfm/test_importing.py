@@ -85,3 +85,15 @@ def test_metres_of_a_model_are_kept_where_they_are_those_of_rtk(
     control = ("--gcp", gcp_list(tmp_path / "gcp_list.txt", exact))
     imported("opensfm", path.parent, "--gnss", exposures(tmp_path / "exif.csv", exact, fix), *control)
     assert (cameras_of_job(tmp_path / "a.job").placement.scale == 1.0) == kept
+
+
+def test_components_of_colmap_are_its_folders(tmp_path: Path, exact: Scene) -> None:
+    control = ("--gcp", gcp_list(tmp_path / "gcp_list.txt", exact))
+    for number in ("0", "10", "2"):
+        write_colmap(tmp_path / "sparse" / number, exact)
+    output = imported("colmap", tmp_path, *control, status=1).output
+    assert f"it has 3 components, of {', '.join([str(len(exact.names))] * 3)} photos: choose one" in output
+    assert "has 3 components, and no number 4" in imported("colmap", tmp_path, "--component", 4, status=1).output
+    (tmp_path / "sparse" / "2" / "points3D.txt").write_text("x\n")
+    assert "sparse/2/points3D.txt:1" in imported("colmap", tmp_path, "--component", 2, status=1).output
+    imported("colmap", tmp_path / "sparse", "--component", 3, *control)

@@ -6,12 +6,16 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pyproj
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation.triangulation import of_stations
 from musatpy.compilation.true_points import images_of
 from musatpy.correction.file_cameras import ByFileCameras
 from musatpy.correction.methods import CorrectedPoints, Tally
+from musatpy.errors import Problem
+from musatpy.geometry.crs import LongitudeLatitude
+from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import LocalRectangular
 from musatpy.model import Water
 from musatpy.reduction.pixel_lens import PixelLens
@@ -107,3 +111,27 @@ def test_what_is_outside_of_the_water_is_dry_though_it_is_low(tmp_path: Path) ->
     assert {order[row] for row in np.flatnonzero(low & ~land)} == {"Exclusive"}
     assert {order[row] for row in np.flatnonzero(low & land)} == {""}
     assert REASONS[Fault.UNDECIDED] in method.in_words("reason", points)
+
+
+def test_points_that_are_not_of_the_job_have_no_place() -> None:
+    """Rays to points far off meet somewhere else where stations have turned since: not where the cloud has them."""
+    method, _, cloud = shore()
+    photos = method.run.block.photos
+    for sign in (1.0, -1.0):  # they meet 30 km below, and behind the cameras
+        turned = replace(photos, attitude=photos.attitude + sign * photos.position[:, :1] / 3e4 * [0.0, 1.0, 0.0])
+        run = replace(method.run, block=replace(method.run.block, photos=turned))
+        points = replace(method, run=run)("cloud.csv", np.array([[0.0, 0.0, -1e6], [0.0, 0.0, 200.0]]))
+        assert isinstance(points, CorrectedPoints)
+        assert points.fault.tolist() == [Fault.NO_CONVERGENCE, Fault.NO_CAMERA]
+        assert np.isnan(points.true).all() and np.isnan(points.values["sigma_z"]).all()
+    assert method("cloud.csv", cloud[:3]).good.all()
+
+
+def test_points_are_in_the_system_that_is_named() -> None:
+    ellipsoid = Ellipsoid("WGS84")
+    method = replace(shore()[0], system=LongitudeLatitude(ellipsoid), in_model=False)
+    assert "UTM zone 20N" in method.placed_in(Path("a.csv"), None, "EPSG:32620", None).system.text
+    assert "UTM zone 21N" in method.placed_in(Path("a.tif"), pyproj.CRS("EPSG:32621"), None, None).system.text
+    problem = method("a.csv", np.array([[5e5, 5e6, 0.0]]))
+    assert isinstance(problem, Problem) and problem.message.endswith("are none: are the points in this system?")
+    assert max(len(column.meaning) for column in method.columns.values()) <= 32  # letters of a LAS file

@@ -226,6 +226,9 @@ def _by_job(
     from musatpy.runs import ExitStatus
 
     out, in_model = given["out"], given["crs"] == "model"
+    if in_model and out.suffix.lower() in (".las", ".laz"):
+        message = "--crs model: results are in the system of the job, of which the file has no scales: write a .csv"
+        raise click.UsageError(message)
     options.refuse_overwriting([out], [points, run])
     with progress_through(points, given["quiet"]) as progress:
         method = by_file_cameras(run, job, in_model=in_model, **how)

@@ -153,7 +153,7 @@ def fit_command(
     pair = None if stations is None else pair_by(stations, given["pair"])
     columns = columns_of(points, given["columns"])
     crs, geoid = given["crs"], given["geoid"]
-    system = system_alone(crs, geoid) if pair is None else system_of_points(points, pair, crs, geoid)
+    system = system_alone(crs, geoid) if pair is None else system_of_points(points, pair.system, crs, geoid)
     read = read_points(points, precision_by(given, pair), given["only"], columns, system)
     surface_map = read.plan.map if read.plan else None
     result = _fit(points, read.points, model, given)

@@ -88,7 +88,7 @@ def correct_through(
 
     options.refuse_overwriting([given["out"]], [points, stations, surface])
     index, fitted, surface_map = index_by(given, pair), load_surface(surface), load_map(surface)
-    system = system_of_points(points, pair, given["crs"], given["geoid"])
+    system = system_of_points(points, pair.system, given["crs"], given["geoid"])
     if (surface_map is None) != (system.ellipsoid is None):
         where = ("in local coordinates", "on the ellipsoid")
         message = f"stands {where[surface_map is not None]}, the points {where[system.ellipsoid is not None]}"

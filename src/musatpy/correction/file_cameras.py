@@ -28,6 +28,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in, of_record
 from musatpy.compilation.true_points import at_rest, in_parts, network_of_plates, settled
 from musatpy.correction.methods import REASON, CorrectedPoints, Method, ResultColumn, Tally
+from musatpy.depth.cameras import system_of_points
 from musatpy.errors import DepthError, Problem, ProblemsError
 from musatpy.geometry.geodesy import surface, water_heights
 from musatpy.model import PlateMeasurements, Points
@@ -45,7 +46,7 @@ from musatpy.units import DEGREE, MICROMETRE
 
 MODEL = "model"  # the system of points in the coordinates of the model itself
 _COLUMNS = {
-    "depth": ResultColumn("below the mean water of its photos, m"),
+    "depth": ResultColumn("below the water of its photos, m"),
     "sigma_depth": ResultColumn("m"),
     "sigma_z": ResultColumn("of the height, m"),
     "sigma_h": ResultColumn("of the position in plan, m"),
@@ -80,7 +81,10 @@ class ByFileCameras(Method):
 
     def placed_in(self, source: Path, stated: pyproj.CRS | None, crs: str | None, geoid: str | None) -> Self:
         """Return the method for the points of a file, those in the coordinates of the model as they are."""
-        return self if self.in_model else super().placed_in(source, stated, crs, geoid)
+        if self.in_model:
+            return self
+        named = crs or (None if stated is None else stated.to_wkt())
+        return replace(self, system=system_of_points(source, self.system, named, geoid))
 
     def rejection(self, tally: Tally) -> str:
         """Return why the result is of no use; empty where a point is corrected."""
@@ -132,7 +136,7 @@ class ByFileCameras(Method):
         )
 
         def meet(part: IntArray) -> bool:
-            self._meet(some[part], _of_points(every, part), flagged[some[part]], true, fault, values)
+            self._meet(some[part], _of_points(every, part), flagged[some[part]], level, true, fault, values)
             return True
 
         for _ in in_parts(meet, np.arange(len(some))):  # those whose rays cannot be followed stay without
@@ -155,12 +159,14 @@ class ByFileCameras(Method):
         rows: IntArray,
         plates: PlateMeasurements,
         flagged: BoolArray,
+        level: FloatArray,
         true: FloatArray,
         fault: IntArray,
         values: dict[str, FloatArray],
     ) -> None:
         """Set where rays of points (k,) meet, which are dry unless they are `flagged` (k,) and below the water."""
         network, state, groups = self._at_rest(plates, flagged)
+        state = self._near_cloud(network, state, groups, network.frame.from_level(level[rows]))
         known = finite_rows(state.ground)
         sigma = self._sigmas(network, state, groups)
         self._describe(network, state, groups, known, rows, values)
@@ -194,6 +200,20 @@ class ByFileCameras(Method):
         else:
             line, state = at_rest(measured, state, groups, flagged)
         return measured.with_plates(measured.xy, line.wet), state, groups
+
+    def _near_cloud(
+        self, network: Network, state: State, groups: Sequence[PointGroup], apparent: FloatArray
+    ) -> State:
+        """Return the state without points that are farther from where the cloud has them than from a camera.
+
+        Those are not of this job: rays to the other side of the earth meet somewhere too.
+        """
+        ground = state.ground.copy()
+        for group in groups:
+            X, camera = ground[group.point], state.position[network.photo[group.rays[:, 0]]]
+            away = np.linalg.norm(X - apparent[group.point], axis=1) > np.linalg.norm(X - camera, axis=1)
+            ground[group.point[away]] = np.nan
+        return replace(state, ground=ground)
 
     def _sigmas(self, network: Network, state: State, groups: Sequence[PointGroup]) -> FloatArray:
         """Return sigmas (k, 3) m of points in plan, in height, and of their depths; NaN where there is no point."""

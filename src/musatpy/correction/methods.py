@@ -15,7 +15,7 @@ import numpy as np
 import pyproj
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.errors import Problem, ProblemsError, SeaError
+from musatpy.errors import Problem, ProblemsError, SeaError, SystemsError
 from musatpy.geometry.crs import system_of
 from musatpy.geometry.systems import System
 from musatpy.pointfiles.columns import AXES
@@ -161,7 +161,10 @@ class Method:
         """Return what comes of points (n, 3) of a file, or the problem of a file with points out of reach."""
         n, known = len(points), np.isfinite(points).all(axis=1)
         covariance = np.full((n, 3, 3), np.nan) if covariance is None else covariance
-        some = self.corrected(points[known], covariance[known])
+        try:
+            some = self.corrected(points[known], covariance[known])
+        except SystemsError as error:  # errors do not leave a process
+            return Problem(file=source, message=f"{error}: are the points in this system?")
         true, fault = np.full((n, 3), np.nan), np.full(n, Fault.NOT_FINITE, dtype=np.int64)
         true[known], fault[known] = some.true, some.fault
         values: dict[str, FloatArray | IntArray] = {name: np.full(n, np.nan) for name in some.values}

@@ -125,7 +125,7 @@ class ByPhotographs(Method):
     def placed_in(self, source: Path, stated: pyproj.CRS | None, crs: str | None, geoid: str | None) -> Self:
         """Return the method for the points of a file: by the system that is named, or stated, or of the cameras."""
         named = crs or (None if stated is None else stated.to_wkt())
-        return replace(self, system=system_of_points(source, self.photographs.cameras, named, geoid))
+        return replace(self, system=system_of_points(source, self.photographs.cameras.system, named, geoid))
 
     def __call__(
         self, source: str, points: FloatArray, covariance: FloatArray | None = None

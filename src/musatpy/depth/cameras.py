@@ -258,30 +258,28 @@ def _tilt(tables: Tables, system: System) -> Tilt:
     return Tilt(slope=np.array(tables["adjusted_water"]["tilt"], dtype=float) @ axes[:2], pivot=pivot)
 
 
-def system_of_points(
-    points: Path, cameras: CameraStations, crs: str | None = None, geoid: str | None = None
-) -> System:
-    """Return the system of the points of a file, which is that of the stations where these are in no register.
+def system_of_points(points: Path, system: System, crs: str | None = None, geoid: str | None = None) -> System:
+    """Return the system of the points of a file: where nothing else is said `system`, that of the stations.
 
     `crs`: code, PROJ string or WKT; `geoid`: grid file of the geoid above which heights are. Raises `SystemsError`
     for a system that cannot be used, `DepthError` for words that go with no such stations and for a LAS file that
     cannot be read, and `OSError`.
     """
-    ellipsoid = cameras.system.ellipsoid
+    ellipsoid = system.ellipsoid
     if ellipsoid is None:
         if crs or geoid:
             message = (
                 f"--{'crs' if crs else 'geoid'}: neither the stations nor the points have a place on the ellipsoid"
             )
             raise DepthError.of(message)
-        return cameras.system
+        return system
     if not crs and points.suffix.lower() in SUFFIXES:
         crs = crs_definition(points)
     if crs:
         return system_of(crs, ellipsoid, geoid or "")
     if geoid:
         raise DepthError.of("--geoid goes with --crs: the system of the run has its own heights")
-    return cameras.system
+    return system
 
 
 def system_alone(crs: str | None, geoid: str | None = None) -> System | None:

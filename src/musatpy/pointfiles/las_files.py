@@ -19,7 +19,7 @@ import numpy as np
 
 from musatpy import extras
 from musatpy.arrays import FloatArray
-from musatpy.errors import InterchangeError
+from musatpy.errors import InterchangeError, MissingPackageError
 from musatpy.files import whole_file
 
 SUFFIXES = (".las", ".laz")
@@ -182,13 +182,15 @@ def _require(fits: bool, what: str, size: int) -> None:
 def upsets(path: Path, what: str) -> Iterator[None]:
     """Turn what packages raise over a file, errors of no common kind, into an `InterchangeError`.
 
-    Errors of the system (`OSError` with its number) stay.
+    Errors of the system (`OSError` with its number) stay. Raises `MissingPackageError` without what compresses.
     """
     try:
         yield
     except Exception as error:
         if isinstance(error, InterchangeError) or (isinstance(error, OSError) and error.errno is not None):
             raise
+        if "LazBackend" in str(error):
+            raise MissingPackageError("LAZ files need", "lazrs", "las") from error
         raise _unusable(path, f"{what}: {error}") from error
 
 

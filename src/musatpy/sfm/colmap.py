@@ -17,7 +17,7 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import Problem
 from musatpy.pointfiles.columns import FAR
 from musatpy.reduction.pixel_lens import PixelLens
-from musatpy.sfm.model import Model, ModelError, checked, refused
+from musatpy.sfm.model import Model, ModelError, checked, chosen_component, refused
 
 _PLACED = ("f", "cx", "cy"), ("fx", "fy", "cx", "cy")
 # By their numbers in binary files; None: not read.
@@ -55,6 +55,20 @@ class _Image:
 def is_colmap(folder: Path) -> bool:
     """Return whether a folder has a model of COLMAP."""
     return any((folder / f"images{suffix}").is_file() for suffix in (".bin", ".txt"))
+
+
+def component_of(path: Path, component: int) -> Path:
+    """Return the folder of a model: `path`, or one of those in it or in its folder `sparse`, 0, 1, ...
+
+    `component` counts from 1; 0: the only one. Raises `ModelError` that says how many photos each has.
+    """
+    below = (path,) if is_colmap(path) else (*path.glob("*"), *path.glob("sparse/*"))
+    folders = sorted(filter(is_colmap, below), key=lambda folder: (len(folder.name), folder.name))
+    if not folders:
+        raise ModelError([Problem(message="it has no model of COLMAP: images.bin or images.txt", file=str(path))])
+    many = len(folders) > 1 and not component
+    sizes = [len(read_model(folder).photos) if many else 0 for folder in folders]
+    return folders[chosen_component(sizes, component, str(path))]
 
 
 def read_model(folder: Path) -> Model:

@@ -80,9 +80,6 @@ def read_model(asked: Asked) -> Model:
     """Return the model of a path. Raises `ModelError` where there is none of the format."""
     path = asked.path
     if asked.form == "colmap":
-        if not colmap.is_colmap(path):
-            message = "it has no model of COLMAP: images.bin or images.txt"
-            raise ModelError([Problem(message=message, file=str(path))])
         return colmap.read_model(path)
     if asked.form == "opensfm":
         reconstruction = path if path.is_file() else opensfm.reconstruction_of(path)
@@ -94,6 +91,8 @@ def read_model(asked: Asked) -> Model:
 
 def imported(asked: Asked, title: str) -> Imported:
     """Return the job of a model. Raises `ModelError`, `DeckError`, `SystemsError` and `OSError`."""
+    if asked.form == "colmap":
+        asked = replace(asked, path=colmap.component_of(asked.path, asked.component))
     model = read_model(asked)
     if not len(model.photo):
         message = "it has no images of points, which an adjustment needs: export it as COLMAP, and import that"

@@ -18,7 +18,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem
 from musatpy.reduction.pixel_lens import PixelLens
-from musatpy.sfm.model import LOCAL, NO_TURN, Model, ModelError, checked, refused
+from musatpy.sfm.model import LOCAL, NO_TURN, Model, ModelError, checked, chosen_component, refused
 
 _K = ("k1", "k2", "k3", "k4")
 _NO_SHIFT = re.compile(r",\s*TOWGS84\[[0.,\s]*\]", re.IGNORECASE)  # of zeros, which shift nothing
@@ -136,16 +136,11 @@ def _component(
 ) -> tuple[list[Element], FloatArray | None]:
     """Return the cameras of one component, and its matrix (4, 4) to geocentric metres, None without one."""
     components = chunk.findall("./components/component")
-    if len(components) > 1 and not component:
-        sizes = [sum(camera.get("component_id") == part.get("id") for camera in aligned) for part in components]
-        message = f"it has {len(components)} components, of {', '.join(map(str, sizes))} photos"
-        raise ModelError([Problem(message=f"{message}: choose one by --component", file=str(path))])
-    if component > max(len(components), 1):
-        message = f"it has {max(len(components), 1)} components, and no number {component}"
-        raise ModelError([Problem(message=message, file=str(path))])
+    sizes = [sum(camera.get("component_id") == part.get("id") for camera in aligned) for part in components]
+    row = chosen_component(sizes or [len(aligned)], component, str(path))
     if not components:
         return aligned, _to_geocentric(chunk.find("transform"))
-    part = components[max(component, 1) - 1]
+    part = components[row]
     chosen = [camera for camera in aligned if camera.get("component_id", part.get("id")) == part.get("id")]
     of_component = part.find("transform")
     return chosen, _to_geocentric(chunk.find("transform") if of_component is None else of_component)

@@ -118,3 +118,17 @@ def refused(problems: Sequence[Problem]) -> None:
     """Raise `ModelError` where there are problems."""
     if problems:
         raise ModelError(list(problems))
+
+
+def chosen_component(sizes: Sequence[int], component: int, source: str) -> int:
+    """Return the row of a component, which counts from 1; 0: the only one. `sizes` are numbers of photos.
+
+    Raises `ModelError` where there is none of that number, or several and it is not said which.
+    """
+    message = f"it has {len(sizes)} components"
+    if component > len(sizes):
+        raise ModelError([Problem(message=f"{message}, and no number {component}", file=source)])
+    if not component and len(sizes) > 1:
+        message = f"{message}, of {', '.join(map(str, sizes))} photos: choose one by --component"
+        raise ModelError([Problem(message=message, file=source)])
+    return max(component, 1) - 1

@@ -19,7 +19,7 @@ from musatpy.errors import Problem
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.pointfiles.columns import FAR
 from musatpy.reduction.pixel_lens import PixelLens
-from musatpy.sfm.model import Model, ModelError, checked, links, refused
+from musatpy.sfm.model import Model, ModelError, checked, chosen_component, links, refused
 from musatpy.units import DEGREE
 
 # Projections that are read: the names of focal lengths, and of k1, k2, ...
@@ -92,14 +92,7 @@ def _component(path: Path, content: Any, component: int) -> Mapping[str, Any]:
     """Return one of the reconstructions of a file. Raises `ModelError` where it is not said which."""
     if not isinstance(content, list) or not all(isinstance(part, dict) for part in content) or not content:
         raise ModelError([Problem(message="it has no list of reconstructions", file=str(path))])
-    if not component and len(content) > 1:
-        sizes = ", ".join(str(len(part.get("shots", {}))) for part in content)
-        message = f"it has {len(content)} components, of {sizes} photos: choose one by --component"
-        raise ModelError([Problem(message=message, file=str(path))])
-    if component > len(content):
-        message = f"it has {len(content)} components, and no number {component}"
-        raise ModelError([Problem(message=message, file=str(path))])
-    return content[max(component, 1) - 1]
+    return content[chosen_component([len(part.get("shots", {})) for part in content], component, str(path))]
 
 
 def _items(path: Path, reconstruction: Mapping[str, Any], key: str) -> Mapping[str, Mapping[str, Any]]:
