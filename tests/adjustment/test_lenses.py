@@ -148,6 +148,7 @@ def test_a_lens_is_found_from_images_without_error(side: DistortionSide) -> None
     np.testing.assert_array_less(np.abs(change - true), 0.01 * solution.parameters.spread / solution.sigma0)
 
 
+@pytest.mark.slow
 def test_the_published_calibration_of_21_photographs() -> None:
     """DBAT 0.9.2, `camcal`: 423 unknowns, nothing given but 4 control points; to the printed digits."""
     if not CALIBRATION.exists():
@@ -206,6 +207,7 @@ def test_a_narrow_prior_holds_a_parameter() -> None:
     assert narrow.degrees_of_freedom == held.degrees_of_freedom
 
 
+@pytest.mark.slow
 def test_iia_holds_its_cameras_and_considers_their_sigmas() -> None:
     """As IIIA does with values held: stations and points to .2 sigma, which the weights of both differ by."""
     names = tuple(TRUE)
@@ -235,6 +237,7 @@ def test_iia_holds_its_cameras_and_considers_their_sigmas() -> None:
     np.testing.assert_allclose(np.sqrt(variance[:, 2]), np.abs(0.5 * by_focal), rtol=0.02, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_what_nothing_determines_is_named() -> None:
     """Vertical photographs of one height without observed stations: focal length and heights are one."""
     block = simulation(
