@@ -13,6 +13,7 @@ from musatpy.specs import key, require
 
 PACKED = "dms"  # unit of angles DDDMMSS.sss in one number
 JOB_UNIT = "job"  # packed angles in a geographic job, metres in a rectangular one
+LONGEST = 128  # letters of a name, as a job has them
 RECORD_UNITS = (*UNITS, "rad", "gon", PACKED, JOB_UNIT)
 
 
@@ -64,6 +65,12 @@ class RecordField(FieldSpec):
         require(self.edit.is_number or not (self.unit or self.none is not None), "a text has no such key")
 
     @property
+    def is_plain(self) -> bool:
+        """Whether it is any word, or any number with no further meaning."""
+        special = self.codes or self.part or self.same_as or self.none is not None or self.unit == PACKED
+        return self.free and not special and self.blank == "error" and self.edit.letter != "I"
+
+    @property
     def expected(self) -> str:
         """What the field wants, for messages."""
         if self.codes:
@@ -76,6 +83,8 @@ class RecordField(FieldSpec):
         """Return the value of a text; raises `FieldError`. Words of a free layout may have any width."""
         if not self.edit.is_number:
             value = text.strip(" ") if self.free else str(super().decode(text))
+            if len(value) > LONGEST:
+                raise FieldError(value, f"a name of at most {LONGEST} letters")
             letters = dict(self.codes)
             if (letters and value not in letters) if value else self.blank == "error":
                 raise FieldError(value or text, self.expected)

@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 from musatpy.arrays import IntArray
 from musatpy.errors import DeckError, Problem, in_order
 from musatpy.formats.cards.foreign import of_survey
+from musatpy.formats.records.fields import LONGEST
 from musatpy.formats.records.layout import START, FileSpec, RecordSpec, Value, record_line, record_values
 
 _END_OF_FILE = "\x1a"
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([EeDd][-+]?\d+)?", re.ASCII)
+_DECIMAL, _NAME = r"([-+]?\d+\.\d+)", rf"([!-~]{{1,{LONGEST}}})"
 Columns = Mapping[str, NDArray[Any]]  # field -> (k,) numbers, NaN for no value, or texts
 
 
@@ -57,7 +59,12 @@ class _RecordReader:
         self.file = file
         self.leaves = {leaf.name for leaf in spec.leaves()}
         self.joined = {record.joins for record in spec.records if record.joins}
-        self.rows: dict[str, list[tuple[int, dict[str, Value]]]] = {leaf.name: [] for leaf in spec.leaves()}
+        self.marks = {record.mark for record in spec.records}
+        self.patterns = {leaf.name: self._pattern(leaf) for leaf in spec.leaves()}
+        self.rows: dict[str, dict[str, list[Value]]] = {  # by field
+            leaf.name: {field.name: [] for field in spec.row_fields(leaf)} for leaf in spec.leaves()
+        }
+        self.lines: dict[str, list[int]] = {name: [] for name in self.rows}
         self.before = START  # name of the record before
         self.open: dict[str, dict[str, Value]] = {}  # the last of each record that others join
         self.waiting: dict[str, int] = {}  # those that no other has joined yet, and their lines
@@ -69,7 +76,9 @@ class _RecordReader:
 
     def read(self) -> RecordFile:
         for number, line in enumerate(self.texts, 1):
-            if line.strip() and not (self.spec.comments and self.spec.is_comment(line.split()[0])):
+            if self._repeats(number, line):
+                self.end = number
+            elif line.strip() and not (self.spec.comments and self.spec.is_comment(line.split()[0])):
                 self.end = number
                 self._line(number, line.rstrip())
         self._finish()
@@ -77,10 +86,33 @@ class _RecordReader:
             file=self.file,
             spec=self.spec,
             tables={leaf.name: self._columns(leaf) for leaf in self.spec.leaves()},
-            lines={name: np.array([line for line, _ in rows], dtype=int) for name, rows in self.rows.items()},
+            lines={name: np.array(lines, dtype=int) for name, lines in self.lines.items()},
             problems=in_order(self.problems),
             texts=self.texts,
         )
+
+    def _pattern(self, record: RecordSpec) -> re.Pattern[str] | None:
+        """Return how plain words read that can only be one more such record; None where that is not so simple."""
+        next_ones = [one for one in self._allowed(record.name) if not one.mark]
+        if next_ones[:1] != [record] or not record.joins or not all(field.is_plain for field in record.fields):
+            return None
+        words = (_DECIMAL if field.edit.is_number else _NAME for field in record.fields)
+        return re.compile(f" *{' +'.join(words)} *", re.ASCII)
+
+    def _repeats(self, number: int, line: str) -> bool:
+        """Take a line of plain words like the one before, as most of a large file are; return whether it is one."""
+        pattern = self.patterns.get(self.before)
+        words = pattern.fullmatch(line) if pattern else None
+        if words is None or words[1] in self.marks or self.spec.is_comment(words[1]):
+            return False
+        record = self.spec.record(self.before)
+        head = self.open.get(record.joins)
+        if not head:
+            return False
+        row = zip(record.fields, words.groups(), strict=True)
+        values = {of.name: float(word) if of.edit.is_number else word for of, word in row}
+        self._append(record.name, number, head | values)
+        return True
 
     def _line(self, number: int, line: str) -> None:
         if not (line.isascii() and line.isprintable()):
@@ -120,7 +152,12 @@ class _RecordReader:
             self.open[record.name] = values if complete else {}
             self.waiting[record.name] = number
         if record.name in self.leaves and complete:
-            self.rows[record.name].append((number, values))
+            self._append(record.name, number, values)
+
+    def _append(self, name: str, number: int, values: dict[str, Value]) -> None:
+        self.lines[name].append(number)
+        for field, column in self.rows[name].items():
+            column.append(values[field])
 
     def _agrees(self, record: RecordSpec, number: int, values: dict[str, Value]) -> bool:
         """Return whether the fields that repeat others say the same; complain of those that do not."""
@@ -141,7 +178,7 @@ class _RecordReader:
         word = line.split()[0]
         allowed = self._allowed(self.before)
         marked = [record for record in allowed if record.mark and record.mark == word]
-        is_mark = word in {record.mark for record in self.spec.records}
+        is_mark = word in self.marks
         plain = [record for record in allowed if not record.mark and not is_mark]
         if not marked and self._is_heading(line):
             for record in (record for record in allowed if record.may_be_missing):
@@ -214,9 +251,9 @@ class _RecordReader:
         self.problems.append(Problem(file=self.file, line=line, text=self.texts[line - 1].rstrip(), **details))  # type: ignore[arg-type]
 
     def _columns(self, leaf: RecordSpec) -> Columns:
-        rows = [values for _, values in self.rows[leaf.name]]
+        rows = self.rows[leaf.name]
         return {
-            field.name: np.array([row[field.name] for row in rows], dtype=float if field.edit.is_number else str)
+            field.name: np.array(rows[field.name], dtype=float if field.edit.is_number else str)
             for field in self.spec.row_fields(leaf)
         }
 
