@@ -1,14 +1,12 @@
 """Files of three formats, written from one truth by scalars: right ones are read to the digit, wrong ones named."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from musatpy.sfm import colmap, metashape, opensfm
-from musatpy.sfm.conventions import prove
-from musatpy.sfm.intersection import intersections
+from musatpy.sfm import bingo, colmap, metashape, opensfm
+from musatpy.sfm.conventions import Conventions, prove
 from musatpy.sfm.model import Model, ModelError
 from sfm.written_models import (
     COLMAP,
@@ -19,10 +17,10 @@ from sfm.written_models import (
     geocentric,
     scene,
     to_chunk,
+    write_bingo,
     write_colmap,
     write_metashape,
     write_opensfm,
-    wrong_pixel,
 )
 
 pytestmark = pytest.mark.slow  # `test_formats` reads right files of all formats
@@ -46,19 +44,24 @@ NAMES = {
     "t for C": "t and C stand for each other",
     "scalar last": "quaternions have their scalar last",
     "camera y up": "the camera has y up and z backward",
+    "y down": "if y points down",
+    "x up": "if x points up",
+    "x left": "if x points left",
+    "x down": "if x points down",
+    "micrometres": "x and y are micrometres",
+    "pixels": "x and y are pixels",
+    "about principal point": "x and y are about the principal point",
+    "no distortion": "images have no distortion",
+    "initial": "images are those of the initial calibration",
 }
 PIXEL = 1e-6
 
 
-def of_metashape(path: Path, of: Scene, wrong: str = "") -> Model:
-    """Return the stations of cameras.xml with the images of the scene, and intersected points."""
-    model = metashape.read_model(write_metashape(path, of, wrong))
-    images = [(photo, point, *wrong_pixel(of.lens, u, v, wrong)) for photo, point, u, v in of.images]
-    photo, point = (np.array([image[k] for image in images]) for k in (0, 1))
-    pixel = np.array([image[2:] for image in images])
-    position = intersections(model, photo, point, pixel, len(of.points))
-    ids = np.array([f"p{n}" for n in range(len(of.points))])
-    return replace(model, points=ids, position=position, photo=photo, point=point, pixel=pixel)
+def of_metashape(folder: Path, of: Scene, wrong: str = "") -> Model:
+    """Return the stations of cameras.xml with the images of image.dat beside it."""
+    model = metashape.read_model(write_metashape(folder / "cameras.xml", of, wrong))
+    names = [name.partition("/")[2] for name in of.names]
+    return bingo.with_images(model, write_bingo(folder / "image.dat", of, wrong, names), None)
 
 
 @pytest.fixture(scope="module")
@@ -86,9 +89,10 @@ def test_opensfm_reads_the_truth(tmp_path: Path, exact: Scene) -> None:
 
 
 def test_metashape_reads_the_truth(tmp_path: Path, exact: Scene) -> None:
-    model = of_metashape(tmp_path / "cameras.xml", exact)
+    model = of_metashape(tmp_path, exact)
     assert np.abs(model.residuals()).max() < PIXEL
-    assert np.allclose(model.position, [to_chunk(X) for X in exact.points], rtol=0, atol=1e-8)
+    places = [to_chunk(exact.points[int(name.rpartition("_")[2])]) for name in model.points.tolist()]
+    assert np.allclose(model.position, places, rtol=0, atol=1e-8)
     assert model.to_geocentric is not None
     there = model.centre @ model.to_geocentric[:3, :3].T + model.to_geocentric[:3, 3]
     assert np.abs(there - [geocentric(C) for C in exact.C]).max() < 1e-4
@@ -98,9 +102,9 @@ def scene_of(wrong: str, noise: float = 0.3) -> Scene:
     return scene(noise, Lens(inverse=wrong == "images to rays"))
 
 
-def refusal(model: Model, own_points: bool = True) -> str:
+def refusal(model: Model, images: Conventions | None = None) -> str:
     with pytest.raises(ModelError) as refused:
-        prove(model, "the file", own_points)
+        prove(model, "the file", images)
     return str(refused.value)
 
 
@@ -123,8 +127,8 @@ def test_a_wrong_opensfm_is_named(tmp_path: Path, wrong: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("wrong", METASHAPE)
 def test_a_wrong_metashape_is_named(tmp_path: Path, wrong: str) -> None:
-    model = of_metashape(tmp_path / "cameras.xml", scene_of(wrong), wrong)
-    assert names_in(refusal(model, own_points=False)) == [wrong]
+    model = of_metashape(tmp_path, scene_of(wrong), wrong)
+    assert names_in(refusal(model, bingo.CONVENTIONS)) == [wrong]
 
 
 def test_a_portrait_photo_is_normalised_by_its_height(tmp_path: Path) -> None:
@@ -137,13 +141,13 @@ def test_a_portrait_photo_is_normalised_by_its_height(tmp_path: Path) -> None:
 def test_right_files_are_proven(tmp_path: Path, noise: float) -> None:
     of = scene(noise)
     usual = 1.1774 * noise  # the median of the lengths of two normal errors
-    for model, own in (
-        (colmap.read_model(write_colmap(tmp_path / "stated", of)), True),
-        (colmap.read_model(write_colmap(tmp_path / "not", of, stated=False)), True),
-        (opensfm.read_model(write_opensfm(tmp_path / "opensfm", of)), True),
-        (of_metashape(tmp_path / "cameras.xml", of), False),
+    for model, images in (
+        (colmap.read_model(write_colmap(tmp_path / "stated", of)), None),
+        (colmap.read_model(write_colmap(tmp_path / "not", of, stated=False)), None),
+        (opensfm.read_model(write_opensfm(tmp_path / "opensfm", of)), None),
+        (of_metashape(tmp_path, of), bingo.CONVENTIONS),
     ):
-        proof = prove(model, "the file", own)
+        proof = prove(model, "the file", images)
         assert proof is not None and not proof.notes
         assert proof.images == len(of.images)
         assert 0.6 * usual < proof.median < 1.1 * usual  # intersected points take up a part

@@ -26,9 +26,11 @@ OPENSFM = (
     "p1 for p2", "images to rays", "transposed", "inverse", "t for C", "camera y up",
 )  # fmt: skip
 METASHAPE = (
-    "middle", "y up", "principal point from the corner", "principal point y up", "p1 for p2", "images to rays",
-    "transposed", "inverse", "t for C", "camera y up",
+    "principal point from the corner", "principal point y up", "p1 for p2", "images to rays", "transposed",
+    "inverse", "t for C", "camera y up", "y down", "x up", "x left", "x down", "micrometres", "pixels",
+    "about principal point", "no distortion", "initial",
 )  # fmt: skip
+PIXEL_WIDTH, PIXEL_HEIGHT, FOCAL_LENGTH = 0.0024, 0.0025, 7.5  # mm, as Metashape states them
 
 
 @dataclass
@@ -321,6 +323,9 @@ def write_metashape(path: Path, of: Scene, wrong: str = "", markers: str = "") -
     path.write_text(
         '<?xml version="1.0" encoding="UTF-8"?>\n<document version="2.0.0"><chunk label="1" enabled="true">'
         f'<sensors><sensor id="0" label="L" type="frame"><resolution width="{lens.width}" height="{lens.height}"/>'
+        f'<property name="pixel_width" value="{PIXEL_WIDTH}"/>'
+        f'<property name="pixel_height" value="{PIXEL_HEIGHT}"/>'
+        f'<property name="focal_length" value="{FOCAL_LENGTH}"/>'
         f'<calibration type="frame" class="adjusted"><f>{lens.fy!r}</f><b1>{lens.fx - lens.fy!r}</b1>'
         f"<cx>{lens.cx - lens.width / 2!r}</cx><cy>{lens.cy - lens.height / 2!r}</cy><k1>{k[0]!r}</k1>"
         f"<k2>{k[1]!r}</k2><k3>{k[2]!r}</k3><p1>{p2!r}</p1><p2>{p1!r}</p2></calibration></sensor></sensors>"
@@ -328,3 +333,47 @@ def write_metashape(path: Path, of: Scene, wrong: str = "", markers: str = "") -
         f"<cameras>{''.join(cameras)}</cameras>{markers}<reference>EPSG:4326</reference></chunk></document>\n"
     )
     return path
+
+
+def write_bingo(
+    path: Path, of: Scene, wrong: str = "", names: list[str] | None = None, height: float = PIXEL_HEIGHT
+) -> Path:
+    """Write image.dat as Metashape does, photos by `names`, else by those of the scene without blanks."""
+    lens, w, h = of.lens, PIXEL_WIDTH, height
+    names = names or [name.replace(" ", "_") for name in of.names]
+    lines: list[str] = []
+    for photo, name in enumerate(names):
+        lines.append(f"{name} 1")
+        for seen, point, u, v in of.images:
+            if seen != photo:
+                continue
+            u, v = u - lens.width / 2, v - lens.height / 2
+            if wrong == "about principal point":
+                u, v = u + lens.width / 2 - lens.cx, v + lens.height / 2 - lens.cy
+            if wrong in ("no distortion", "initial"):
+                a, b = undistorted(lens, u + lens.width / 2, v + lens.height / 2)
+                u, v = lens.cx - lens.width / 2 + lens.fx * a, lens.cy - lens.height / 2 + lens.fy * b
+                if wrong == "initial":
+                    u, v = a * FOCAL_LENGTH / w, b * FOCAL_LENGTH / h
+            x, y = u * w, -v * h
+            x, y = {
+                "y down": (x, -y),
+                "x up": (y, -x),
+                "x left": (-x, -y),
+                "x down": (-y, x),
+                "micrometres": (1000.0 * x, 1000.0 * y),
+                "pixels": (u, -v),
+            }.get(wrong, (x, y))
+            lines.append(f" tie_point_number_{point} {x:.9f} {y:.9f}")
+        lines.append("-99")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def undistorted(lens: Lens, u: float, v: float) -> tuple[float, float]:
+    """Return the ray of a pixel."""
+    x, y = a, b = (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy
+    for _ in range(80):
+        p, q = lens.bent(x, y)
+        x, y = x + a - p, y + b - q
+    return x, y

@@ -15,6 +15,8 @@ _FORMATS = ("colmap", "opensfm", "metashape")
 _import_options = options_of(
     click.option("-o", "--out", required=True, type=NamedPath(), metavar="NAME.job", help="Job to write."),
     click.option("--component", type=click.IntRange(min=1), default=None, help="Which of several components."),
+    click.option("--images", type=NamedPath(), metavar="FILE",
+                 help="Images of a Metashape model, in BINGO's form. Default: image.dat beside it."),
     click.option("--gcp", type=NamedPath(), metavar="FILE",
                  help="Control: gcp_list.txt, cameras.xml with markers, or a table with images."),
     click.option("--gcp-sigma", type=POSITIVE, default=0.05, show_default=True, metavar="M",
@@ -39,8 +41,8 @@ _import_options = options_of(
                  help="Images of a photo that are kept at least; 0: all."),
     click.option("--camera", type=click.Choice(["estimated", "held"]), default="estimated", show_default=True,
                  help="Whether the adjustment estimates the lens anew."),
-    click.option("--pixel-size", type=POSITIVE, default=2.4, show_default=True, metavar="UM",
-                 help="Of the sensor."),
+    click.option("--pixel-size", type=POSITIVE, metavar="UM",
+                 help="Of the sensor. Default: as Metashape states it, else 2.4."),
     click.option("--image-sigma", type=POSITIVE, default=0.5, show_default=True, metavar="PX",
                  help="Sigma of an image coordinate."),
     click.option("--index", type=POSITIVE, default=1.34, show_default=True, help="Refractive index of the water."),
@@ -72,11 +74,16 @@ def import_command(form: str, path: Path, out: Path, quiet: bool, **given: Any) 
         raise click.UsageError(f"-o {name_of(out)}: a job folder is called NAME{_JOB}")
     if given["tide"] is not None and not given["tide_datum"]:
         raise click.UsageError("--tide needs --tide-datum, the height of its zero")
+    if given["images"] is not None and form != "metashape":
+        raise click.UsageError(f"--images is of metashape: a model of {form} has its own")
     photos = out.with_name(f"{out.stem}.photos.csv")
-    refuse_overwriting([photos], [path, *(given[name] for name in ("gcp", "gnss", "tide", "flags") if given[name])])
+    inputs = [given[name] for name in ("images", "gcp", "gnss", "tide", "flags") if given[name]]
+    refuse_overwriting([photos], [path, *inputs])
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     options |= {"side": options.pop("water_side", ""), "held": options.pop("camera") == "held"}
-    asked = Asked(form=form, path=path, **options | {"pixel_size": options["pixel_size"] * MICROMETRE})
+    if "pixel_size" in options:
+        options["pixel_size"] *= MICROMETRE
+    asked = Asked(form=form, path=path, **options)
     done = imported(asked, out.stem.upper()[:68])
     for warning in done.warnings:
         complain(f"{name_of(path)}: warning: {warning}")

@@ -19,6 +19,7 @@ from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.intersection import intersections
 from musatpy.sfm.model import Model, ModelError, spread
 
+Conventions = tuple[tuple[str, Callable[[Model], Model | None]], ...]  # names, and what each makes of a model
 MOST = 3.0  # px, of the median residual
 _IMAGES = 2000  # that are looked at
 _BEHIND = 0.01  # of the images, at points behind their cameras
@@ -40,39 +41,39 @@ class Proof:
     notes: tuple[str, ...] = ()  # residuals that are not what the file states
 
 
-def prove(model: Model, source: str, own_points: bool = True) -> Proof | None:
+def prove(model: Model, source: str, images: Conventions | None = None) -> Proof | None:
     """Return the residuals of some 2,000 images spread over a model, None where it has no images.
 
-    `source` is the file that messages name. Without `own_points` the points are no part of the file: they are
-    intersected, under each convention anew. Raises `ModelError` that names the convention which fits where the
-    median residual is above 3 px or more than a hundredth of the points lie behind their cameras, where the
-    residuals are half as large under another convention, where all images are off by half a pixel, and where the
-    residuals that the file states are those of another convention.
+    `source` is the file that messages name. `images` are what images mean that are no part of the model: their
+    points are intersected then, under each convention anew. Raises `ModelError` that names the convention which
+    fits where the median residual is above 3 px or more than a hundredth of the points lie behind their cameras,
+    where the residuals are half as large under another convention, where all images are off by half a pixel, and
+    where the residuals that the file states are those of another convention.
     """
     if not len(model.photo):
         return None
     sample = _sample(model, _IMAGES)
-    error = _residuals(sample, own_points)
+    error = _residuals(sample, images)
     size = _sizes(error)
     median, behind = float(np.median(size)), float(np.mean(np.isinf(size)))
     agreement = _agreement(sample)
     if median > MOST or behind > _BEHIND:
-        raise _refusal(sample, source, own_points, median, behind)
+        raise _refusal(sample, source, images, median, behind)
     if agreement is not None and agreement < _AGREEING:
-        fitting = [name for name, other in _others(sample, 1) if (_agreement(other) or 0.0) >= _AGREEING]
+        fitting = [name for name, other in _others(sample, images, 1) if (_agreement(other) or 0.0) >= _AGREEING]
         if fitting:
             message = "the residuals that the file states are not those of its images, but they are if "
             raise ModelError([Problem(message=message + " or ".join(fitting), file=source)])
     if agreement is None or agreement < _AGREEING:
-        small = _small(sample, error, median, own_points)
+        small = _small(sample, error, median, images)
         if small:
             raise ModelError([Problem(message=small, file=source)])
     return Proof(images=len(size), median=median, notes=_differences(model))
 
 
-def _small(sample: Model, error: FloatArray, median: float, own_points: bool) -> str:
+def _small(sample: Model, error: FloatArray, median: float, images: Conventions | None) -> str:
     """Return what is wrong with residuals that are not large, empty for nothing."""
-    fits = _fitting(sample, own_points, _BETTER * median, 1)
+    fits = _fitting(sample, images, _BETTER * median, 1)
     if fits and median - fits[0][1] > _WORTH:
         return _named(f"the median residual of {len(error):,} images is {median:.2f} px", fits)
     known = error[np.isfinite(error).all(axis=1)]
@@ -85,13 +86,13 @@ def _small(sample: Model, error: FloatArray, median: float, own_points: bool) ->
     return ""
 
 
-def _refusal(sample: Model, source: str, own_points: bool, median: float, behind: float) -> ModelError:
+def _refusal(sample: Model, source: str, images: Conventions | None, median: float, behind: float) -> ModelError:
     """Return why a model is refused, with what fits."""
     what = f"the median residual of {len(sample.photo):,} images is {median:,.2f} px"
     if behind > _BEHIND:
-        what = f"{behind:.0%} of {len(sample.photo):,} images show points behind their cameras"
+        what = f"{behind:.0%} of {len(sample.photo):,} images show no points ahead of their cameras"
     for changes in (1, 2):
-        fits = _fitting(sample, own_points, min(MOST, _BETTER * median), changes)
+        fits = _fitting(sample, images, min(MOST, _BETTER * median), changes)
         if fits:
             return ModelError([Problem(message=_named(what, fits), file=source)])
     message = f"{what}, and no other convention fits: its stations, points and images are not of one adjustment"
@@ -103,20 +104,20 @@ def _named(what: str, fits: list[tuple[str, float]]) -> str:
     return f"{what}; it would be {fits[0][1]:.2f} px if {every}: export the model by its format's convention"
 
 
-def _fitting(sample: Model, own_points: bool, most: float, changes: int) -> list[tuple[str, float]]:
+def _fitting(sample: Model, images: Conventions | None, most: float, changes: int) -> list[tuple[str, float]]:
     """Return the conventions of the least median residual (px), as several may have it; none above `most`."""
     scores = []
-    for name, other in _others(sample, changes):
-        size = _sizes(_residuals(other, own_points))
+    for name, other in _others(sample, images, changes):
+        size = _sizes(_residuals(other, images))
         if np.mean(np.isinf(size)) <= _BEHIND and np.median(size) <= most:
             scores.append((name, float(np.median(size))))
     least = min((score for _, score in scores), default=0.0)
     return sorted((fit for fit in scores if fit[1] <= _LIKE * least), key=lambda fit: fit[1])
 
 
-def _others(sample: Model, changes: int) -> Iterator[tuple[str, Model]]:
+def _others(sample: Model, images: Conventions | None, changes: int) -> Iterator[tuple[str, Model]]:
     """Yield the sample under other conventions, of so many changes each."""
-    for several in combinations(_CONVENTIONS, changes):
+    for several in combinations((_PIXELS if images is None else images) + _CAMERAS, changes):
         other: Model | None = sample
         for _, change in several:
             other = change(other) if other is not None else None
@@ -142,9 +143,9 @@ def _sample(model: Model, most: int) -> Model:
     )
 
 
-def _residuals(sample: Model, own_points: bool) -> FloatArray:
+def _residuals(sample: Model, images: Conventions | None) -> FloatArray:
     """Return residuals (m, 2) px, of points that are intersected if they are not the file's own and can be."""
-    if own_points:
+    if images is None:
         return sample.residuals()
     at = intersections(sample, sample.photo, sample.point, sample.pixel, len(sample.points))
     rows = np.flatnonzero(np.isfinite(at[sample.point, 0]))
@@ -190,7 +191,7 @@ def _differences(model: Model) -> tuple[str, ...]:
     )
 
 
-def _extent(model: Model) -> FloatArray:
+def extent(model: Model) -> FloatArray:
     """Return width and height (m, 2) of the photo of each image."""
     size = np.array([(lens.width, lens.height) for lens in model.lenses], dtype=float)
     return size[model.camera[model.photo]]
@@ -198,23 +199,23 @@ def _extent(model: Model) -> FloatArray:
 
 def _beyond(model: Model) -> bool:
     """Tell whether images lie beyond the edges of their photos."""
-    out = (model.pixel < -1.0) | (model.pixel > _extent(model) + 1.0)
+    out = (model.pixel < -1.0) | (model.pixel > extent(model) + 1.0)
     return float(np.mean(out.any(axis=1))) > _OUTSIDE
 
 
 def _moved(share: float) -> Callable[[Model], Model | None]:
     """Return the change of the origin by a share of the extent, where images lie beyond the edges without it."""
-    return lambda model: replace(model, pixel=model.pixel + share * _extent(model)) if _beyond(model) else None
+    return lambda model: replace(model, pixel=model.pixel + share * extent(model)) if _beyond(model) else None
 
 
-def _scaled(model: Model, factor: FloatArray) -> Model | None:
+def scaled(model: Model, factor: FloatArray) -> Model | None:
     """Return images scaled about the middle by factors (m, 1), where they lie beyond the edges without it."""
-    middle = 0.5 * _extent(model)
+    middle = 0.5 * extent(model)
     return replace(model, pixel=middle + factor * (model.pixel - middle)) if _beyond(model) else None
 
 
 def _shorter(model: Model) -> FloatArray:
-    return _extent(model).min(axis=1, keepdims=True) / _extent(model).max(axis=1, keepdims=True)
+    return extent(model).min(axis=1, keepdims=True) / extent(model).max(axis=1, keepdims=True)
 
 
 def _lenses(change: Callable[[PixelLens], PixelLens | None]) -> Callable[[Model], Model | None]:
@@ -245,11 +246,16 @@ def _focal(factor: Callable[[PixelLens], float]) -> Callable[[Model], Model | No
 def _corrected(model: Model) -> Model:
     """Return the model if polynomials lead from images to rays: images without distortion, and such lenses."""
     pixel, camera = model.pixel.copy(), model.camera[model.photo]
-    bare = tuple(replace(lens, k=(), d=(), p=(0.0, 0.0), fisheye=False) for lens in model.lenses)
+    ideal = tuple(map(bare, model.lenses))
     for number, lens in enumerate(model.lenses):
         of = np.flatnonzero(camera == number)
-        pixel[of] = lens.pixels(bare[number].rays(pixel[of]))
-    return replace(model, pixel=pixel, lenses=bare)
+        pixel[of] = lens.pixels(ideal[number].rays(pixel[of]))
+    return replace(model, pixel=pixel, lenses=ideal)
+
+
+def bare(lens: PixelLens) -> PixelLens:
+    """Return a lens without its distortion."""
+    return replace(lens, k=(), d=(), p=(0.0, 0.0), fisheye=False)
 
 
 def _shift(model: Model) -> FloatArray:
@@ -279,18 +285,20 @@ def _quaternions(model: Model) -> Model:
 
 _FIRST_AT_0 = "the middle of the first pixel is (0, 0), not (0.5, 0.5)"
 _FIRST_AT_1 = "the middle of the first pixel is (1, 1), not (0.5, 0.5)"
-_CONVENTIONS: tuple[tuple[str, Callable[[Model], Model | None]], ...] = (
+_PIXELS: Conventions = (
     ("pixels count from the middle of the image", _moved(0.5)),
     ("pixels count from the corner of the image", _moved(-0.5)),
     (_FIRST_AT_0, lambda model: replace(model, pixel=model.pixel + 0.5)),
     (_FIRST_AT_1, lambda model: replace(model, pixel=model.pixel - 0.5)),
     (
         "y of pixels counts upward",
-        lambda model: replace(model, pixel=model.pixel * [1.0, -1.0] + _extent(model) * [0.0, 1.0]),
+        lambda model: replace(model, pixel=model.pixel * [1.0, -1.0] + extent(model) * [0.0, 1.0]),
     ),
     ("x and y of pixels are exchanged", lambda model: replace(model, pixel=model.pixel[:, ::-1])),
-    ("images are normalised by the shorter side", lambda model: _scaled(model, _shorter(model))),
-    ("images are normalised by half of the longer side", lambda model: _scaled(model, np.full((1, 1), 0.5))),
+    ("images are normalised by the shorter side", lambda model: scaled(model, _shorter(model))),
+    ("images are normalised by half of the longer side", lambda model: scaled(model, np.full((1, 1), 0.5))),
+)
+_CAMERAS: Conventions = (
     (
         "focal lengths are normalised by the shorter side",
         _focal(lambda lens: min(lens.width, lens.height) / max(lens.width, lens.height)),

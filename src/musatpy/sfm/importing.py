@@ -16,11 +16,12 @@ from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block
 from musatpy.model.tables import finite_rows
 from musatpy.reduction.displacements import EARTH_RADIUS
-from musatpy.sfm import colmap, metashape, opensfm
+from musatpy.sfm import bingo, colmap, metashape, opensfm
 from musatpy.sfm.block import Beside, Placement, block_of
 from musatpy.sfm.control import ImagedControl, read_control
 from musatpy.sfm.conventions import prove
 from musatpy.sfm.georeference import Georeference, file_placement, georeferenced, level_positions
+from musatpy.sfm.intersection import of_placed_points
 from musatpy.sfm.model import Model, ModelError
 from musatpy.sfm.source import FileCameras
 from musatpy.sfm.thinning import thinned
@@ -30,6 +31,7 @@ from musatpy.sfm.wet import LIMIT, Wet, Wetness, read_flags, read_water, wetness
 
 FORMATS = ("colmap", "opensfm", "metashape")
 _METRIC = 1e-9  # by which the scale of a file in metres may miss 1
+_PIXEL = 0.0024  # mm
 _LEAST_DOUBT = 0.05  # m, of the height of a point of a model that was put in place
 
 
@@ -40,6 +42,7 @@ class Asked:
     form: str  # of `FORMATS`
     path: Path
     component: int = 0
+    images: Path | None = None  # of a model of Metashape, in BINGO's form; None: image.dat beside it
     gcp: Path | None = None
     gcp_sigma: float = 0.05  # m, of control whose file states none
     gnss: Path | None = None
@@ -58,7 +61,7 @@ class Asked:
     flags: Path | None = None
     per_photo: int = 120
     held: bool = False
-    pixel_size: float = 0.0024  # mm
+    pixel_size: float | None = None  # mm; None: as the file states it, else 2.4 um
     image_sigma: float = 0.5  # px
     index: float = 1.34
     index_sigma: float | None = None
@@ -86,19 +89,32 @@ def read_model(asked: Asked) -> Model:
         if reconstruction is None:
             raise ModelError([Problem(message="it has no reconstruction.json", file=str(path))])
         return opensfm.read_model(reconstruction, asked.component)
-    return metashape.read_model(path, asked.component)
+    model = metashape.read_model(path, asked.component)
+    return model if asked.images is None else bingo.with_images(model, asked.images, asked.pixel_size)
+
+
+def _completed(asked: Asked) -> Asked:
+    """Return what is asked with the folder of a component of COLMAP, or the two files of a model of Metashape."""
+    if asked.form == "colmap":
+        return replace(asked, path=colmap.component_of(asked.path, asked.component))
+    if asked.form == "opensfm":
+        return asked
+    path = asked.path / "cameras.xml" if asked.path.is_dir() else asked.path
+    beside = path.with_name(bingo.IMAGES)
+    return replace(asked, path=path, images=asked.images or (beside if beside.is_file() else None))
 
 
 def imported(asked: Asked, title: str) -> Imported:
     """Return the job of a model. Raises `ModelError`, `DeckError`, `SystemsError` and `OSError`."""
-    if asked.form == "colmap":
-        asked = replace(asked, path=colmap.component_of(asked.path, asked.component))
+    asked = _completed(asked)
     model = read_model(asked)
     if not len(model.photo):
-        message = "it has no images of points, which an adjustment needs: export it as COLMAP, and import that"
+        message = "it has no images of points, which an adjustment needs"
+        message += f": {bingo.IMAGES} of a BINGO export beside it, or --images" * (asked.form == "metashape")
         raise ModelError([Problem(message=message, file=str(asked.path))])
+    proof = prove(model, str(asked.images or asked.path), bingo.CONVENTIONS if asked.images else None)
+    model = of_placed_points(model)
     lines, warnings = [_size(model)], list(model.notes)
-    proof = prove(model, str(asked.path))
     if proof is not None:
         lines.append(f"straight rays miss {proof.images} of the images by {proof.median:.2f} px (median)")
         warnings += proof.notes
@@ -133,13 +149,15 @@ def imported(asked: Asked, title: str) -> Imported:
         )
     beside = _beside(asked, model, exposures, levels, wet, control, control_level)
     tide = {} if levels is None or exposures is None else levels.kept(exposures.time)
+    stated = model.pixel_size[np.isfinite(model.pixel_size)].tolist()
+    size = asked.pixel_size or next(iter(stated), _PIXEL)
     block = block_of(
-        model, geo.placement, beside, used, size=asked.pixel_size, image_sigma=asked.image_sigma * asked.pixel_size,
+        model, geo.placement, beside, used, size=size, image_sigma=asked.image_sigma * size,
         index=asked.index, index_sigma=asked.index_sigma, held=asked.held, title=title,
     )  # fmt: skip
     return Imported(
         block=block,
-        source=FileCameras.of(model, geo.placement, asked.pixel_size, asked.held).arrays() | tide,
+        source=FileCameras.of(model, geo.placement, size, asked.held).arrays() | tide,
         inputs=_digests(asked),
         lines=tuple(lines),
         warnings=tuple(warnings),
@@ -286,7 +304,7 @@ def _beside(
 
 def _digests(asked: Asked) -> dict[str, str]:
     """Return the SHA-256 of all files that went into a job."""
-    given = (asked.gcp, asked.gnss, asked.tide, asked.water, asked.flags)
+    given = (asked.images, asked.gcp, asked.gnss, asked.tide, asked.water, asked.flags)
     files = [path for path in given if path is not None]
     files += (
         sorted(path for path in asked.path.iterdir() if path.is_file()) if asked.path.is_dir() else [asked.path]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry.similarity import TO_SIGMA, cauchy
+from musatpy.model.tables import finite_rows
 from musatpy.sfm.model import Model
 
 _ROUNDS = 8
@@ -21,6 +24,24 @@ def directions(model: Model, photo: IntArray, pixel: FloatArray) -> FloatArray:
         rays[of, :2] = lens.rays(pixel[of])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     return np.einsum("mji,mj->mi", model.rotation[photo], rays)
+
+
+def of_placed_points(model: Model) -> Model:
+    """Return a model without the points that have no place, and their images, which is said."""
+    there = finite_rows(model.position)
+    if there.all():
+        return model
+    rows, number = np.flatnonzero(there[model.point]), np.cumsum(there) - 1
+    left = f"{np.count_nonzero(~there)} points whose rays do not meet at .01 rad or more are left out"
+    return replace(
+        model,
+        points=model.points[there],
+        position=model.position[there],
+        photo=model.photo[rows],
+        point=number[model.point[rows]],
+        pixel=model.pixel[rows],
+        notes=(*model.notes, left),
+    )
 
 
 def intersections(model: Model, photo: IntArray, point: IntArray, pixel: FloatArray, count: int) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Cameras of Agisoft Metashape, cameras.xml: stations and lenses. Images come from a BINGO export beside it.
+"""Cameras of Agisoft Metashape, cameras.xml: stations and lenses. Images are read by `bingo`.
 
 A camera is a matrix from its axes to the chunk; the component's (versions 2) or the chunk's rotation, translation
 and scale lead on to geocentric metres. Pixels count from the corner, cx and cy from the middle; p1 and p2 stand the
@@ -17,6 +17,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem
+from musatpy.pointfiles.columns import number
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.model import LOCAL, NO_TURN, Model, ModelError, checked, chosen_component, refused
 
@@ -33,6 +34,7 @@ def read_model(path: Path, component: int = 0) -> Model:
     """
     chunk = chunk_of(path)
     lenses = dict(_lenses(path, chunk))
+    sizes = {str(sensor.get("id")): _nominal(sensor)[:2] for sensor in chunk.iterfind("./sensors/sensor")}
     aligned = [camera for camera in chunk.iterfind("./cameras//camera") if camera.find("transform") is not None]
     every = chunk.findall("./cameras//camera")
     chosen, transform = _component(path, chunk, aligned, component)
@@ -56,7 +58,7 @@ def read_model(path: Path, component: int = 0) -> Model:
         cameras=tuple(lenses),
         lenses=tuple(lenses.values()),
         photos=np.array([name for name, *_ in placed], dtype=np.str_),
-        camera=np.array([number for _, number, _, _ in placed], dtype=np.int64),
+        camera=np.array([row for _, row, _, _ in placed], dtype=np.int64),
         rotation=np.swapaxes(matrices[:, :3, :3], 1, 2),
         centre=matrices[:, :3, 3],
         points=np.zeros(0, dtype=np.str_),
@@ -64,6 +66,8 @@ def read_model(path: Path, component: int = 0) -> Model:
         photo=np.zeros(0, dtype=np.int64),
         point=np.zeros(0, dtype=np.int64),
         pixel=np.zeros((0, 2)),
+        pixel_size=np.array([sizes[name] for name in lenses]).reshape(-1, 2),
+        initial=tuple(lens for _, lens in _lenses(path, chunk, initial=True)),
         to_geocentric=transform,
         reference=np.array([reference for *_, reference in placed]).reshape(-1, 3),
         reference_system=stated_system(chunk.findtext("reference")),
@@ -92,14 +96,24 @@ def stated_system(wkt: str | None) -> str:
     return LOCAL if (wkt or "").lstrip().startswith("LOCAL_CS") else _NO_SHIFT.sub("", (wkt or "").strip())
 
 
-def _lenses(path: Path, chunk: Element) -> Iterator[tuple[str, PixelLens]]:
-    """Yield the adjusted, else the initial calibration of each sensor that is a frame camera."""
+def _nominal(sensor: Element) -> FloatArray:
+    """Return width and height of a pixel and the focal length (3,) mm, NaN where they are not stated."""
+    stated = {of.get("name"): number(of.get("value", "")) for of in sensor.iterfind("property")}
+    values = np.array([stated.get(key, np.nan) for key in ("pixel_width", "pixel_height", "focal_length")])
+    return np.where(values > 0.0, values, np.nan)
+
+
+def _lenses(path: Path, chunk: Element, initial: bool = False) -> Iterator[tuple[str, PixelLens]]:
+    """Yield the adjusted, else the initial calibration of each sensor that is a frame camera.
+
+    Or the `initial` one, else that of its nominal focal length, which Metashape begins with.
+    """
     for sensor in chunk.iterfind("./sensors/sensor"):
         every = [part for part in sensor.iterfind("calibration") if part.get("type") in ("frame", "fisheye")]
         size = sensor.find("resolution")
         if not every or size is None:
             continue
-        of = min(every, key=lambda part: part.get("class") != "adjusted")
+        of = min(every, key=lambda part: (part.get("class") == "adjusted") == initial)
         name = sensor.get("label", sensor.get("id", ""))
         try:
             width, height = (int(size.get(side, "")) for side in ("width", "height"))
@@ -108,6 +122,9 @@ def _lenses(path: Path, chunk: Element) -> Iterator[tuple[str, PixelLens]]:
             )
         except ValueError as error:
             raise ModelError([Problem(message=f"sensor {name}: {error}", file=str(path))]) from None
+        w, h, nominal = _nominal(sensor).tolist()
+        if initial and of.get("class") == "adjusted" and np.isfinite(nominal / w / h):
+            f, b1, cx, cy, p1, p2, b2, *k = nominal / h, nominal / w - nominal / h, *(0.0,) * 9
         if not (min(f, f + b1, width, height) > 0.0 and np.isfinite([f, cx, cy, p1, p2, b1, b2, *k]).all()):
             message = f"sensor {name} has no size, no focal length above zero, or what is no number"
             raise ModelError([Problem(message=message, file=str(path))])

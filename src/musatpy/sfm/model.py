@@ -15,10 +15,10 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import Problem, ProblemsError
+from musatpy.formats.records.fields import LONGEST
 from musatpy.reduction.pixel_lens import PixelLens
 
 LOCAL = "local"  # in the place of a system: metres, Z up
-LONGEST = 128  # bytes of the name of a photo
 NO_TURN = 1e-6  # by which the determinant of a rotation may miss 1
 _AT_A_TIME = 2**15  # images, that stay in the fast memory
 
@@ -46,6 +46,8 @@ class Model:
     to_geocentric: FloatArray | None = None  # (4, 4) from the coordinates to geocentric metres; None: no scale
     reference: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) given, as stated
     reference_system: str = ""  # of these; empty: not stated
+    pixel_size: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))  # (c, 2) mm, NaN: not stated
+    initial: tuple[PixelLens, ...] = ()  # (c,) lenses before the adjustment, where these are stated
     colour: IntArray | None = None  # (p, 3)
     notes: tuple[str, ...] = ()  # what was left out: photos that are not placed, ...
     stored: FloatArray = field(default_factory=lambda: np.zeros(0))  # (p,) px, mean residual as the file has it

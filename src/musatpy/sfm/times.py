@@ -53,14 +53,8 @@ class Exposures:
     def of(self, names: Sequence[str], file: str) -> Exposures:
         """Return those of photos of a model. Raises `ModelError` that names photos of which none is certain."""
         rows = matched(names, self.photos.tolist())
-        messages, taken = [], dict[int, str]()
-        for name, row in zip(names, rows.tolist(), strict=True):
-            other = taken.setdefault(row, name)
-            if row < 0:
-                messages.append(f"photo {name}: {'several rows fit' if row < -1 else 'no row fits'}")
-            elif other != name:
-                messages.append(f"photos {other} and {name} would both be {self.photos[row]}")
-        refused([Problem(message=message, file=file) for message in messages])
+        wrong = unmatched(names, rows, self.photos)
+        refused([Problem(message=message, file=file) for message in wrong.values()])
         of = {field.name: getattr(self, field.name)[rows] for field in fields(self)}
         return Exposures(**of | {"photos": np.array(names, dtype=np.str_)})
 
@@ -282,6 +276,18 @@ def matched(names: Sequence[str], files: Sequence[str]) -> IntArray:
         fits = whole.get(first) or tails.get(first) or next(longer, set())
         rows.append(min(fits) if len(fits) == 1 else -1 - (len(fits) > 1))
     return np.array(rows, dtype=np.int64)
+
+
+def unmatched(names: Sequence[str], rows: IntArray, files: TextArray) -> dict[str, str]:
+    """Return the names to which no file, or several belong by `matched`, or that of another name, and why."""
+    wrong, taken = {}, dict[int, str]()
+    for name, row in zip(names, rows.tolist(), strict=True):
+        other = taken.setdefault(row, name)
+        if row < 0:
+            wrong[name] = f"photo {name}: {'several fit: folders are needed' if row < -1 else 'no row fits'}"
+        elif other != name:
+            wrong[name] = f"photos {other} and {name} would both be {files[row]}"
+    return wrong
 
 
 def _tails(name: str) -> list[str]:

@@ -93,8 +93,8 @@ class _RecordReader:
 
     def _pattern(self, record: RecordSpec) -> re.Pattern[str] | None:
         """Return how plain words read that can only be one more such record; None where that is not so simple."""
-        next_ones = [one for one in self._allowed(record.name) if not one.mark]
-        if next_ones[:1] != [record] or not record.joins or not all(field.is_plain for field in record.fields):
+        plain = [one for one in self._allowed(record.name) if not one.mark]
+        if plain[:1] != [record] or not record.joins or not all(field.is_plain for field in record.fields):
             return None
         words = (_DECIMAL if field.edit.is_number else _NAME for field in record.fields)
         return re.compile(f" *{' +'.join(words)} *", re.ASCII)
@@ -106,12 +106,8 @@ class _RecordReader:
         if words is None or words[1] in self.marks or self.spec.is_comment(words[1]):
             return False
         record = self.spec.record(self.before)
-        head = self.open.get(record.joins)
-        if not head:
-            return False
         row = zip(record.fields, words.groups(), strict=True)
-        values = {of.name: float(word) if of.edit.is_number else word for of, word in row}
-        self._append(record.name, number, head | values)
+        self._keep(record, number, {of.name: float(word) if of.edit.is_number else word for of, word in row})
         return True
 
     def _line(self, number: int, line: str) -> None:
@@ -152,12 +148,9 @@ class _RecordReader:
             self.open[record.name] = values if complete else {}
             self.waiting[record.name] = number
         if record.name in self.leaves and complete:
-            self._append(record.name, number, values)
-
-    def _append(self, name: str, number: int, values: dict[str, Value]) -> None:
-        self.lines[name].append(number)
-        for field, column in self.rows[name].items():
-            column.append(values[field])
+            self.lines[record.name].append(number)
+            for name, column in self.rows[record.name].items():
+                column.append(values[name])
 
     def _agrees(self, record: RecordSpec, number: int, values: dict[str, Value]) -> bool:
         """Return whether the fields that repeat others say the same; complain of those that do not."""
@@ -251,11 +244,8 @@ class _RecordReader:
         self.problems.append(Problem(file=self.file, line=line, text=self.texts[line - 1].rstrip(), **details))  # type: ignore[arg-type]
 
     def _columns(self, leaf: RecordSpec) -> Columns:
-        rows = self.rows[leaf.name]
-        return {
-            field.name: np.array(rows[field.name], dtype=float if field.edit.is_number else str)
-            for field in self.spec.row_fields(leaf)
-        }
+        kinds = {field.name: float if field.edit.is_number else str for field in self.spec.row_fields(leaf)}
+        return {name: np.array(self.rows[leaf.name][name], dtype=kind) for name, kind in kinds.items()}
 
 
 # --- writing ---
