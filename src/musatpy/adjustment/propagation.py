@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from musatpy.adjustment.datum import InnerConstraints
 
 _CHUNK = 2**22  # elements of one gathered piece of the inverse: 32 MB
+_SHARING = 5  # points that must have the same photos for their cofactors to be gathered once
 
 
 class StationCofactors(Protocol):
@@ -278,17 +279,21 @@ def covariances_with_depths(
     """Return the cofactors (k, 3, 3) of points of a piece along east, north, up, and those (k,) of their depths.
 
     `point_covariances` and `depth_cofactors` of points that are not kept, without constraints, at once. Neighbours
-    in the piece that have the same photos share the cofactors of these.
+    in the piece that have the same photos share the cofactors of these, where enough do.
     """
     columns, a, by_point = depth_partials(network, state, piece)
     partials = np.zeros((len(a), 4, a.shape[1]))
     partials[:, :3, : piece.F.shape[2]], partials[:, 3] = -piece.F, a
-    Q, depends = np.empty((len(a), 4, 4)), np.concatenate([piece.photo, columns], axis=1)
+    depends = np.concatenate([piece.photo, columns], axis=1)
     start = np.flatnonzero(np.append(True, (depends[1:] != depends[:-1]).any(axis=1)))
-    for first, last in zip(start.tolist(), [*start[1:].tolist(), len(a)], strict=True):
-        shared = cofactors.with_border(piece.photo[first, None], columns[first, None])[0]
-        some = partials[first:last]  # one product of matrices for all of their functions
-        Q[first:last] = (some.reshape(-1, len(shared)) @ shared).reshape(some.shape) @ np.swapaxes(some, 1, 2)
+    if len(a) < _SHARING * len(start):
+        Q = cofactors.cofactors_of(piece.photo, columns, partials)
+    else:
+        Q = np.empty((len(a), 4, 4))
+        for first, last in zip(start.tolist(), [*start[1:].tolist(), len(a)], strict=True):
+            shared = cofactors.with_border(piece.photo[first, None], columns[first, None])[0]
+            some = partials[first:last]  # one product of matrices for all of their functions
+            Q[first:last] = (some.reshape(-1, len(shared)) @ shared).reshape(some.shape) @ some.swapaxes(1, 2)
     inverse = piece.E.inverse
     depth = Q[:, 3, 3] + np.einsum("ki,kij,kj->k", by_point, inverse, by_point)
     return _turned(piece.axes, inverse + Q[:, :3, :3]), depth

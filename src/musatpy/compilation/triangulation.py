@@ -48,6 +48,7 @@ UNCONVERGED = "the run has not converged"
 PUNCHED = "from a punched deck: sigmas are those of stages and water alone"
 _CONTROL = ("control", "equal_elevations", "distances", "height_differences")
 TABLES = (*run_tables.BLOCK, *run_tables.COVARIANCES, "solution", "verdict", *_CONTROL)  # of a record that it takes
+_NO_POINTS = {name: {"point": (), "points": (), "kind": ()} for name in ("points", "plates", *_CONTROL)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -141,12 +142,13 @@ def waves_of_run(block: Block, adjusted: FloatArray | None, given: Sea | None = 
 def of_record(path: Path, anyway: bool = False, ideal: bool = False) -> AdjustedRun:
     """Return the triangulation of the record of a run; `anyway` also of one that has not converged.
 
-    Images are `ideal`: the caller sees to a distortion that was adjusted.
+    Images are `ideal`: the caller sees to a distortion that was adjusted, and needs no points of the run.
 
     Raises `RecordError` where it is none, `CompilationError` where it cannot be compiled from, and `OSError`.
     """
     try:
-        return of_tables(read_record(path, TABLES), anyway, ideal=ideal)
+        tables = read_record(path, tuple(name for name in TABLES if not ideal or name not in _NO_POINTS))
+        return of_tables(_NO_POINTS | tables, anyway, ideal=ideal)
     except CompilationError as error:
         raise CompilationError([replace(problem, file=str(path)) for problem in error.problems]) from error
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import math
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence, Set
 from functools import cache, partial
 from itertools import chain, islice, product
 from pathlib import Path
@@ -41,6 +41,7 @@ _IDS = {  # fields of tables that name a row of another one, and its ids
 }
 FIELDS = ("redundancy", "standardised", "normal_test", "detectable", "effect")  # of images, two for each
 _APART = ("plates", "observations", "solution")  # tables of which all observations are made
+_LARGE = {"plates", "observations", "points", "bathymetric_points"}  # tables of which most of a file is
 _AXES = ("x", "y")
 _PLATE = "plate"
 _LARGEST = 1e150  # number of a record: its square is one too
@@ -95,7 +96,24 @@ def read_record(
     places where it is not as it should be, `OSError`. `schema`: that of the record of something else than a run,
     whose first field is its version, and `what` that is.
     """
-    return tables_of(read_json_file(path), path, tables, optional, schema=schema, what=what)
+    tables, optional = tuple(tables), tuple(optional)
+    try:
+        record = json.loads(_without_others(path, {*tables, *optional}), parse_constant=_finite)
+    except (ValueError, RecursionError):
+        record = read_json_file(path)  # which says what is wrong, and where
+    return tables_of(record, path, tables, optional, schema=schema, what=what)
+
+
+def _without_others(path: Path, wanted: Set[str]) -> bytes:
+    """Return a file without the large tables that are not `wanted`, where it has the lines of this program."""
+    leave, lines, kept = _LARGE - wanted - set(_APART if "observations" in wanted else ()), list[bytes](), True
+    with path.open("rb") as file:
+        for line in file:
+            if line.startswith(b'  "'):  # a field of the record; those of a table stand further in
+                kept = line[3 : line.find(b'"', 3)].decode() not in leave
+            if kept or line.startswith(b"}"):
+                lines.append(line)
+    return b"".join(lines)
 
 
 def known_of(

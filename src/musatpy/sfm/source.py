@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.block import Placement, ideal_coordinates, lens_of, lens_parameters
 from musatpy.sfm.model import Model, ModelError
 
+_PAIRS = 2**21  # of points and photos at a time
 _LENS = ("width", "height", "fx", "fy", "cx", "cy", "shear", "k1", "k2", "k3", "k4", "d1", "d2", "d3", "p1", "p2")
 
 
@@ -112,20 +114,38 @@ class FileCameras:
         A photo sees what is in the extent of its camera's images: rays beyond it, where straight ones miss most and
         matchers leave a margin, would pull a point away from where the rays that made it meet.
         """
-        rows: list[IntArray] = []
-        pixels: list[FloatArray] = []
-        for photo, (R, C) in enumerate(zip(self.rotation, self.centre, strict=True)):
-            lens, v = self.lenses[self.camera[photo]], (x - C) @ R.T
-            ahead = np.flatnonzero(v[:, 2] > 0.0)
-            xy = v[ahead, :2] / v[ahead, 2:]
-            within = np.hypot(*xy.T) < lens.reach
-            pixel = lens.pixels(xy[within])
-            least, greatest = self.extent[self.camera[photo]]
-            inside = ((pixel >= least) & (pixel <= greatest)).all(axis=1)
-            rows.append(ahead[within][inside])
-            pixels.append(pixel[inside])
-        photos = np.repeat(np.arange(len(rows)), [len(part) for part in rows])
-        return np.concatenate(rows), photos, np.concatenate(pixels)
+        middle, axis = self.centre.mean(axis=0), self.rotation[:, 2]
+        C, X = self.centre - middle, x - middle
+        # products with these rows: distances along the axis, and squares of all distances, less in a wide format
+        along = np.column_stack([axis, -np.einsum("ni,ni->n", axis, C)])
+        square = np.column_stack([-2.0 * C, np.square(C).sum(axis=1), np.ones(len(C))]) * self._cosines[:, None]
+        X = np.column_stack([X, np.ones(len(X)), np.square(X).sum(axis=1)])
+        found = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 2)))]
+        for photos in np.array_split(np.arange(len(C)), 1 + len(C) * len(X) // _PAIRS):
+            depth = along[photos] @ X[:, :4].T
+            near, row = np.nonzero(np.abs(depth) * depth >= square[photos] @ X.T)
+            photo = photos[near]
+            for number, lens in enumerate(self.lenses):
+                of = np.flatnonzero(self.camera[photo] == number)
+                v = np.einsum("rij,rj->ri", self.rotation[photo[of]], x[row[of]] - self.centre[photo[of]])
+                ahead = v[:, 2] > 0.0
+                of, xy = of[ahead], v[ahead, :2] / v[ahead, 2:]
+                pixel = lens.pixels(xy)
+                least, greatest = self.extent[number]
+                inside = ((pixel >= least) & (pixel <= greatest)).all(axis=1) & (np.hypot(*xy.T) < lens.reach)
+                found.append((row[of[inside]], photo[of[inside]], pixel[inside]))
+        rows, photos, pixels = map(np.concatenate, zip(*found, strict=True))
+        return rows, photos, pixels
+
+    @cached_property
+    def _cosines(self) -> FloatArray:
+        """(n,) squares of cosines of angles from the axes, beyond which nothing is in the extent of images."""
+        out = []
+        for lens, ((left, top), (right, bottom)) in zip(self.lenses, self.extent.tolist(), strict=True):
+            corners = lens.rays(np.array([(left, top), (right, top), (left, bottom), (right, bottom)]))
+            tangent = float(np.linalg.norm(corners, axis=1).max())  # NaN where a corner has no ray
+            out.append(0.99 / (1.0 + 1.02 * tangent**2) if np.isfinite(tangent) else 0.0)
+        return np.array(out)[self.camera]
 
     def ideal(self, photo: IntArray, pixels: FloatArray, lenses: tuple[PixelLens, ...]) -> FloatArray:
         """Return ideal plate coordinates (r, 2) mm, about the principal point, of pixels by other `lenses`."""
