@@ -47,8 +47,6 @@ def test_the_first_that_speaks_says_the_time(tmp_path: Path) -> None:
     expected = [0.25, 0.5, 0.07, 10800.75, 1.5, np.nan]
     np.testing.assert_allclose(read.time - NOON, expected, atol=1e-6)
     assert [SOURCES[source] for source in read.source] == [*SOURCES[1:4], SOURCES[3], SOURCES[4], SOURCES[0]]
-    with pytest.raises(ModelError, match=r"photo f.jpg has no time in UTC; expected: .* or --time-zone"):
-        read.require_times("exif.csv")
     np.testing.assert_allclose(exposures(tmp_path, ["e.jpg,,,,2024:05:17 14:00:01"]).time, [np.nan])
     later = exposures(tmp_path, ["e.jpg,,,,2024:05:17 14:00:01"], zone="-03:30")
     np.testing.assert_allclose(later.time - NOON, [7201.0 + 12600.0])

@@ -102,7 +102,7 @@ def test_every_photo_without_a_level_is_named_with_its_time() -> None:
         " 2024-05-17 12:20:00 UTC",
         f": photo c, 2024-05-18 12:00:00 UTC: the tide is of another day, {span}",
         f": photo d, 2024-05-17 17:16:40 UTC: readings are from {span}, and go no further",
-        ": photo e, it has no time",
+        ": photo e, it has no time in UTC: --time-zone",
     ]
 
 

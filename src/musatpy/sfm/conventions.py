@@ -41,8 +41,8 @@ class Proof:
     notes: tuple[str, ...] = ()  # residuals that are not what the file states
 
 
-def prove(model: Model, source: str, images: Conventions | None = None) -> Proof | None:
-    """Return the residuals of some 2,000 images spread over a model, None where it has no images.
+def prove(model: Model, source: str, images: Conventions | None = None) -> Proof:
+    """Return the residuals of some 2,000 images spread over a model, which must have some.
 
     `source` is the file that messages name. `images` are what images mean that are no part of the model: their
     points are intersected then, under each convention anew. Raises `ModelError` that names the convention which
@@ -50,8 +50,6 @@ def prove(model: Model, source: str, images: Conventions | None = None) -> Proof
     where the residuals are half as large under another convention, where all images are off by half a pixel, and
     where the residuals that the file states are those of another convention.
     """
-    if not len(model.photo):
-        return None
     sample = _sample(model, _IMAGES)
     error = _residuals(sample, images)
     size = _sizes(error)

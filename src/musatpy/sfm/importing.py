@@ -29,7 +29,6 @@ from musatpy.sfm.tides import PhotoLevels, datum_heights, given_levels, read_tid
 from musatpy.sfm.times import SOURCES, Exposures, clock_offset, read_exposures
 from musatpy.sfm.wet import LIMIT, Wet, Wetness, read_flags, read_water, wetness
 
-FORMATS = ("colmap", "opensfm", "metashape")
 _METRIC = 1e-9  # by which the scale of a file in metres may miss 1
 _PIXEL = 0.0024  # mm
 _LEAST_DOUBT = 0.05  # m, of the height of a point of a model that was put in place
@@ -39,7 +38,7 @@ _LEAST_DOUBT = 0.05  # m, of the height of a point of a model that was put in pl
 class Asked:
     """What the user says of a model; paths are None, numbers NaN where nothing is said."""
 
-    form: str  # of `FORMATS`
+    form: str  # colmap, opensfm, metashape
     path: Path
     component: int = 0
     images: Path | None = None  # of a model of Metashape, in BINGO's form; None: image.dat beside it
@@ -114,10 +113,8 @@ def imported(asked: Asked, title: str) -> Imported:
         raise ModelError([Problem(message=message, file=str(asked.path))])
     proof = prove(model, str(asked.images or asked.path), bingo.CONVENTIONS if asked.images else None)
     model = of_placed_points(model)
-    lines, warnings = [_size(model)], list(model.notes)
-    if proof is not None:
-        lines.append(f"straight rays miss {proof.images} of the images by {proof.median:.2f} px (median)")
-        warnings += proof.notes
+    lines, warnings = [_size(model)], [*model.notes, *proof.notes]
+    lines.append(f"straight rays miss {proof.images} of the images by {proof.median:.2f} px (median)")
     exposures = _exposures(asked, model)
     control = None if asked.gcp is None else read_control(asked.gcp, model)
     geo, control_level = _placed(asked, model, control, exposures)

@@ -171,7 +171,7 @@ def tide_levels(tide: Tide, photos: Sequence[str], time: FloatArray, datum: Floa
     for row in np.flatnonzero(np.isnan(level)).tolist():
         at = float(time[row])
         if not np.isfinite(at):
-            why = "it has no time"
+            why = "it has no time in UTC: --time-zone"
         elif at // 86400.0 not in days:
             why = f"{utc(at)}: the tide is of another day, {utc(first)} to {utc(last)}"
         elif first <= at <= last:

@@ -58,12 +58,6 @@ class Exposures:
         of = {field.name: getattr(self, field.name)[rows] for field in fields(self)}
         return Exposures(**of | {"photos": np.array(names, dtype=np.str_)})
 
-    def require_times(self, file: str) -> None:
-        """Raise `ModelError` that names the photos without a time."""
-        expected = "UTCAtExposure, date and time by GPS, DateTimeOriginal and its offset, or --time-zone"
-        names, message = self.photos[np.isnan(self.time)].tolist(), "photo {} has no time in UTC; expected: {}"
-        refused([Problem(message=message.format(name, expected), file=file) for name in names])
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClockOffset:
