@@ -96,4 +96,7 @@ def test_components_of_colmap_are_its_folders(tmp_path: Path, exact: Scene) -> N
     assert "has 3 components, and no number 4" in imported("colmap", tmp_path, "--component", 4, status=1).output
     (tmp_path / "sparse" / "2" / "points3D.txt").write_text("x\n")
     assert "sparse/2/points3D.txt:1" in imported("colmap", tmp_path, "--component", 2, status=1).output
-    imported("colmap", tmp_path / "sparse", "--component", 3, *control)
+    (tmp_path / "wet.csv").write_text("id,wet\n" + "".join(f"{2 * k + 11},1\n" for k in range(len(exact.points))))
+    wet = ("--wet", tmp_path / "wet.csv", "--level", 0.0)
+    output = imported("colmap", tmp_path / "sparse", "--component", 3, *control, *wet).output
+    assert "no point is dry: control and positions alone tell focal length, heights of stations" in output

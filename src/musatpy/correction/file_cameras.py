@@ -35,15 +35,17 @@ from musatpy.model import PlateMeasurements, Points
 from musatpy.model.tables import finite_rows, taken
 from musatpy.records import run_tables
 from musatpy.records.json_files import read_record
+from musatpy.reduction.displacements import EARTH_RADIUS
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.refraction.apparent import Fault
 from musatpy.sfm.export import adjusted_lenses
 from musatpy.sfm.model import links
 from musatpy.sfm.source import FileCameras, cameras_of_job, spread_over
-from musatpy.sfm.wet import LIMIT, WaterArea, read_water
+from musatpy.sfm.wet import LIMIT, WaterArea, Wet, read_water
 from musatpy.soundings.s44 import order_names, orders_met
 from musatpy.units import DEGREE, MICROMETRE
 
+_SHORE = 2.0  # m, from a shore to where heights decide: without water in its bundle a cloud is off in plan
 MODEL = "model"  # the system of points in the coordinates of the model itself
 _COLUMNS = {
     "depth": ResultColumn("below the water of its photos, m"),
@@ -124,8 +126,10 @@ class ByFileCameras(Method):
 
         flagged = np.ones(count, dtype=bool)
         if self.water is not None:
-            geographic = self.cameras.placement.ellipsoid is not None
-            flagged = self.water.holds(np.degrees(level[:, 1::-1]) if geographic else level[:, :2])
+            plan, metre = level[:, :2], 1.0
+            if self.cameras.placement.ellipsoid is not None:
+                plan, metre = np.degrees(level[:, 1::-1]), float(np.degrees(1.0 / EARTH_RADIUS))
+            flagged = self.water.codes(plan, _SHORE * metre) != Wet.DRY
 
         every = PlateMeasurements(
             photo=photo,

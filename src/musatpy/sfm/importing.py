@@ -139,11 +139,7 @@ def imported(asked: Asked, title: str) -> Imported:
     lines.append(f"{np.count_nonzero(used)} of {len(model.points)} points are taken into the job")
     if kept.double.any():
         lines.append(f"{np.count_nonzero(kept.double)} points with two images in one photo are left out")
-    if (wet.code == Wet.WET).any() and not asked.held:
-        warnings.append(
-            "the lens was estimated over water by a program that knew of none: its focal length is off by pixels, "
-            "as a rule short; the adjustment estimates it anew"
-        )
+    warnings += [] if asked.held else _of_lens(wet.code[used])
     beside = _beside(asked, model, exposures, levels, wet, control, control_level)
     tide = {} if levels is None or exposures is None else levels.kept(exposures.time)
     stated = model.pixel_size[np.isfinite(model.pixel_size)].tolist()
@@ -160,6 +156,20 @@ def imported(asked: Asked, title: str) -> Imported:
         warnings=tuple(warnings),
         photos_csv=_table(model, exposures, levels),
     )
+
+
+def _of_lens(code: IntArray) -> Iterator[str]:
+    """Yield what is to be warned of, where the adjustment estimates a lens anew by points with codes (k,)."""
+    if (code == Wet.WET).any():
+        yield (
+            "the lens was estimated over water by a program that knew of none: its focal length is off by pixels, "
+            "as a rule short; the adjustment estimates it anew"
+        )
+        if not (code == Wet.DRY).any():
+            yield (
+                "no point is dry: control and positions alone tell focal length, heights of stations and the level "
+                "of the water from one another; look at their sigmas"
+            )
 
 
 def clock_lines(exposures: Exposures) -> list[str]:
