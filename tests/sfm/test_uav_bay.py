@@ -83,6 +83,24 @@ def test_a_cloud_of_a_blind_model_comes_right_through_its_own_cameras(job: Job) 
     assert abs(table["adjusted"][row] - 8.8412) < 2.5 * table["sigma"][row]  # of the truth
 
 
+def test_sigmas_of_the_points_of_the_model_are_those_of_the_adjustment(job: Job) -> None:
+    """By all rays: both have the errors of stations, water, lens and images, by other ways."""
+    folder, model = job.folder, job.made.model
+    np.savetxt(folder / "model.csv", model.position, delimiter=",", header="x,y,z", comments="", fmt="%.9f")
+    words = ["--run", folder / "out" / "bay.json", "--job", folder / "bay.job", "--crs", "model", "--rays", "36"]
+    result = musat("correct", "-q", folder / "model.csv", *words, "--cloud-sigma", "0.5", "-o", folder / "own.csv")
+    assert result.exit_code == 0, result.output
+    with (folder / "own.csv").open(newline="") as file:
+        rows = dict(zip(model.points.tolist(), csv.DictReader(file), strict=True))
+    points = json.loads((folder / "out" / "bay.json").read_text())["points"]
+    ratios = []
+    for point, covariance in zip(points["point"], points["covariance"], strict=True):
+        if point in rows and rows[point]["sigma_z"]:
+            ratios.append(float(rows[point]["sigma_z"]) / np.sqrt(np.ravel(covariance)[8]))
+    low, middle, high = np.percentile(ratios, [5.0, 50.0, 95.0])
+    assert 0.98 < low < middle < high < 1.02 and len(ratios) > 300
+
+
 def test_the_commands_of_a_drone_surveyor(job: Job) -> None:
     made, folder, found = job.made, job.folder, job.cloud
     for words in ("points wet by area", "placed by 6 control", "UTCAtExposure"):

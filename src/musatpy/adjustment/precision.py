@@ -29,6 +29,7 @@ from musatpy.model import (
     ConsideredWater,
     Dependence,
     LevelPairs,
+    ObservationKind,
     Observations,
     Program,
     StationPairs,
@@ -181,7 +182,7 @@ def _level_pairs(covariances: Cofactors) -> LevelPairs | None:
 def _water_precision(
     network: Network, estimated: Cofactors, considered: Considered | None
 ) -> WaterPrecision | None:
-    """Return the joint covariances of the water: those of the adjustment, and of what is considered."""
+    """Return the joint covariances of the water and of lenses that are unknown, and of water that is considered."""
     border, rows, corner = network.border, estimated.border, estimated.corner
     if considered is not None:
         border, spread = considered.network.border, considered.cofactors
@@ -190,7 +191,8 @@ def _water_precision(
         corner, full = wide + spread.corner, spread.border.copy()
         full[:, considered.free] += rows
         rows = full
-    water = np.concatenate([border.numbers(kind.observed) for kind in WATER])
+    lens = [ObservationKind.LENS] if network.lenses is not None else []
+    water = np.sort(np.concatenate([border.numbers(kind) for kind in (*(of.observed for of in WATER), *lens)]))
     if not len(water):
         return None
     names = border.names([""] * network.points)

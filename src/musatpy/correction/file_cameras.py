@@ -198,11 +198,12 @@ class ByFileCameras(Method):
         ids = np.arange(len(flagged)).astype(np.str_)
         _, measured, state = network_of_plates(self.run, Points(ids=ids, bathymetric=flagged), plates)
         groups = group_points(measured.photo, measured.point, ~plates.triangulated, np.ones(len(flagged), bool))
+        ideal = replace(measured, parameters={})  # lenses are adjusted: their errors count in the sigmas alone
         if held:
-            line = every_ray_wet(measured, flagged)
-            state = settled(measured, line, intersect_freely(measured, state, groups), groups)
+            line = every_ray_wet(ideal, flagged)
+            state = settled(ideal, line, intersect_freely(ideal, state, groups), groups)
         else:
-            line, state = at_rest(measured, state, groups, flagged)
+            line, state = at_rest(ideal, state, groups, flagged)
         return measured.with_plates(measured.xy, line.wet), state, groups
 
     def _near_cloud(

@@ -100,7 +100,7 @@ class LevelPairs(Table):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WaterPrecision:
-    """Joint covariances of g quantities of the water, adjusted and considered ones, in m and rad.
+    """Joint covariances of g quantities of water, adjusted and considered ones, and of lenses, in m, mm, rad.
 
     A posteriori, as those of the stations, with which they stand here too, and with the levels that photos have of
     their own as unknowns, which are not among them.

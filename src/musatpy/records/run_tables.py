@@ -20,6 +20,7 @@ from musatpy.model import (
     Cameras,
     CoordinateSystem,
     EllipsoidSpec,
+    LensUnknowns,
     LevelPairs,
     ObservationKind,
     Options,
@@ -83,10 +84,20 @@ def block_of(tables: Tables) -> Block:
         ellipsoid=system,
         water=_water(tables),
         cameras=cameras_of(tables),
+        lens_unknowns=_lens_unknowns(tables),
         photos=photos_of(tables),
         points=Points(ids=texts(tables["points"], "point"), bathymetric=flags(tables["points"], "bathymetric")),
         plates=_plates(tables),
     )
+
+
+def _lens_unknowns(tables: Tables) -> LensUnknowns:
+    """Return the parameters of lenses that were adjusted, about ideal images."""
+    cameras, adjusted = tables["cameras"], tables["adjusted_parameters"]
+    lens = texts(adjusted, "kind") == ObservationKind.LENS.label
+    nothing = np.full(np.count_nonzero(lens), np.nan)
+    camera = rows_of(texts(cameras, "camera"), texts(adjusted, "of")[lens])
+    return LensUnknowns(camera=camera, parameter=texts(adjusted, "parameter")[lens], value=nothing, sigma=nothing)
 
 
 def _water(tables: Tables) -> Water | None:

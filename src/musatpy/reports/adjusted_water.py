@@ -130,10 +130,11 @@ ADJUSTED_WATER = FieldGroup[Statistics, Statistics](
 
 WATER_PRECISION = Rows[Statistics, WaterPrecision](
     "water_precision",
-    "one row per quantity of the water that is adjusted or considered, but unknown levels of single photos",
+    "one row per quantity of the water that is adjusted or considered, but unknown levels of single photos, and "
+    "one per parameter of a lens that is adjusted",
     of=lambda s: s.solution.water_precision, fields=(
-        Field("quantity", "string", "level, tilt, index or parameter of a wave", "names"),
-        Field("covariance", "* number?", "a posteriori, with all of them in this order", unit="m, rad"),
+        Field("quantity", "string", "level, tilt, index, parameter of a wave or of a lens", "names"),
+        Field("covariance", "* number?", "a posteriori, with all of them in this order", unit="m, mm, rad"),
         Field("stations", "* number?",
               "a posteriori, with east, north, up, X-tilt, Y-tilt, heading of each station, one after the other",
               lambda w: w.stations.reshape(-1, len(w.names)).T, unit="m, rad"),
