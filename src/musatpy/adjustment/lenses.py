@@ -192,10 +192,12 @@ class CameraLenses(CameraParameters):
 
     def _by_camera(self, photo: IntArray) -> Iterator[tuple[int, Any]]:
         """Yield each camera and its rays: all at once of one camera, which makes no copies."""
+        if len(self.lenses) == 1:
+            yield 0, ...
+            return
         camera = self.camera[photo]
-        numbers = np.unique(camera).tolist()
-        for number in numbers:
-            yield number, ... if len(numbers) == 1 else camera == number
+        for number in np.unique(camera).tolist():
+            yield number, camera == number
 
     def _lens(self, values: FloatArray, camera: int) -> tuple[Lens, FloatArray]:
         """Return the distortion and the affinity of a camera with `values` (10,)."""
