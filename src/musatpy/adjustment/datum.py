@@ -74,8 +74,11 @@ NOTHING_FREE = Freedom(
 )
 
 
-def freedom(network: Network, state: State, matrix: NormalMatrix) -> Freedom:
-    """Return the free motions of a block with the normal matrix `matrix` at `state`; none if it makes no sense."""
+def freedom(network: Network, state: State, matrix: NormalMatrix, loosest: float = np.inf) -> Freedom:
+    """Return the free motions of a block with the normal matrix `matrix` at `state`; none if it makes no sense.
+
+    Free are rotations of a sigma beyond `loosest` rad too.
+    """
     if not matrix.sensible():
         return NOTHING_FREE  # points have run away: the iteration says so
     centre = state.position.mean(axis=0)
@@ -85,14 +88,16 @@ def freedom(network: Network, state: State, matrix: NormalMatrix) -> Freedom:
     inverse = np.linalg.inv(triangle)
     resistance = basis.T @ matrix.scaled(scale).times(basis)
     values, vectors = np.linalg.eigh(resistance - inverse.T @ _by_ridge(network, state, centre) @ inverse)
-    free = basis @ vectors[:, values < _FIRMLY]
-    if not free.size:
+    rotation = np.linalg.norm((inverse @ vectors)[3:6], axis=0)
+    vectors = vectors[:, (values < _FIRMLY) | (values < np.square(rotation / loosest))]
+    if not vectors.size:
         return NOTHING_FREE
+    free = basis @ vectors
     # the first pivots are the unknowns by which the directions can be told apart best
     pivots = qr(free[: network.pattern.order].T, mode="economic", pivoting=True)[2]
     return Freedom(
         directions=free * scale[:, None],
-        motions=inverse @ vectors[:, values < _FIRMLY],
+        motions=inverse @ vectors,
         centre=centre,
         held=np.sort(pivots[: free.shape[1]]),
         weak=int(np.count_nonzero((values > _HELD) & (values < _FIRMLY))),

@@ -49,6 +49,7 @@ from musatpy.model import (
 )
 from musatpy.model.progress import Progress, begin
 from musatpy.probability import chi_square_limit
+from musatpy.units import DEGREE
 
 if TYPE_CHECKING:  # most jobs have no unknown waves
     from musatpy.adjustment.wave_search import OtherCrests, WaveTrials
@@ -60,6 +61,7 @@ _FAR = 4.0  # times as far as the known points: oblique photographs show some th
 _UNUSUAL = 3.090232306167813  # normal quantile of .999: beyond it sigma0 is doubtful
 _FIT = 25.0  # weighted squares of an image of most points: five sigmas, where poor stations have hundreds
 _AT_REST = (1e-5, 0.1)  # rad, m: what the digits of the cards leave to be done in a restart
+_LOOSEST = 5.0 * DEGREE  # of a rotation: beyond such a sigma no misalignment is determined
 _MOVES = 4  # to the inner constraints: a motion that is not quite free takes a second one
 
 
@@ -243,6 +245,12 @@ class _RunOfIIIA:
         else:
             problem = self.problem(network, free) if free.count else problem
             outcome = job.iterate(problem, network, state, number)
+            if outcome.failure and not outcome.lost and not free.count and network.parameters:
+                # free parameters, not determined then, take up motions: all else comes to rest
+                taken_up = freedom(network, outcome.state, problem.linearise(outcome.state).matrix, _LOOSEST)
+                if taken_up.count:
+                    outcome = job.iterate(self.problem(network, taken_up), network, outcome.state, number)
+                    outcome = replace(outcome, factor=None)
         factor = None if free.count else outcome.factor
         return replace(outcome, state=job.with_left_out(network, outcome.state, submerged=True), factor=factor)
 

@@ -31,7 +31,7 @@ from musatpy.units import ARC_SECOND, DEGREE
 
 _INERTIAL, _MISALIGNMENT = ObservationKind.INERTIAL_ATTITUDE, ObservationKind.MISALIGNMENT
 _REST = 0.1 * ARC_SECOND
-_MOST = 10.0 * DEGREE  # beyond such a sigma nothing is determined
+_MOST = 5.0 * DEGREE  # beyond such a sigma nothing is determined
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
