@@ -1,6 +1,9 @@
-"""The arrays of the program by what they hold."""
+"""The arrays of the program by what they hold, and work on parts of them."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,3 +15,25 @@ TextArray = NDArray[np.str_]
 DateArray = NDArray[np.datetime64]
 ComplexArray = NDArray[np.complex128]
 ByteArray = NDArray[np.uint8]
+Result = TypeVar("Result")
+
+
+def in_parts(
+    work: Callable[[IntArray], Result], rows: IntArray, refusal: type[Exception]
+) -> Iterator[tuple[IntArray, Result | None]]:
+    """Yield parts of rows (k,) with what `work` makes of them, None for a single row of which it makes nothing.
+
+    Rows of which it raises a `refusal` are divided in halves.
+    """
+    if not len(rows):
+        return
+    try:
+        result = work(rows)
+    except refusal:
+        if len(rows) == 1:
+            yield rows, None
+            return
+        for half in np.array_split(rows, 2):
+            yield from in_parts(work, half, refusal)
+        return
+    yield rows, result

@@ -6,7 +6,7 @@ network of rays with other measurements, so that both agree to rounding.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -28,7 +28,7 @@ from musatpy.adjustment.result import bathymetric_points
 from musatpy.adjustment.sightings import image_coordinates, residuals, straight_rays
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
 from musatpy.adjustment.wavy_water import WorkingSea
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, in_parts
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, in_front, widest_angle
@@ -127,9 +127,13 @@ class CompiledPoints:
 def true_points(run: AdjustedRun, photos: tuple[int, int], readings: Readings) -> CompiledPoints:
     """Return the points of readings on two photos (rows) of a run."""
     out = CompiledPoints.nothing(len(readings.ids))
+
+    def from_rays(rows: IntArray) -> CompiledPoints:
+        return _from_rays(run, photos, readings.part(rows))
+
     for first in range(0, len(readings.ids), _CHUNK):
         chunk = np.arange(first, min(first + _CHUNK, len(readings.ids)))
-        for rows, points in in_parts(lambda some: _from_rays(run, photos, readings.part(some)), chunk):
+        for rows, points in in_parts(from_rays, chunk, AdjustmentError):
             if points is None:
                 out.reasons[int(rows[0])] = NOT_FOLLOWED
             else:
@@ -256,25 +260,6 @@ def _lost(network: Network, state: State, groups: Iterable[PointGroup]) -> dict[
     return reasons
 
 
-def in_parts(work: Callable[[IntArray], Result], rows: IntArray) -> Iterator[tuple[IntArray, Result | None]]:
-    """Yield parts of rows (k,) with what `work` makes of them, None for a single row of which it makes nothing.
-
-    Rows of which it raises `AdjustmentError` are divided in halves.
-    """
-    if not len(rows):
-        return
-    try:
-        result = work(rows)
-    except AdjustmentError:
-        if len(rows) == 1:
-            yield rows, None
-            return
-        for half in np.array_split(rows, 2):
-            yield from in_parts(work, half)
-        return
-    yield rows, result
-
-
 def y_parallax(network: Network, piece: Piece) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return how far right images (k,) mm are off the rays of left ones, sigmas, and the share of pointing in them.
 
@@ -365,6 +350,6 @@ class ThroughWaves:
         def vectors(some: IntArray) -> FloatArray:
             return sea.incidence(photo[some], camera[some] - origin, ground[some] - origin, tide[some], index).v
 
-        for rows, v in in_parts(vectors, np.flatnonzero(np.isfinite(ground).all(axis=1))):
+        for rows, v in in_parts(vectors, np.flatnonzero(np.isfinite(ground).all(axis=1)), AdjustmentError):
             out[rows] = np.nan if v is None else v
         return out

@@ -24,12 +24,12 @@ from musatpy.adjustment.network import Network, PointGroup, group_points
 from musatpy.adjustment.propagation import covariances_with_depths, pieces
 from musatpy.adjustment.sightings import residuals, straight_rays
 from musatpy.adjustment.waterline import every_ray_wet
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, in_parts
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in, of_record
-from musatpy.compilation.true_points import at_rest, in_parts, network_of_plates, settled
+from musatpy.compilation.true_points import at_rest, network_of_plates, settled
 from musatpy.correction.methods import REASON, CorrectedPoints, Method, ResultColumn, Tally
 from musatpy.depth.cameras import system_of_points
-from musatpy.errors import DepthError, Problem, ProblemsError
+from musatpy.errors import AdjustmentError, DepthError, Problem, ProblemsError
 from musatpy.geometry.geodesy import surface, water_heights
 from musatpy.model import PlateMeasurements, Points
 from musatpy.model.tables import finite_rows, taken
@@ -143,8 +143,8 @@ class ByFileCameras(Method):
             self._meet(some[part], _of_points(every, part), flagged[some[part]], level, true, fault, values)
             return True
 
-        for _ in in_parts(meet, np.arange(len(some))):  # those whose rays cannot be followed stay without
-            pass
+        for _ in in_parts(meet, np.arange(len(some)), AdjustmentError):
+            pass  # those whose rays cannot be followed stay without
         corrected = np.isin(fault, (Fault.NONE, Fault.UNDECIDED))
         values["dz"][corrected] = true[corrected, 2] - level[corrected, 2]
         true[corrected] = self.system.coordinates(true[corrected])

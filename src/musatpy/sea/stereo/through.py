@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, in_parts
 from musatpy.geometry.collinearity import cross, nearest_point
 from musatpy.geometry.crs import MapPlan
 from musatpy.refraction.apparent import Fault
@@ -181,8 +181,12 @@ def correct(
     fault[A[:, 2] >= C[..., 2].min(axis=-1)] = Fault.CAMERA_BELOW
     position, sigma = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
     surface_sigma, parallax = np.full(n, np.nan), np.full(n, np.nan)
-    below = np.flatnonzero(fault == Fault.NONE)
-    for wet, true in _true_points(fitted, C, A, covariance, index, below):
+
+    def true_points(rows: IntArray) -> PairPoints:
+        pair = C if C.ndim == 2 else C[rows]
+        return true_points_of_apparent(fitted, pair, A[rows], covariance[rows], index)
+
+    for wet, true in in_parts(true_points, np.flatnonzero(fault == Fault.NONE), ValueError):
         if true is None:
             fault[wet] = Fault.NO_MEETING
             continue
@@ -201,20 +205,3 @@ def correct(
     return SeenThroughWaves(
         position=position, sigma=sigma, surface_sigma=surface_sigma, parallax=parallax, fault=fault
     )
-
-
-def _true_points(
-    fitted: FittedSurface, cameras: FloatArray, A: FloatArray, covariance: FloatArray, index: float, rows: IntArray
-) -> Iterator[tuple[IntArray, PairPoints | None]]:
-    """Yield rows with their true points, None for those whose rays cannot be followed: halves of what fails."""
-    if not rows.size:
-        return
-    try:
-        pair = cameras if cameras.ndim == 2 else cameras[rows]
-        yield rows, true_points_of_apparent(fitted, pair, A[rows], covariance[rows], index)
-    except ValueError:
-        if len(rows) == 1:
-            yield rows, None
-            return
-        for half in np.array_split(rows, 2):
-            yield from _true_points(fitted, cameras, A, covariance, index, half)
