@@ -240,7 +240,7 @@ def save_command(
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
 @click.option("--summary", is_flag=True, help="Print how many differences each deck has, but not the differences.")
 @click.option("--junit", metavar="FILE", type=NamedPath(), help="Also write JUnit XML, with a test for each deck.")
-@options.listed_option
+@options.listed_option("section")
 @options.processes_option
 @_quiet
 @click.pass_context

@@ -373,13 +373,14 @@ dpi_option = click.option(
     show_default=True,
     help="Dots per inch of PNG pictures.",
 )
-listed_option = click.option(
-    "--listed",
-    type=click.IntRange(min=1),
-    default=20,
-    show_default=True,
-    help="Number of rows to show of each section.",
-)
+
+
+def listed_option(of: str, default: int = 20) -> Callable[[Any], Any]:
+    """Return the option that says how many rows are shown of each section, or of something else."""
+    about = f"Number of rows to show of each {of}."
+    return click.option("--listed", type=click.IntRange(min=1), default=default, show_default=True, help=about)
+
+
 titles_option = click.option(
     "--title",
     "titles",

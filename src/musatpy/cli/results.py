@@ -214,13 +214,7 @@ def explain_command(name: str, record: Path) -> None:
 @click.argument("first", metavar="A", type=NamedPath())
 @click.argument("second", metavar="B", type=NamedPath())
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every station, point and wave.")
-@click.option(
-    "--listed",
-    type=click.IntRange(min=1),
-    default=20,
-    show_default=True,
-    help="Number of rows to show of each table.",
-)
+@options.listed_option("table")
 @click.option(
     "--limit", type=float, metavar="SIGMAS", help="End with status 1 if a difference is larger than this."
 )
@@ -258,7 +252,7 @@ def compare_command(
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
 @click.option("--junit", metavar="FILE", type=NamedPath(), help="Also write JUnit XML, for CI systems.")
-@options.listed_option
+@options.listed_option("section")
 @options.quiet_as("Print only the last line, and nothing if A and B are the same.")
 @click.pass_context
 def diff_command(
@@ -366,13 +360,7 @@ def _problem(error: OSError) -> Problem:
     help="Compare with a newer run: its listing, or its record NAME.json.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option(
-    "--listed",
-    type=click.IntRange(min=1),
-    default=30,
-    show_default=True,
-    help="Number of rows to show of each report with --against.",
-)
+@options.listed_option("report with --against", 30)
 @click.pass_context
 def audit_command(ctx: click.Context, listing: Path, against: Path | None, as_json: bool, listed: int) -> None:
     """Read the standard reports of a LISTING (old or new, scanned or not) and check that their numbers agree.
