@@ -11,6 +11,7 @@ from musatpy import adjust, adjustment, verdict
 from musatpy.adjustment.initial import initial_photos
 from musatpy.model import Grade, Program, Solution
 from musatpy.orientation.absolute import Targets, absolute_orientation
+from musatpy.reports.positions import STATIONS
 from musatpy.statistics import Statistics
 
 SMALL = {"photos": 16, "points": 150, "control": 8}
@@ -155,7 +156,7 @@ def test_omega_and_kappa_that_are_only_known_together_have_no_sigmas() -> None:
     assert np.isfinite(np.delete(sigmas, POLE, axis=0)).all()
     assert "photo R03: Y-tilt within a degree of 90" in " ".join(solution.warnings)
     M = np.array([rotation(*attitude) for attitude in solution.stations.attitude])
-    np.testing.assert_allclose(statistics.station_rotations, M, atol=1e-12)
+    np.testing.assert_allclose(STATIONS.raw(statistics)["rotation"], M, atol=1e-12)
     beside = adjust(monument(1, turned=facing(POLE, 2.0), **SMALL).block)
     assert np.isfinite(Statistics(beside).station_sigmas).all()
     assert "Y-tilt" not in " ".join(beside.warnings)

@@ -175,7 +175,8 @@ def _ranked(
     tried = [(_sized(first, case.scene.network, _residual(case)), final)]
     if first.kind in _IMAGES and few:
         pairs = exchanged_images(case.scene.network, case.state, first.point[0])
-        tried += [(_exchange(first, photos), final) for photos in pairs]
+        exchanged = replace(Hypothesis(kind=CauseKind.EXCHANGED_IMAGES), point=first.point, squares=first.squares)
+        tried += [(replace(exchanged, photo=photos), final) for photos in pairs]
     for option in others[:few]:
         trial = explanation.with_hypothesis(case, option, sea)
         if worst - trial.squares >= explanation.NEARLY * (worst - final):
@@ -219,8 +220,3 @@ def _sized(hypothesis: Hypothesis, network: Network, residual: Factors) -> Hypot
 
 def _residual(case: Case) -> Factors:
     return deviations(case.scene.network, case.scene.block, case.state)
-
-
-def _exchange(image: Hypothesis, photo: tuple[int, int]) -> Hypothesis:
-    kind = CauseKind.EXCHANGED_IMAGES
-    return Hypothesis(kind=kind, photo=photo, point=image.point, squares=image.squares)

@@ -195,7 +195,9 @@ class _Batch:
                 with LocalExecutor(min(processes, len(left)), lambda *what: self.happened.put(what), fds) as own:
                     self._run(left, own)
         finally:
-            killed = [job for n, job in left if self._may_have_been_killed(n)]
+            # whose processes may have ended before they did, and left temporary files
+            ended = {n for n, outcome in self.outcomes.items() if outcome.state is not JobState.CRASHED}
+            killed = [job for n, job in left if n not in ended]
             remove_leftovers(path for job in killed for path in job.outputs())
 
     def _run(self, jobs: Sequence[tuple[int, BatchJob]], executor: Executor) -> None:
@@ -256,10 +258,6 @@ class _Batch:
             self.ledger.add(job, outcome)
         except OSError as error:
             self.notes.append(f"{_words(error)}: finished jobs are done again when the batch is resumed")
-
-    def _may_have_been_killed(self, n: int) -> bool:
-        """Tell whether the process of a job may have ended before the job did, and left temporary files."""
-        return n not in self.outcomes or self.outcomes[n].state is JobState.CRASHED
 
 
 def _lost(error: Exception) -> JobOutcome:

@@ -39,11 +39,8 @@ class Ledger:
                 continue
         if len(self.entries) < len(lines) - 1 or lines[-1]:  # outdated lines, or one that is not whole
             with contextlib.suppress(OSError):
-                self._rewrite()
-
-    def _rewrite(self) -> None:
-        text = "".join(_line(key, outcome) for key, outcome in self.entries.items())
-        write_files({self.path: text.encode()})
+                text = "".join(_line(key, outcome) for key, outcome in self.entries.items())
+                write_files({self.path: text.encode()})
 
     def finished(self, job: BatchJob) -> JobOutcome | None:
         """Return the outcome of a job that is finished, None where it has to be run.

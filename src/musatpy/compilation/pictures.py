@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -37,7 +38,9 @@ def contour_pictures(
         axes.set(aspect="equal", xlabel=f"{x}, m", ylabel=f"{y}, m")
         shade = axes.tripcolor(*tin.xy.T, tin.z, triangles=tin.triangles[tin.kept], shading="gouraud", **style)
         axes.plot(*tin.xy.T, ".", color=figures.DRY, markersize=2, label="points")
-        _draw_lines(axes, _lines_of(bottom, surface))
+        for sheet in bottom.sheets:
+            if sheet.surface is surface:  # its contours, or those of posts that are on its map
+                _draw_lines(axes, sheet.contours.lines)
         _draw_models(axes, compiled, surface)
     if shown:
         slope = max(float(np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())) for axes in figure.axes)
@@ -51,12 +54,7 @@ def contour_pictures(
     return dict(figures.image_of(figure, replace(form, kind=kind)) for kind in kinds)
 
 
-def _lines_of(bottom: Bottom, surface: JoinedSurface) -> list[Contour]:
-    """Return the contours of a surface, or of the posts that are on its map."""
-    return [line for sheet in bottom.sheets if sheet.surface is surface for line in sheet.contours.lines]
-
-
-def _draw_lines(axes: Any, lines: list[Contour]) -> None:
+def _draw_lines(axes: Any, lines: Sequence[Contour]) -> None:
     """Draw contours, those of the index thick and with their levels."""
     for line in lines:
         axes.plot(*line.xy.T, color=figures.INK, linewidth=1.2 if line.index else 0.5)

@@ -226,7 +226,16 @@ def of_block(block: Block) -> AdjustedRun:
     position = np.full((count, 3), np.nan)
     position[block.control.point[known]] = block.control.position[known]
     return AdjustedRun(
-        block=_compilable(block, photos, block.water),
+        block=Block(  # what compilation needs of it
+            titles=(),
+            options=block.options,
+            ellipsoid=block.ellipsoid,
+            water=block.water,
+            cameras=block.cameras,
+            photos=photos,
+            points=block.points,
+            plates=replace(block.plates, sigma=block.plate_sigmas),
+        ),
         given=photos.position,
         covariance=np.zeros((len(photos.ids), 6, 6)),
         pairs=StationPairs(photo=np.empty((0, 2), dtype=np.int64), covariance=np.empty((0, 6, 6))),
@@ -279,20 +288,6 @@ def of_stations(
     diagonal = np.square(sigma[:, :6, None]) * np.eye(6)
     pairs = StationPairs(photo=np.empty((0, 2), dtype=np.int64), covariance=np.empty((0, 6, 6)))
     return replace(of_block(block), covariance=diagonal, pairs=pairs)
-
-
-def _compilable(block: Block, photos: Photos, water: Water | None) -> Block:
-    """Return what compilation needs of a block, with its photos and water where a run has put them."""
-    return Block(
-        titles=(),
-        options=block.options,
-        ellipsoid=block.ellipsoid,
-        water=water,
-        cameras=block.cameras,
-        photos=photos,
-        points=block.points,
-        plates=replace(block.plates, sigma=block.plate_sigmas),
-    )
 
 
 def _with_known_water(block: Block) -> Block:

@@ -44,7 +44,8 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
     stated = [one for one in statements() if not isinstance(one, Report) or one.place]
     found, notes = [], []
     for section in sections_of(paper_of(texts[listing], rules.layout), rules.layout):
-        known = [one for one in stated if re.fullmatch(_title(one), section.title)]
+        titles = [getattr(one, "pattern", "") or re.escape(one.title) for one in stated]
+        known = [one for one, title in zip(stated, titles, strict=True) if re.fullmatch(title, section.title)]
         if not known or _is_left_out(known[0], content):
             notes.append(section.title or "lines before the first title")
             continue
@@ -70,10 +71,6 @@ def _record_of(text: str, name: str) -> Record:
         return known_of(content, Path(name), schema=schema)
     except RecordError as error:
         raise CannotCompareError(error.problems) from error
-
-
-def _title(stated: Any) -> str:
-    return getattr(stated, "pattern", "") or re.escape(stated.title)
 
 
 def _is_left_out(stated: Any, content: Record) -> bool:

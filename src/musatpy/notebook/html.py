@@ -23,15 +23,9 @@ def to_html(shown: Solution | Block) -> str:
     Of a block, its options and the sizes of its tables. At most 50 kB, with nothing but tables and paragraphs.
     """
     if isinstance(shown, Block):
-        return "\n".join(_of_block(shown))
+        counts = [(name, str(table.count)) for name, table in shown.tables().items() if table.count]
+        return "\n".join([_head(shown), _table(("Table", "Rows"), counts)])
     return "\n".join(_of_solution(Statistics(shown)))
-
-
-def _of_block(block: Block) -> Iterable[str]:
-    yield _head(block)
-    yield _table(
-        ("Table", "Rows"), [(name, str(table.count)) for name, table in block.tables().items() if table.count]
-    )
 
 
 def _head(block: Block) -> str:

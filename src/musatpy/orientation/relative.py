@@ -246,7 +246,8 @@ def _adjust(
             rhs = np.swapaxes(weighted, 1, 2) @ residual[..., None]
             step: FloatArray = -np.asarray(np.linalg.solve(N, rhs))[..., 0]
             step /= np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True) / 0.5)
-            new_R, new_b = _moved(R, b, step, tangent)
+            new_R = R @ np.swapaxes(turn(step[:, :3]), 1, 2)
+            new_b = _unit(b + np.einsum("ka,kai->ki", step[:, 3:], tangent))
             residual = _residual(x1, x2, new_R, new_b)[0]
             new_cost = (weight * cauchy_cost(residual, scale[:, None])).sum(axis=1)
             better = new_cost < cost
@@ -274,11 +275,6 @@ def _in_tangents(partials: FloatArray, b: FloatArray) -> tuple[FloatArray, Float
     tangent = np.stack([first, np.cross(b, first)], axis=1)
     across = partials[..., 3:] @ np.swapaxes(tangent, 1, 2)
     return np.concatenate([partials[..., :3], across], axis=-1), tangent
-
-
-def _moved(R: FloatArray, b: FloatArray, step: FloatArray, tangent: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return R and b after steps (k, 5)."""
-    return R @ np.swapaxes(turn(step[:, :3]), 1, 2), _unit(b + np.einsum("ka,kai->ki", step[:, 3:], tangent))
 
 
 def _described(

@@ -60,11 +60,6 @@ class StripAnswer(Placement):
         return self.task.sights.points[self.control_rows]
 
     @property
-    def join_scale(self) -> FloatArray:
-        """(N - 1,) of the triplets, a base each."""
-        return np.array([join.move.scale for join in self.strip.joins])
-
-    @property
     def join_turn(self) -> FloatArray:
         """(N - 1,) rad."""
         turns = np.array([np.trace(join.move.rotation) for join in self.strip.joins])

@@ -57,7 +57,9 @@ def page_of_tables(tables: Tables, files: Sequence[Path], particulars: Mapping[s
         chapters.append(chapter)
         if chapter.title == _BEFORE_PICTURES and shown[1:]:
             chapters.append(Chapter(title="Pictures", parts=shown[1:]))
-    chapters.append(_provenance(tables, {file.name: _sha256(file) for file in files}))
+    chapters.append(
+        _provenance(tables, {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files})
+    )
     closing = (
         f"Made by musatpy {musatpy.__version__} from the record, which has more digits and every row. Blank cells "
         "are numbers that do not exist."
@@ -78,11 +80,6 @@ def _tables_of(path: Path) -> dict[str, Any]:
     if kind := _kind_of(record):
         return known_of(record, path, LEFT if kind == _RUN else (), schema=KINDS[kind.encode()].schema())
     raise RecordError.of(NO_RECORD, file=path)
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _provenance(tables: Tables, files: Mapping[str, str]) -> Chapter:

@@ -127,11 +127,6 @@ def differences_of(tables: Tables) -> DepthDifferences:
     return data
 
 
-def _sounded(tables: Tables) -> tuple[DepthDifferences, FloatArray]:
-    """Return the differences and their places (k, 2) m. Raises `NothingToShowError` where there are none."""
-    return differences_of(tables), numbers(part(tables, "differences"), "place", 2)
-
-
 def _sounded_sentence(data: tuple[DepthDifferences, FloatArray]) -> str:
     differences, _ = data
     good = ~differences.blunders
@@ -144,15 +139,11 @@ def _sounded_sentence(data: tuple[DepthDifferences, FloatArray]) -> str:
     )
 
 
-def _sounded_figure(data: tuple[DepthDifferences, FloatArray]) -> Any:
-    return difference_figure(*data, "Compiled and sounded depths")
-
-
 SOUNDINGS = Picture(
     name="soundings",
     title="Compiled and sounded depths",
     needs=("differences",),
-    numbers=_sounded,
-    figure=_sounded_figure,
+    numbers=lambda tables: (differences_of(tables), numbers(part(tables, "differences"), "place", 2)),
+    figure=lambda data: difference_figure(*data, "Compiled and sounded depths"),
     words=_sounded_sentence,
 )

@@ -178,7 +178,7 @@ class _RecordedRun:
             redundancy=both("redundancy"),
             test=both("normal_test"),
             detectable=detectable,
-            hidden=_largest(np.linalg.norm(effect, axis=2)),
+            hidden=np.linalg.norm(effect, axis=2).max(axis=1, initial=0.0),  # NaN where one is
             change=change,
         )
 
@@ -192,10 +192,11 @@ class _RecordedRun:
 
     def _others(self, name: str, is_photo: bool) -> Others:
         table = self.record["observations"]
-        rows = [
+        of_photos = {kind.name.lower() for kind in ObservationKind if kind.attribute in ("photos", "air_bases", "")}
+        rows = [  # without an attribute: a tide of its own
             row
             for row, (kind, of) in enumerate(zip(table["kind"], table["of"], strict=True))
-            if name in of and kind != _PLATE and _is_of_photos(kind) == is_photo
+            if name in of and kind != _PLATE and (kind in of_photos) == is_photo
         ]
 
         def values(field: str, *shape: int) -> FloatArray:
@@ -269,12 +270,3 @@ def _without(effect: FloatArray, detectable: FloatArray, error: FloatArray) -> F
     """Return (..., 3) m how a position changes where an observation is left out: influence times v / r."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return -effect * (error / detectable)[..., np.newaxis]
-
-
-def _is_of_photos(kind: str) -> bool:
-    return ObservationKind[kind.upper()].attribute in ("photos", "air_bases", "")  # the last: a tide of its own
-
-
-def _largest(values: FloatArray) -> FloatArray:
-    """Return the largest of each row (k, 2); NaN where one is."""
-    return np.where(np.isnan(values).any(axis=1), np.nan, values.max(axis=1, initial=0.0))

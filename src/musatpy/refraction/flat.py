@@ -93,7 +93,7 @@ def _newton(H: FloatArray, h: FloatArray, D: FloatArray, n: FloatArray) -> Float
     t = D / (H + h / n)
     n2 = n * n
     excess = n2 - 1.0
-    ray = H > 0.0  # others would keep all at it to the last step
+    ray, last = H > 0.0, False  # others would keep all at it to the last step
     for _ in range(_MAX_STEPS):
         g2 = 1.0 / (n2 + excess * t * t)
         g = g2**0.5
@@ -101,13 +101,10 @@ def _newton(H: FloatArray, h: FloatArray, D: FloatArray, n: FloatArray) -> Float
         t = t + step
         # Grazing rays over deep water start far below the root and take more steps than the usual three.
         left, size = np.abs(step), np.abs(t)
-        if not (ray & (left > 4e-16 * size + 1e-300)).any():
+        if last or not (ray & (left > 4e-16 * size + 1e-300)).any():
             break
-        if not (ray & (left > 1e-8 * size)).any():
-            g2 = 1.0 / (n2 + excess * t * t)  # the convergence is quadratic: one more step ends at rounding
-            g = g2**0.5
-            t = t + (D - t * (H + h * g)) / (H + h * n2 * g2 * g)
-            break
+        # the convergence is quadratic: one more step ends at rounding
+        last = not (ray & (left > 1e-8 * size)).any()
     return t
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from musatpy.comparison import ComparedParameters, ComparedRows, ComparedRuns
+from musatpy.comparison import ComparedRows, ComparedRuns
 from musatpy.reports.table import sheet
 from musatpy.reports.values import Json, plain, rows
 
@@ -43,6 +43,7 @@ def comparison_text(comparison: ComparedRuns, listed: int = _LISTED) -> str:
 
 def comparison_record(comparison: ComparedRuns) -> dict[str, Json]:
     """Return the comparison as dictionaries, lists, texts and numbers: metres, radians, sigmas of the second."""
+    part = comparison.parameters
     return {
         "labels": list(comparison.labels),
         "facts": [{"what": what, "first": first, "second": second} for what, first, second in comparison.facts],
@@ -50,7 +51,10 @@ def comparison_record(comparison: ComparedRuns) -> dict[str, Json]:
         "points": _rows("point", comparison.points),
         "waves": _rows("wave", comparison.waves),
         "depths": rows(point=comparison.depths.ids, depth=comparison.depths.depth, sigma=comparison.depths.sigma),
-        "parameters": _parameter_rows(comparison.parameters),
+        "parameters": rows(
+            **{"kind": part.kind, "of": part.owner, "parameter": part.parameter, "unit": part.unit},
+            **{"value": part.value, "sigma": part.sigma, "ratio": part.ratio},
+        ),
         "only_one": list(comparison.only_one),
         "largest": plain(np.array([comparison.largest]))[0],
     }
@@ -80,11 +84,6 @@ def _depths(comparison: ComparedRuns) -> list[str]:
         ("Difference\nm", "F11.3", depths.depth[:, 1] - depths.depth[:, 0]),
         ("Sigma\nm", "F9.3", depths.sigma),
     ).text()
-
-
-def _parameter_rows(part: ComparedParameters) -> list[dict[str, Json]]:
-    names = {"kind": part.kind, "of": part.owner, "parameter": part.parameter, "unit": part.unit}
-    return rows(**names, value=part.value, sigma=part.sigma, ratio=part.ratio)
 
 
 def _parameters(comparison: ComparedRuns, listed: int) -> list[str]:

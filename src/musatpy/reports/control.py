@@ -141,7 +141,8 @@ ANTENNAS = Table(
         Field("given_correlation", "3 number?", "of the deck: east and north, east and up, north and up",
               "block.antenna_positions.correlation", seldom=True),
         Field("test", "3 number?", f"test values of the components, {ENU}, as `normal_test` of the observations: "
-              "with a covariance, of the principal axes nearest to these", "antenna_tests",
+              "with a covariance, of the principal axes nearest to these",
+              lambda s: s.of_table(_K.ANTENNA, "normal_tests"),
               along_axes("Test\n", edit="F6.1", unit="")),
     ),
 )  # fmt: skip

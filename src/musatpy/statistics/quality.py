@@ -261,11 +261,6 @@ class Quality:
         """(k, 3) `normal_tests` of the components of every control card, NaN where there is none."""
         return self.of_table(_CONTROL, "normal_tests")
 
-    @cached_property
-    def antenna_tests(self) -> FloatArray:
-        """(a, 3) the same of the components of every antenna position."""
-        return self.of_table(ObservationKind.ANTENNA, "normal_tests")
-
     @property
     def antenna_difference(self) -> FloatArray:
         """(a, 3) m, adjusted minus observed of antenna positions along east, north, up; NaN where not adjusted."""
