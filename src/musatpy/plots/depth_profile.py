@@ -253,8 +253,7 @@ def figure(data: DepthProfile) -> Any:
     if len(data.sounded):
         label = f"soundings within {measure(data.beside, 'm')}"
         axes.plot(*data.sounded[:, :2].T, "+", color=INK, markersize=5, label=label, zorder=4)
-    axes.set_xlabel("distance along the line, m")
-    axes.set_ylabel("height, m")
+    axes.set(xlabel="distance along the line, m", ylabel="height, m")
     axes.grid()
     return figure
 

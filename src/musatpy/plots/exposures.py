@@ -208,8 +208,7 @@ def _station_figure(data: ObservedStations) -> Any:
         panel.fill_between(place, -band, band, step="mid", label=f"{NORMAL:g} sigma of the observed", **BAND)
         panel.axhline(0.0, color=INK, linewidth=0.6)
         panel.plot(place, data.difference[:, axis], "o", color=WET, label="difference")
-        panel.set_ylabel(f"{name}, m")
-        panel.set_xticks([])
+        panel.set(ylabel=f"{name}, m", xticks=[])
     name_ticks(panel, place, data.photos)
     panel.set_xlabel("photo")
     return figure
@@ -327,11 +326,9 @@ def _correlation_figure(data: Correlations) -> Any:
     for panel in beside:
         drawn = panel.barh(data.inflated, data.inflation, color="0.7", edgecolor=INK, height=0.5)
         panel.bar_label(drawn, [f"{value:.3g}" for value in data.inflation.tolist()], padding=3)
-        panel.set_ylim(max(bars, 4) - 0.5, -0.5)
-        panel.set_xscale("log")
+        panel.set(ylim=(max(bars, 4) - 0.5, -0.5), xscale="log")
         panel.minorticks_off()
-        panel.set_xlim(1.0, 3.0 * max(float(np.nanmax(data.inflation)), 4.0))
-        panel.set_xlabel("variance inflation factor")
+        panel.set(xlim=(1.0, 3.0 * max(float(np.nanmax(data.inflation)), 4.0)), xlabel="variance inflation factor")
         panel.set_title("unknowns of all photos")
     return figure
 

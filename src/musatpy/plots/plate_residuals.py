@@ -386,8 +386,7 @@ def _draw_bars(axes: Any, of_kind: Residuals) -> None:
     axes.plot(x, curve, "-", color=WET, linewidth=1.4, label="normal distribution")
     for limit in (-_FAR, _FAR):
         axes.axvline(limit, color=DRY, linestyle="--", label="99.9 %")
-    axes.set_ylabel("residuals")
-    axes.set_title(f"{of_kind.kind}: {len(of_kind.values):,}, RMS {of_kind.deviation:.2f}")
+    axes.set(ylabel="residuals", title=f"{of_kind.kind}: {len(of_kind.values):,}, RMS {of_kind.deviation:.2f}")
     axes.locator_params(axis="y", nbins=4, integer=True)
 
 

@@ -85,8 +85,7 @@ def _starts(plot: Any, basins: Basins) -> None:
     cases = (basins.outcomes == SOLUTION, basins.outcomes > SOLUTION, basins.outcomes == NOWHERE)
     for case, (_, colour, marker) in zip(cases, _OUTCOMES, strict=True):
         plot.plot(np.degrees(size[0][case]), size[1][case], marker, color=colour, markersize=4)
-    plot.set_xlabel("RMS error of the angles of the start, degrees")
-    plot.set_ylabel("RMS error of stations and level / H")
+    plot.set(xlabel="RMS error of the angles of the start, degrees", ylabel="RMS error of stations and level / H")
     plot.set_xlim(left=0.0)
     plot.set_ylim(bottom=0.0)
 
