@@ -18,10 +18,17 @@ from musatpy.cli.depth_options import (
     limit_and_camera,
     system_options,
 )
-from musatpy.cli.messages import complain, name_of, progress_through, tell
+from musatpy.cli.messages import complain, name_of
 from musatpy.cli.options import NamedPath, options_of
 from musatpy.cli.sea import pair_by
-from musatpy.cli.sea_correct import CONTROL_SIGMA, control_options, correct_by_control, correct_through
+from musatpy.cli.sea_correct import (
+    CONTROL_SIGMA,
+    control_options,
+    correct_by_control,
+    correct_through,
+    reject,
+    write_corrected,
+)
 
 if TYPE_CHECKING:
     from musatpy.correction.photographs import Photographs
@@ -166,83 +173,52 @@ def _through_sea(ctx: click.Context, points: Path, surface: Path, source: Path, 
     correct_through(ctx, points, surface, pair, precision, given, source)
 
 
-def correct(
-    ctx: click.Context,
-    points: Path,
-    source: Path,
-    *,
-    is_run: bool,
-    out: Path,
-    columns: tuple[str, ...],
-    layer: str,
-    band: str,
-    surface: bool,
-    strict: bool,
-    processes: int | None,
-    quiet: bool,
-    **given: Any,
-) -> None:
+def correct(ctx: click.Context, points: Path, source: Path, *, is_run: bool, strict: bool, **given: Any) -> None:
     """Correct the points of a file by the stations of a run, or of a table."""
-    from musatpy.correction.files import correct_file
     from musatpy.correction.photographs import ByPhotographs
     from musatpy.runs import ExitStatus
 
-    options.refuse_overwriting([out], [points, source])
-    names = options.columns_of(points, columns)
+    options.refuse_overwriting([given["out"]], [points, source])
+    options.columns_of(points, given["columns"])
     photographs, index = _photographs(source, is_run, given)
     if not photographs.cameras.has_rule:
         message = "what a camera sees is not known: attitudes, focal length and format are needed, or --angle"
         raise click.UsageError(message)
-    with progress_through(
-        points, quiet or not {points.suffix.lower(), out.suffix.lower()} <= {*_TABLES_AND_CLOUDS}
-    ) as progress:
-        method = ByPhotographs(system=photographs.cameras.system, photographs=photographs, index=index)
-        method, tally = correct_file(
-            points, out, method, crs=given["crs"], geoid=given["geoid"], columns=names, layer=layer, band=band,
-            surface=surface, jobs=processes or _cores(), progress=progress,
-        )  # fmt: skip
-    if not quiet:
-        first, *more = method.lines(tally)
-        tell("\n".join([f"{name_of(out)}: {first}", *more]))
+    known = {points.suffix.lower(), given["out"].suffix.lower()} <= {*_TABLES_AND_CLOUDS}
+    method = ByPhotographs(system=photographs.cameras.system, photographs=photographs, index=index)
+    method, tally = write_corrected(points, method, given, bar=known, **_more(given))
     for doubt in (doubts := method.doubts(tally)):
         complain(f"{name_of(points)}: doubtful: {doubt}")
     if why := method.rejection(tally):
-        complain(f"{name_of(points)}: {why}")
-    if why or (strict and doubts):
+        reject(ctx, points, why)
+    if strict and doubts:
         ctx.exit(ExitStatus.REJECTED)
 
 
 def _by_job(
-    ctx: click.Context,
-    points: Path,
-    run: Path,
-    job: Path,
-    how: dict[str, Any],
-    given: dict[str, Any],
+    ctx: click.Context, points: Path, run: Path, job: Path, how: dict[str, Any], given: dict[str, Any]
 ) -> None:
     """Correct the points of a file through the cameras of a model that was imported."""
     from musatpy.correction.file_cameras import by_file_cameras
-    from musatpy.correction.files import correct_file
-    from musatpy.runs import ExitStatus
 
-    out, in_model = given["out"], given["crs"] == "model"
-    if in_model and out.suffix.lower() in (".las", ".laz"):
+    in_model = given["crs"] == "model"
+    if in_model and given["out"].suffix.lower() in (".las", ".laz"):
         message = "--crs model: results are in the system of the job, of which the file has no scales: write a .csv"
         raise click.UsageError(message)
-    options.refuse_overwriting([out], [points, run])
-    with progress_through(points, given["quiet"]) as progress:
-        method = by_file_cameras(run, job, in_model=in_model, **how)
-        method, tally = correct_file(
-            points, out, method, crs=None if in_model else given["crs"], geoid=given["geoid"],
-            columns=options.columns_of(points, given["columns"]), layer=given["layer"], band=given["band"],
-            surface=given["surface"], jobs=given["processes"] or _cores(), progress=progress,
-        )  # fmt: skip
-    if not given["quiet"]:
-        first, *more = method.lines(tally)
-        tell("\n".join([f"{name_of(out)}: {first}", *more]))
+    options.refuse_overwriting([given["out"]], [points, run])
+    method = by_file_cameras(run, job, in_model=in_model, **how)
+    method, tally = write_corrected(points, method, given | {"crs": None} if in_model else given, **_more(given))
     if why := method.rejection(tally):
-        complain(f"{name_of(points)}: {why}")
-        ctx.exit(ExitStatus.REJECTED)
+        reject(ctx, points, why)
+
+
+def _more(given: dict[str, Any]) -> dict[str, Any]:
+    """Return what corrections by all photographs take beside what all take."""
+    return {"geoid": given["geoid"], "surface": given["surface"], "jobs": given["processes"] or _cores()}
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _photographs(source: Path, is_run: bool, given: dict[str, Any]) -> tuple[Photographs, float]:
@@ -261,7 +237,3 @@ def _photographs(source: Path, is_run: bool, given: dict[str, Any]) -> tuple[Pho
     cameras = cameras_by(source, given)
     index = index_by(given, cameras)
     return of_table(source, cameras, index, photos=photos, pointing=pointing), index
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -18,7 +18,8 @@ from musatpy.cli.options import NamedPath, options_of
 from musatpy.cli.sea import pair_by, precision_by, precision_options
 
 if TYPE_CHECKING:
-    from musatpy.correction.methods import Method, Tally
+    from musatpy.correction.files import Chosen
+    from musatpy.correction.methods import Tally
     from musatpy.depth.cameras import CameraStations
     from musatpy.sea.interpolation.control_tables import ControlTable
     from musatpy.sea.stereo.point_records import PointPrecision
@@ -102,30 +103,37 @@ def correct_through(
         map=surface_map,
         source=str(stations),
     )
-    if not write_corrected(points, correction, given).corrected:
+    _, tally = write_corrected(points, correction, given)
+    if not tally.corrected:
         reject(ctx, points)
 
 
-def write_corrected(points: Path, method: Method, given: dict[str, Any]) -> Tally:
-    """Correct the points of a file by their sea, say what has come of them, and return it."""
+def write_corrected(
+    points: Path, method: Chosen, given: dict[str, Any], *, bar: bool = True, **more: Any
+) -> tuple[Chosen, Tally]:
+    """Correct the points of a file, say what has come of them, and return it after the method in their system.
+
+    `more` are arguments of `correct_file`; `bar`: whether it can be shown how far it is.
+    """
     from musatpy.correction.files import correct_file
 
-    with progress_through(points, given["quiet"]) as progress:
+    with progress_through(points, given["quiet"] or not bar) as progress:
         method, tally = correct_file(
             points,
             given["out"],
             method,
-            crs=given["crs"],
             columns=options.columns_of(points, given["columns"]),
             only=given.get("only", ()),
             layer=given.get("layer", ""),
             band=given.get("band", ""),
             progress=progress,
+            crs=given["crs"],
+            **more,
         )
     if not given["quiet"]:
-        first, *more = method.lines(tally)
-        tell("\n".join([f"{name_of(given['out'])}: {first}", *more]))
-    return tally
+        first, *lost = method.lines(tally)
+        tell("\n".join([f"{name_of(given['out'])}: {first}", *lost]))
+    return method, tally
 
 
 def reject(ctx: click.Context, points: Path, why: str = "no point is corrected") -> None:
@@ -186,7 +194,7 @@ def correct_by_control(
 
         _, files[picture] = interpolation_picture(result, points.name)
     correction = ByControl(system=system, interpolation=result, plan=plan)
-    tally = write_corrected(points, correction, given)
+    _, tally = write_corrected(points, correction, given)
     write_files(files)
     if not given["quiet"]:
         tell(verdict_line(result))
