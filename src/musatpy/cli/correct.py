@@ -8,16 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli import options
-from musatpy.cli.depth_options import (
-    POSITIVE,
-    camera_options,
-    cameras_by,
-    index_by,
-    index_options,
-    limit_and_camera,
-    system_options,
-)
+from musatpy.cli import depth_options, options
+from musatpy.cli.depth_options import POSITIVE
 from musatpy.cli.messages import complain, name_of
 from musatpy.cli.options import NamedPath, options_of
 from musatpy.cli.sea import pair_by
@@ -56,9 +48,9 @@ correction_options = options_of(
         metavar="UM",
         help="Sigma of an image coordinate. Default with --run: that of its plates.",
     ),
-    system_options,
-    index_options,
-    camera_options,
+    depth_options.system_options,
+    depth_options.index_options,
+    depth_options.camera_options,
     options.columns_option,
     click.option("--layer", default="", help="Layer of a GeoPackage that has several."),
     click.option("--band", default="", help="Band of a raster that has the heights, if it has several."),
@@ -231,9 +223,9 @@ def _photographs(source: Path, is_run: bool, given: dict[str, Any]) -> tuple[Pho
     if is_run:
         if given["level"] is not None:
             raise click.UsageError("--level: the run has the tides of its photos")
-        limit, camera = limit_and_camera(given)
+        limit, camera = depth_options.limit_and_camera(given)
         run = of_run(source, photos=photos, pointing=pointing, camera=camera, limit=limit)
-        return run, index_by(given, run.cameras)
-    cameras = cameras_by(source, given)
-    index = index_by(given, cameras)
+        return run, depth_options.index_by(given, run.cameras)
+    cameras = depth_options.cameras_by(source, given)
+    index = depth_options.index_by(given, cameras)
     return of_table(source, cameras, index, photos=photos, pointing=pointing), index

@@ -7,17 +7,10 @@ from typing import Any
 
 import click
 
+from musatpy.cli import depth_options
 from musatpy.cli.correct import correct as correct_points
 from musatpy.cli.correct import correction_options
-from musatpy.cli.depth_options import (
-    NUMBER,
-    POSITIVE,
-    ModelView,
-    area_options,
-    check_step,
-    depths_option,
-    view_options,
-)
+from musatpy.cli.depth_options import NUMBER, POSITIVE
 from musatpy.cli.messages import name_of, tell
 from musatpy.cli.options import LazyGroup, NamedPath, dpi_option
 
@@ -28,9 +21,9 @@ def command() -> None:
 
 
 @command.command(name="table")
-@view_options
-@area_options
-@depths_option
+@depth_options.view_options
+@depth_options.area_options
+@depth_options.depths_option
 @click.option(
     "--at", "listed", type=click.Path(path_type=Path), help="File of places, with columns x,y or d1,d2,s,t."
 )
@@ -38,16 +31,16 @@ def table(listed: Path | None, depths: tuple[float, ...], **given: Any) -> None:
     """Print the depth factor at places of a model, for some apparent depths."""
     from musatpy.depth.views import factor_table
 
-    view = ModelView(given)
+    view = depth_options.ModelView(given)
     places, factors = view.listed(listed, depths) if listed else view.over_grid(depths)
     tell(view.heading())
     tell("\n".join(factor_table(places, factors)))
 
 
 @command.command(name="errors")
-@view_options
-@area_options
-@depths_option
+@depth_options.view_options
+@depth_options.area_options
+@depth_options.depths_option
 @click.option(
     "--normal",
     type=NUMBER,
@@ -66,13 +59,13 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
 
     from musatpy.depth.views import normalised, normalised_table, single_table, single_value
 
-    view = ModelView(given)
+    view = depth_options.ModelView(given)
     places, factors = view.over_grid(depths)
     _, at_normal = view.over_grid((normal,))
     factor = at_normal.factor[:, 0]
     if not np.isfinite(factor).any():
         raise click.UsageError("there is no factor anywhere: " + "; ".join(at_normal.reasons()))
-    check_step(step, factor)
+    depth_options.check_step(step, factor)
     x, y = (places[name] for name in ("x", "y"))
     tell(view.heading())
     tell(f"Factors of the apparent depth {normal:g} for all depths: largest departures")
@@ -89,8 +82,8 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
 
 @command.command(name="picture")
 @click.argument("picture", type=click.Path(path_type=Path))
-@view_options
-@area_options
+@depth_options.view_options
+@depth_options.area_options
 @click.option("--depth", type=NUMBER, default=25.0, show_default=True, help="Apparent depth.")
 @click.option("--step", type=POSITIVE, default=0.01, show_default=True, help="Step between the contours.")
 @dpi_option
@@ -102,13 +95,13 @@ def picture(picture: Path, depth: float, step: float, dpi: int, **given: Any) ->
     from musatpy.figures import ImageForm
 
     given["grid"] = tuple(max(61.0, number) for number in given["grid"])  # smooth lines
-    view = ModelView(given)
+    view = depth_options.ModelView(given)
     x, y = view.grid()
     _, factors = view.over_grid((depth,))
     factor = factors.factor.reshape(len(y), len(x))
     if not np.isfinite(factor).any():
         raise click.UsageError("there is no factor anywhere: " + "; ".join(factors.reasons()))
-    check_step(step, factor)
+    depth_options.check_step(step, factor)
     job = f"\n{given['stations'].stem}" if given["stations"] else ""
     title = f"Depth factor at an apparent depth of {depth:g}\n{view.heading()}{job}"
     contour_picture(picture, x, y, factor, view.nadirs(), title=title, step=step, form=ImageForm(dpi=dpi))

@@ -12,18 +12,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from musatpy.adjustment import propagation
 from musatpy.adjustment.considered import extended
 from musatpy.adjustment.ground import PARALLEL, intersect_freely, settle_group
 from musatpy.adjustment.iteration import State, initial_state
 from musatpy.adjustment.job import build_network
 from musatpy.adjustment.network import Network, PointGroup, group_points, participation
-from musatpy.adjustment.propagation import (
-    Piece,
-    covariances_with_depths,
-    depth_cofactors,
-    pieces,
-    point_covariances,
-)
 from musatpy.adjustment.result import bathymetric_points
 from musatpy.adjustment.sightings import image_coordinates, residuals, straight_rays
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
@@ -156,13 +150,13 @@ def _from_rays(run: AdjustedRun, photos: tuple[int, int], readings: Readings) ->
     out.position[known] = network.frame.system(ground[known])
     covariances = covariances_in(run, network.pattern, network.border.size)
     for group in groups:
-        for _, piece in pieces(network, state, group.part(known[group.point]), covariances):
+        for _, piece in propagation.pieces(network, state, group.part(known[group.point]), covariances):
             point = piece.group.point
-            out.covariance[point] = point_covariances(network, piece, covariances, None)
+            out.covariance[point] = propagation.point_covariances(network, piece, covariances, None)
             off, sigma, share = y_parallax(network, piece)
             out.y_parallax[point], out.y_parallax_sigma[point], out.pointing_share[point] = off, sigma, share
             if submerged[point].any():
-                cofactors = depth_cofactors(network, state, piece, covariances, None)
+                cofactors = propagation.depth_cofactors(network, state, piece, covariances, None)
                 depth[point] = np.where(submerged[point], cofactors, np.nan)
     v, rays = np.full((2 * count, 2), np.nan), np.flatnonzero(known[network.point])
     v[rays] = residuals(network, state, rays)
@@ -260,7 +254,7 @@ def _lost(network: Network, state: State, groups: Iterable[PointGroup]) -> dict[
     return reasons
 
 
-def y_parallax(network: Network, piece: Piece) -> tuple[FloatArray, FloatArray, FloatArray]:
+def y_parallax(network: Network, piece: propagation.Piece) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return how far right images (k,) mm are off the rays of left ones, sigmas, and the share of pointing in them.
 
     The four image coordinates of a point have one condition a'dl = 0 with a'B = 0, B their partials by the point:
@@ -323,8 +317,8 @@ class PointSigmas:
         covariances = covariances_in(run, network.pattern, network.border.size)
         sigma, depth = np.empty((len(level), 3)), np.empty(len(level))
         for group in group_points(network.photo, network.point, every, bathymetric):
-            for rows, piece in pieces(network, state, group, covariances):
-                covariance, variance = covariances_with_depths(network, state, piece, covariances)
+            for rows, piece in propagation.pieces(network, state, group, covariances):
+                covariance, variance = propagation.covariances_with_depths(network, state, piece, covariances)
                 sigma[order[group.point[rows]]] = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
                 depth[order[group.point[rows]]] = np.sqrt(variance)
         return sigma, depth
