@@ -126,19 +126,7 @@ def _others(sample: Model, images: Conventions | None, changes: int) -> Iterator
 def _sample(model: Model, most: int) -> Model:
     """Return a model of points, spread over it, that have so many images together."""
     chosen = spread(len(model.points), max(4, int(len(model.points) * most / len(model.photo))))
-    number = np.full(len(model.points), -1, dtype=np.int64)
-    number[chosen] = np.arange(len(chosen))
-    rows = np.flatnonzero(number[model.point] >= 0)
-    return replace(
-        model,
-        points=model.points[chosen],
-        position=model.position[chosen],
-        photo=model.photo[rows],
-        point=number[model.point[rows]],
-        pixel=model.pixel[rows],
-        stored=model.stored[chosen] if len(model.stored) else model.stored,
-        colour=None,
-    )
+    return model.of_points(chosen)
 
 
 def _residuals(sample: Model, images: Conventions | None) -> FloatArray:

@@ -31,17 +31,8 @@ def of_placed_points(model: Model) -> Model:
     there = finite_rows(model.position)
     if there.all():
         return model
-    rows, number = np.flatnonzero(there[model.point]), np.cumsum(there) - 1
     left = f"{np.count_nonzero(~there)} points whose rays do not meet at .01 rad or more are left out"
-    return replace(
-        model,
-        points=model.points[there],
-        position=model.position[there],
-        photo=model.photo[rows],
-        point=number[model.point[rows]],
-        pixel=model.pixel[rows],
-        notes=(*model.notes, left),
-    )
+    return replace(model.of_points(np.flatnonzero(there)), notes=(*model.notes, left))
 
 
 def intersections(model: Model, photo: IntArray, point: IntArray, pixel: FloatArray, count: int) -> FloatArray:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -72,6 +72,22 @@ class Model:
     def counts(self) -> IntArray:
         """(p,) images of each point."""
         return np.bincount(self.point, minlength=len(self.points))
+
+    def of_points(self, chosen: IntArray) -> Model:
+        """Return a model of some of the points (k,), in ascending order, and their images."""
+        number = np.full(len(self.points), -1, dtype=np.int64)
+        number[chosen] = np.arange(len(chosen))
+        rows = np.flatnonzero(number[self.point] >= 0)
+        return replace(
+            self,
+            points=self.points[chosen],
+            position=self.position[chosen],
+            photo=self.photo[rows],
+            point=number[self.point[rows]],
+            pixel=self.pixel[rows],
+            stored=self.stored[chosen] if len(self.stored) else self.stored,
+            colour=None if self.colour is None else self.colour[chosen],
+        )
 
 
 def checked(model: Model, source: str) -> Model:

@@ -120,7 +120,7 @@ class FileCameras:
         along = np.column_stack([axis, -np.einsum("ni,ni->n", axis, C)])
         square = np.column_stack([-2.0 * C, np.square(C).sum(axis=1), np.ones(len(C))]) * self._cosines[:, None]
         X = np.column_stack([X, np.ones(len(X)), np.square(X).sum(axis=1)])
-        found = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 2)))]
+        parts = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 2)))]
         for photos in np.array_split(np.arange(len(C)), 1 + len(C) * len(X) // _PAIRS):
             depth = along[photos] @ X[:, :4].T
             near, row = np.nonzero(np.abs(depth) * depth >= square[photos] @ X.T)
@@ -133,8 +133,8 @@ class FileCameras:
                 pixel = lens.pixels(xy)
                 least, greatest = self.extent[number]
                 inside = ((pixel >= least) & (pixel <= greatest)).all(axis=1) & (np.hypot(*xy.T) < lens.reach)
-                found.append((row[of[inside]], photo[of[inside]], pixel[inside]))
-        rows, photos, pixels = map(np.concatenate, zip(*found, strict=True))
+                parts.append((row[of[inside]], photo[of[inside]], pixel[inside]))
+        rows, photos, pixels = map(np.concatenate, zip(*parts, strict=True))
         return rows, photos, pixels
 
     @cached_property
