@@ -83,22 +83,47 @@ def test_a_cloud_of_a_blind_model_comes_right_through_its_own_cameras(job: Job) 
     assert abs(table["adjusted"][row] - 8.8412) < 2.5 * table["sigma"][row]  # of the truth
 
 
-def test_sigmas_of_the_points_of_the_model_are_those_of_the_adjustment(job: Job) -> None:
-    """By all rays: both have the errors of stations, water, lens and images, by other ways."""
+@pytest.fixture(scope="module")
+def by_rays(job: Job) -> dict[int, dict[str, dict[str, str]]]:
+    """The points of the model itself, by id, with at most 36 rays (all) and with at most 6."""
     folder, model = job.folder, job.made.model
     np.savetxt(folder / "model.csv", model.position, delimiter=",", header="x,y,z", comments="", fmt="%.9f")
-    words = ["--run", folder / "out" / "bay.json", "--job", folder / "bay.job", "--crs", "model", "--rays", "36"]
-    result = musat("correct", "-q", folder / "model.csv", *words, "--cloud-sigma", "0.5", "-o", folder / "own.csv")
-    assert result.exit_code == 0, result.output
-    with (folder / "own.csv").open(newline="") as file:
-        rows = dict(zip(model.points.tolist(), csv.DictReader(file), strict=True))
-    points = json.loads((folder / "out" / "bay.json").read_text())["points"]
+    rows = {}
+    for most in (36, 6):
+        words = ["--run", folder / "out" / "bay.json", "--job", folder / "bay.job", "--rays", most]
+        words += ["--crs", "model", "--cloud-sigma", "0.5", "-o", folder / "own.csv"]
+        result = musat("correct", "-q", folder / "model.csv", *words)
+        assert result.exit_code == 0, result.output
+        with (folder / "own.csv").open(newline="") as file:
+            rows[most] = dict(zip(model.points.tolist(), csv.DictReader(file), strict=True))
+    return rows
+
+
+def test_sigmas_of_the_points_of_the_model_are_those_of_the_adjustment(
+    job: Job, by_rays: dict[int, dict[str, dict[str, str]]]
+) -> None:
+    """By all rays: both have the errors of stations, water, lens and images, by other ways."""
+    rows = by_rays[36]
+    points = json.loads((job.folder / "out" / "bay.json").read_text())["points"]
     ratios = []
     for point, covariance in zip(points["point"], points["covariance"], strict=True):
         if point in rows and rows[point]["sigma_z"]:
             ratios.append(float(rows[point]["sigma_z"]) / np.sqrt(np.ravel(covariance)[8]))
     low, middle, high = np.percentile(ratios, [5.0, 50.0, 95.0])
     assert 0.98 < low < middle < high < 1.02 and len(ratios) > 300
+
+
+def test_rays_that_are_left_out_are_in_the_sigmas(by_rays: dict[int, dict[str, dict[str, str]]]) -> None:
+    """Heights by 6 rays differ from those by all by what their variances differ; without that, by 1.5 times."""
+    of_all, of_six = (
+        np.array([[float(row[name] or "nan") for name in ("true_z", "sigma_z", "rays")] for row in rows.values()])
+        for rows in by_rays.values()
+    )
+    fewer = of_six[:, 2] < of_all[:, 2]
+    gap = (of_six - of_all)[fewer, 0]
+    variance = np.square(of_six[fewer, 1]) - np.square(of_all[fewer, 1])
+    assert 0.8 < np.sqrt(np.nanmedian(np.square(gap) / variance) / 0.455) < 1.2  # .455: median of chi square
+    assert fewer.sum() > 200
 
 
 def test_the_commands_of_a_drone_surveyor(job: Job) -> None:

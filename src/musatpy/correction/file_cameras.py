@@ -111,6 +111,7 @@ class ByFileCameras(Method):
         fault = np.full(count, Fault.NO_CAMERA, dtype=np.int64)
         row, photo, pixel = self.cameras.seen(x)
         gap = self.cameras.centre[photo] - x[row]
+        seen = np.bincount(row, minlength=count)
         kept = (self.rows[photo] >= 0) & spread_over(row, photo, np.arctan2(gap[:, 1], gap[:, 0]), self.most)
         row, photo = row[kept], photo[kept]
         xy = self.cameras.ideal(photo, pixel[kept], self.lenses)
@@ -140,7 +141,8 @@ class ByFileCameras(Method):
         )
 
         def meet(part: IntArray) -> bool:
-            self._meet(some[part], _of_points(every, part), flagged[some[part]], level, true, fault, values)
+            at = some[part]
+            self._meet(at, _of_points(every, part), flagged[at], seen[at], level, true, fault, values)
             return True
 
         for _ in in_parts(meet, np.arange(len(some)), AdjustmentError):
@@ -163,6 +165,7 @@ class ByFileCameras(Method):
         rows: IntArray,
         plates: PlateMeasurements,
         flagged: BoolArray,
+        seen: IntArray,
         level: FloatArray,
         true: FloatArray,
         fault: IntArray,
@@ -172,14 +175,14 @@ class ByFileCameras(Method):
         network, state, groups = self._at_rest(plates, flagged)
         state = self._near_cloud(network, state, groups, network.frame.from_level(level[rows]))
         known = finite_rows(state.ground)
-        sigma = self._sigmas(network, state, groups)
+        sigma = self._sigmas(network, state, groups, seen)
         self._describe(network, state, groups, known, rows, values)
         near = known & ~(np.abs(values["depth"][rows]) > LIMIT * sigma[:, 2])
         if near.any():
             some, height = _of_points(plates, np.flatnonzero(near)), network.frame.height(state.ground[near])
             others = [self._at_rest(some, every, held=True) for every in np.array([[False], [True]]) & near[near]]
             off = [np.abs(of.frame.height(at.ground) - height) for of, at, _ in others]
-            larger = np.max([self._sigmas(*other) for other in others], axis=0)
+            larger = np.max([self._sigmas(*other, seen[near]) for other in others], axis=0)
             sigma[near, 0] = larger[:, 0]
             sigma[near, 1:] = np.hypot(larger[:, 1:], np.max(off, axis=0)[:, None])
         fault[rows] = np.where(known, np.where(near, Fault.UNDECIDED, Fault.NONE), Fault.NO_CONVERGENCE)
@@ -220,8 +223,19 @@ class ByFileCameras(Method):
             ground[group.point[away]] = np.nan
         return replace(state, ground=ground)
 
-    def _sigmas(self, network: Network, state: State, groups: Sequence[PointGroup]) -> FloatArray:
-        """Return sigmas (k, 3) m of points in plan, in height, and of their depths; NaN where there is no point."""
+    def _sigmas(
+        self, network: Network, state: State, groups: Sequence[PointGroup], seen: IntArray
+    ) -> FloatArray:
+        """Return sigmas (k, 3) m of points in plan, in height, and of their depths; NaN where there is no point.
+
+        The images of all photos that have `seen` (k,) a point made it. What straight rays of the file miss in each
+        cancels among all of them; with rays of fewer it counts as noise, by the share of those left out.
+        """
+        rays = np.bincount(network.point, minlength=len(seen))
+        v = residuals(network, state, np.arange(len(network.point)))
+        square = np.bincount(network.point, np.square(v).sum(axis=1), minlength=len(seen))
+        missed = (1.0 - rays / seen) * square / (2 * rays - 3)
+        network = replace(network, weight=network.weight / (1.0 + network.weight * missed[network.point, None]))
         known, out = finite_rows(state.ground), np.full((len(state.ground), 3), np.nan)
         covariances = covariances_in(self.run, network.pattern, network.border.size)
         for group in groups:
