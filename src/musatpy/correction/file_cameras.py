@@ -223,9 +223,7 @@ class ByFileCameras(Method):
             ground[group.point[away]] = np.nan
         return replace(state, ground=ground)
 
-    def _sigmas(
-        self, network: Network, state: State, groups: Sequence[PointGroup], seen: IntArray
-    ) -> FloatArray:
+    def _sigmas(self, network: Network, state: State, groups: Sequence[PointGroup], seen: IntArray) -> FloatArray:
         """Return sigmas (k, 3) m of points in plan, in height, and of their depths; NaN where there is no point.
 
         The images of all photos that have `seen` (k,) a point made it. What straight rays of the file miss in each
