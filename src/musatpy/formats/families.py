@@ -183,9 +183,7 @@ class RecordSet:
             stems |= set() if fixed else {candidate.stem}
         if len(stems) > 1:
             names = ", ".join(sorted(stems))
-            raise DeckError(
-                [Problem(file=str(path), message=f"files of several sets ({names}); name a file of one")]
-            )
+            raise DeckError.of(f"files of several sets ({names}); name a file of one", file=path)
         return {file: files[file] for file in self.files if file in files}
 
     def _kind(self, path: Path) -> FileSpec | None:
@@ -224,7 +222,7 @@ class RecordSet:
         files = self.found(path)
         if not files:
             expected = ", ".join(self.patterns)
-            raise DeckError([Problem(file=str(path), message=f"no file of the family {self.name} ({expected})")])
+            raise DeckError.of(f"no file of the family {self.name} ({expected})", file=path)
         frame = _frame(given)
         problems: list[Problem] = []
         tables_of: dict[str, list[Table]] = {}

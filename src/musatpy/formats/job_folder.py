@@ -113,16 +113,14 @@ def read_job(path: Path) -> JobFolder:
     try:
         text, data = read_toml(job), tables.read_bytes()
     except ValueError as error:
-        raise DeckError([Problem(file=str(job), message=str(error))]) from None
+        raise DeckError.of(error, file=job) from None
     except OSError as error:
-        message = error.strerror or str(error)
-        raise DeckError([Problem(file=str(error.filename or path), message=message)]) from None
+        raise DeckError.of(error.strerror or str(error), file=error.filename or path) from None
     if text.get("format") != _FORMAT:
-        message = f"its format is {text.get('format')!r}; expected {_FORMAT!r}"
-        raise DeckError([Problem(file=str(job), message=message)])
+        raise DeckError.of(f"its format is {text.get('format')!r}; expected {_FORMAT!r}", file=job)
     if text.get("tables_sha256") != sha256(data).hexdigest():
         message = f"{_TABLES} beside it is not the one that was written with it: the job is not whole"
-        raise DeckError([Problem(file=str(job), message=message)])
+        raise DeckError.of(message, file=job)
     problems: list[Problem] = []
     once = {role: rows for role, rows in text.items() if role not in _OF_FILE}
     read = {role: _of_text(str(job), role, rows, problems) for role, rows in once.items()}

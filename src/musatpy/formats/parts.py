@@ -122,7 +122,7 @@ def _linked(draft: Draft, needed: str) -> model.Block:
     try:
         return assembly.block_of(draft)
     except ValueError as error:
-        raise DeckError([Problem(message=f"{needed}: {error}")]) from error
+        raise DeckError.of(f"{needed}: {error}") from error
 
 
 def _stating(given_in: model.SystemSpec | None, stated_in: model.SystemSpec | None) -> Tables:

@@ -319,7 +319,7 @@ def upsets(path: Path, what: str) -> Iterator[None]:
         if isinstance(error, OSError) and error.errno is not None:
             raise
         text = " ".join(str(error).split()) or type(error).__name__
-        raise InterchangeError([Problem(file=str(path), message=f"{what}: {text}")]) from error
+        raise InterchangeError.of(f"{what}: {text}", file=path) from error
 
 
 def require_content(path: Path) -> None:

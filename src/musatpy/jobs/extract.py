@@ -89,7 +89,7 @@ def extracted(block: Block, photos: BoolArray, *, drop_single: bool = False) -> 
     other ray left, and of which nothing is known, are left out too. Raises `DeckError` where there is no photo.
     """
     if not photos.any():
-        raise DeckError([Problem(message="no photo to extract")])
+        raise DeckError.of("no photo to extract")
     stays = photos[block.plates.photo]
     single = _single(block, stays)
     alone = single[block.plates.point] & stays

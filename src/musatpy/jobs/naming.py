@@ -149,8 +149,8 @@ def deck_number(wanted: str, decks: Sequence[str]) -> int:
         if len(matches) == 1:
             return matches[0]
         if matches:
-            raise DeckError([Problem(message=f"'{wanted}' may be any of {', '.join(decks[i] for i in matches)}")])
-    raise DeckError([Problem(message=f"'{wanted}' is none of the decks {', '.join(decks)}")])
+            raise DeckError.of(f"'{wanted}' may be any of {', '.join(decks[i] for i in matches)}")
+    raise DeckError.of(f"'{wanted}' is none of the decks {', '.join(decks)}")
 
 
 def assigned(new: Iterable[NewName], parts: Sequence[tuple[str, Block]]) -> list[dict[NamedKind, dict[str, str]]]:

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.errors import DeckError, Problem
+from musatpy.errors import DeckError
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame, LocalFrame
 from musatpy.model import Block, CoordinateSystem
@@ -23,11 +23,11 @@ def frame_of(block: Block) -> Frame:
     if system is CoordinateSystem.LOCAL:
         return LocalFrame(np.zeros(3))
     if spec is None:
-        raise DeckError([Problem(message=f"a {system} job needs an ellipsoid")])
+        raise DeckError.of(f"a {system} job needs an ellipsoid")
     try:
         ellipsoid = Ellipsoid.of(spec)
     except ValueError as error:
-        raise DeckError([Problem(message=str(error))]) from error
+        raise DeckError.of(error) from error
     kind = GeographicFrame if system is CoordinateSystem.GEOGRAPHIC else GeocentricFrame
     return kind(np.zeros(3), ellipsoid)
 
@@ -73,7 +73,7 @@ def ground_level(block: Block) -> float:
         known = heights[np.isfinite(heights)]
         if known.size:
             return float(np.median(known))
-    raise DeckError([Problem(message="the height of the ground follows from neither control nor tides: give it")])
+    raise DeckError.of("the height of the ground follows from neither control nor tides: give it")
 
 
 def images_on_ground(block: Block, height: float) -> FloatArray:
@@ -84,7 +84,7 @@ def images_on_ground(block: Block, height: float) -> FloatArray:
     """
     if block.raw:
         message = "the plates are comparator readings (RED): where their points are is known only after a run"
-        raise DeckError([Problem(message=message)])
+        raise DeckError.of(message)
     frame, photos, plates = frame_of(block), block.photos, block.plates
     known = np.asarray(np.isfinite(np.hstack([photos.position, photos.attitude])).all(axis=1))
     rays = np.flatnonzero(known[plates.photo])

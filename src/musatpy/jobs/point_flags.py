@@ -107,7 +107,7 @@ def _first_adjustment(block: Block) -> Solution:
     solution = adjustment.adjust(replace(block, options=options))
     if not solution.converged:
         message = "the first adjustment, which says where points are, does not converge: list them instead"
-        raise AdjustmentError([Problem(message=message)])
+        raise AdjustmentError.of(message)
     return solution
 
 
@@ -135,14 +135,14 @@ def _inside(block: Block, path: Path, first: First) -> BoolArray:
     if not inside.any():
         what = "X and Y of the job" if local else "longitude and latitude in degrees"
         message = f"no point of the deck is in the polygon: its corners are {what}, in this order"
-        raise DeckError([Problem(file=str(path), message=message)])
+        raise DeckError.of(message, file=path)
     return inside
 
 
 def _below(block: Block, first: First) -> tuple[BoolArray, BoolArray]:
     """Return (p,) the points below the water of all their photos for certain, and those too near it to say."""
     if not np.isfinite(block.photos.tide).any():
-        raise DeckError([Problem(message=f"{BELOW}: no tide says how high the water stands: it is on TID cards")])
+        raise DeckError.of(f"{BELOW}: no tide says how high the water stands: it is on TID cards")
     with numerics("the first adjustment"):
         tests = Statistics(first()).flags
     below, undecided = np.zeros((2, len(block.points.ids)), dtype=bool)

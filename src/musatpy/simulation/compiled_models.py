@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.errors import Problem, SpecError
+from musatpy.errors import SpecError
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import (
     Compilation,
@@ -72,7 +72,7 @@ def compile_models(scene: Scene) -> CompiledTruth | None:
     if keys is None:
         return None
     if water is None:
-        raise SpecError([Problem(field="compilation", message="the block has no water")])
+        raise SpecError.of("the block has no water", field="compilation")
     return _Models(scene=scene, keys=keys, water=water).compiled()
 
 
@@ -89,7 +89,7 @@ class _Models:
         strips, photos = self.scene.plan.nadirs.shape[:2]
         pairs = [pair for strip in range(strips) for pair in pairwise(range(strip * photos, (strip + 1) * photos))]
         if not pairs:
-            raise SpecError([Problem(field="compilation", message="no strip has two photos")])
+            raise SpecError.of("no strip has two photos", field="compilation")
         pair = np.array(pairs)
         read = [self._model(number, pair[number]) for number in range(len(pair))]
         stages, places = stacked([readings for readings, _ in read]), read[0][1]
@@ -166,7 +166,7 @@ class _Models:
         if len(inside) < count:
             photos = " and ".join(self.scene.flight.ids[photo] for photo in pair)
             message = f"photos {photos} show {len(inside)} of {len(plan)} places, and {count} points are wanted"
-            raise SpecError([Problem(field="compilation.points", message=message)])
+            raise SpecError.of(message, field="compilation.points")
         return plan[inside]
 
     def _line(self, pair: IntArray, line: int) -> FloatArray:

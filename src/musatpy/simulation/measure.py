@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
-from musatpy.errors import Problem, SpecError
+from musatpy.errors import SpecError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.model import Control, ControlKind, CoordinateSystem, PlateMeasurements
 from musatpy.model.correlations import correlations_of
@@ -65,7 +65,7 @@ def choose_control(scene: Scene, images: TrueImages) -> GivenControl:
         chosen.append(points)
     repeated = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     if repeated:
-        raise SpecError([Problem(field="point ids", message=f"used more than once: {', '.join(repeated)}")])
+        raise SpecError.of(f"used more than once: {', '.join(repeated)}", field="point ids")
     return _given_control(scene, chosen, tuple(names))
 
 
@@ -76,14 +76,13 @@ def _control_points(table: ControlKeys, ground: TrueGround, free: BoolArray, whe
         missing = [name for name in table.points if name not in rows or not free[rows[name]]]
         if missing:
             message = f"not measured on two photos, or control already: {', '.join(missing)}"
-            raise SpecError([Problem(field=where, message=message)])
+            raise SpecError.of(message, field=where)
         return np.array([rows[name] for name in table.points])
     fitting = free & (ground.bathymetric == table.bathymetric) & inside(ground.plan, table.area)
     candidates = np.flatnonzero(fitting & (ground.origin != GIVEN))
     number = len(table.ids) if table.number is None else table.number
     if number > len(candidates):
-        message = f"{number} points are asked for, {len(candidates)} are there"
-        raise SpecError([Problem(field=where, message=message)])
+        raise SpecError.of(f"{number} points are asked for, {len(candidates)} are there", field=where)
     return spread(ground.plan, candidates, number)
 
 
@@ -178,7 +177,7 @@ def _blunders(scene: Scene, m: int, rows: dict[tuple[str, str], int]) -> FloatAr
     keys, draws, added = scene.spec.blunders, scene.draws, np.zeros((m, 2))
     number = keys.number or round(keys.share * m)
     if number > m:
-        raise SpecError([Problem(field="blunders.number", message=f"there are only {m} measurements")])
+        raise SpecError.of(f"there are only {m} measurements", field="blunders.number")
     hit = draws.pick("blunders", m, number)
     size = drawn_sizes(draws, "blunder sizes", number, keys.size, keys.log)
     axis = (draws.uniform("blunder axes", number) < 0.5).astype(int)
@@ -191,7 +190,7 @@ def _blunders(scene: Scene, m: int, rows: dict[tuple[str, str], int]) -> FloatAr
 def _row(rows: dict[tuple[str, str], int], photo: str, point: str, field: str) -> int:
     """Return the row of a measurement; raises `SpecError` where there is none."""
     if (photo, point) not in rows:
-        raise SpecError([Problem(field=field, message=f"point {point} is not measured on photo {photo}")])
+        raise SpecError.of(f"point {point} is not measured on photo {photo}", field=field)
     return rows[photo, point]
 
 
@@ -226,7 +225,7 @@ def air_bases(scene: Scene) -> Ties:
     tables, rows = scene.spec.air_base, {name: row for row, name in enumerate(scene.flight.ids)}
     unknown = [name for base in tables for name in base.photos if name not in rows]
     if unknown:
-        raise SpecError([Problem(field="air_base", message=f"unknown photos: {', '.join(unknown)}")])
+        raise SpecError.of(f"unknown photos: {', '.join(unknown)}", field="air_base")
     photo = np.array([[rows[name] for name in base.photos] for base in tables], dtype=int).reshape(-1, 2)
     true = _lengths(scene.flight.stations.xyz[photo])
     return _measured("air bases", tables, photo, np.arange(len(photo)), true, scene.draws)
@@ -264,7 +263,7 @@ def _pairs(
         missing = [name for name in table.points or () if name not in rows]
         if missing:
             message = f"not measured on two photos, or kept out: {', '.join(missing)}"
-            raise SpecError([Problem(field=f"{field}[{i}].points", message=message)])
+            raise SpecError.of(message, field=f"{field}[{i}].points")
         if table.points:
             pairs.append((rows[table.points[0]], rows[table.points[1]]))
         else:
@@ -278,7 +277,7 @@ def _random_pairs(field: str, stream: str, number: int, usable: IntArray, draws:
     """Return different pairs of points. Raises `SpecError` where there are not so many."""
     k = len(usable)
     if number > k * (k - 1) // 2:
-        raise SpecError([Problem(field=field, message=f"there are only {k} points for {number} pairs")])
+        raise SpecError.of(f"there are only {k} points for {number} pairs", field=field)
     pairs: dict[tuple[int, int], tuple[int, int]] = {}
     while len(pairs) < number:
         first, second = (draws.uniform(stream, 2) * [k, k - 1]).astype(int).tolist()

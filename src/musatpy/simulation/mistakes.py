@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
-from musatpy.errors import Problem, SpecError
+from musatpy.errors import SpecError
 from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.simulation.true_images import TrueImages
 from musatpy.specs import Pair
@@ -76,8 +76,7 @@ def mixed_names(spec: SimulationSpec, images: TrueImages, sound: BoolArray, draw
 
 def _require(asked: int, had: int, field: str, what: str) -> None:
     if had < asked:
-        message = f"{asked} {what} are asked for, {had} can be had"
-        raise SpecError([Problem(field=f"blunders.{field}", message=message)])
+        raise SpecError.of(f"{asked} {what} are asked for, {had} can be had", field=f"blunders.{field}")
 
 
 def gross_control(spec: SimulationSpec, known: BoolArray, draws: Draws) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
-from musatpy.errors import Problem, SpecError
+from musatpy.errors import SpecError
 from musatpy.model.block import with_tables
 from musatpy.model.tables import empty, stacked
 from musatpy.simulation.antennas import GivenAntennas, state_antennas
@@ -111,13 +111,13 @@ def simulate(spec: SimulationSpec | str | Path, seed: int | None = None) -> Simu
     if not isinstance(spec, SimulationSpec):
         spec = load_spec(spec)
     if seed is not None and seed < 0:
-        raise SpecError([Problem(field="seed", message=f"{seed} is below 0")])
+        raise SpecError.of(f"{seed} is below 0", field="seed")
     if seed is not None:
         spec = dataclasses.replace(spec, seed=seed)
     try:
         world = World(spec.job)
     except ValueError as error:
-        raise SpecError([Problem(field="job.ellipsoid", message=str(error))]) from error
+        raise SpecError.of(error, field="job.ellipsoid") from error
     draws, plan = Draws(spec.seed), plan_flight(spec)
     flight = fly(spec, plan, world, draws)
     with np.errstate(over="ignore", invalid="ignore"):  # places beyond all numbers are refused below
@@ -265,7 +265,7 @@ def _equal_elevations(scene: Scene, links: IntArray) -> model.EqualElevations:
     points = links[members]
     if np.any(points < 0):
         lost = ", ".join(ground.ids[row] for row in members[points < 0])
-        raise SpecError([Problem(field="equal_elevation", message=f"not measured on two photos: {lost}")])
+        raise SpecError.of(f"not measured on two photos: {lost}", field="equal_elevation")
     return model.EqualElevations(
         ids=np.array([shore.id for shore in tables], dtype=str),
         sigma=np.array([shore.sigma for shore in tables]),

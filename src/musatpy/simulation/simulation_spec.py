@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from musatpy.errors import Problem, SpecError
+from musatpy.errors import SpecError
 from musatpy.files import real_path
 from musatpy.model import (
     CoordinateSystem,
@@ -302,8 +302,7 @@ def _read_table(path: Path, above: tuple[Path, ...]) -> dict[str, Any]:
     if base is None:
         return raw
     if not isinstance(base, str) or real_path(path) in above:
-        message = "extends names another file, and not in a circle"
-        raise SpecError([Problem(file=str(path), message=message)])
+        raise SpecError.of("extends names another file, and not in a circle", file=path)
     return _merged(_read_table(path.parent / base, (*above, real_path(path))), raw)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
-from musatpy.errors import Problem, SpecError
+from musatpy.errors import SpecError
 from musatpy.simulation.flight import FlightPlan, TrueFlight
 from musatpy.simulation.scene_keys import GivenPoint
 from musatpy.simulation.simulation_spec import SimulationSpec
@@ -174,9 +174,7 @@ def _shore_lines(
     for i, shore in enumerate(spec.equal_elevation):
         candidates = ties[~sea[ties] & (group[ties] < 0) & inside(sites[ties], shore.area)]
         if len(candidates) < shore.number:
-            raise SpecError(
-                [Problem(field=f"equal_elevation[{i + 1}]", message=f"only {len(candidates)} tie points on land")]
-            )
+            raise SpecError.of(f"only {len(candidates)} tie points on land", field=f"equal_elevation[{i + 1}]")
         default = float(flight.tide.max()) if spec.water else spec.terrain.level
         levels[i] = default if shore.level is None else shore.level
         chosen = spread(sites, candidates, shore.number)
@@ -193,4 +191,4 @@ def _refuse_drowned_land(flight: TrueFlight, land: TruePlaces) -> None:
     drowned = height[height < flight.water.levels(land, np.full(len(height), highest))]
     if drowned.size:
         message = f"land down to {drowned.min():.2f} m lies below the highest tide, {highest:.2f} m"
-        raise SpecError([Problem(field="terrain or point", message=message)])
+        raise SpecError.of(message, field="terrain or point")

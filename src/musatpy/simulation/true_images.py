@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.errors import Problem, SpecError
+from musatpy.errors import SpecError
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.simulation.raytrace import through_port, trace
 from musatpy.simulation.terrain import Scene
@@ -86,7 +86,7 @@ def project(scene: Scene, photo: IntArray, point: IntArray) -> TrueImages:
 def _candidates(scene: Scene) -> tuple[IntArray, IntArray]:
     """Return pairs of photo and point that are near enough in plan, sorted by photo, then point."""
     if not np.isfinite(scene.ground.plan).all():
-        raise SpecError([Problem(field="flight, points or point", message="points lie beyond all numbers")])
+        raise SpecError.of("points lie beyond all numbers", field="flight, points or point")
     tree, nadirs = cKDTree(scene.ground.plan), scene.world.plan(scene.flight.stations)
     near = [tree.query_ball_point(nadir, REACH * scene.plan.reach, return_sorted=True) for nadir in nadirs]
     counts = [len(points) for points in near]

@@ -12,7 +12,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.draws import Draws
-from musatpy.errors import Problem, SpecError
+from musatpy.errors import SpecError
 from musatpy.model import (
     LENS_PARAMETERS,
     DistortionSide,
@@ -78,7 +78,7 @@ def through_lens(spec: SimulationSpec, ideal: FloatArray) -> FloatArray:
         dy = y * radial + p2 * (r2 + 2.0 * y**2) + 2.0 * p1 * x * y
         if np.any(np.hypot(dx, dy) > _MOST * np.sqrt(r2)):
             message = f"images are displaced by more than {_MOST:g} of their distance from the principal point"
-            raise SpecError([Problem(field="lens", message=message)])
+            raise SpecError.of(message, field="lens")
         return ideal + np.column_stack([dx, dy])
 
     b1, b2 = 1.0 + values["B1"], values["B2"]

@@ -68,10 +68,9 @@ class Statement:
         system = self.system
         if self.axes is Axes.SYSTEM and not system.own_axes:
             message = f"attitudes cannot refer to axes of the system: {system.text} has none"
-            raise SystemsError([Problem(field="axes", message=message)])
+            raise SystemsError.of(message, field="axes")
         if self.axes is Axes.GEOCENTRIC and system.ellipsoid is None:
-            message = f"geocentric axes of attitudes in a job that is {system.text}"
-            raise SystemsError([Problem(field="axes", message=message)])
+            raise SystemsError.of(f"geocentric axes of attitudes in a job that is {system.text}", field="axes")
 
     @property
     def text(self) -> str:
@@ -185,11 +184,11 @@ def ellipsoid_of(block: Block) -> Ellipsoid:
 def ellipsoid_by(spec: EllipsoidSpec | None, system: str) -> Ellipsoid:
     """Return the ellipsoid of a spec, for a job of a system. Raises `SystemsError` where missing or unknown."""
     if spec is None:
-        raise SystemsError([Problem(message=f"a {system} job needs an ellipsoid")])
+        raise SystemsError.of(f"a {system} job needs an ellipsoid")
     try:
         return Ellipsoid.of(spec)
     except ValueError as error:
-        raise SystemsError([Problem(message=str(error))]) from error
+        raise SystemsError.of(error) from error
 
 
 def require_same_earth(block: Block, system: System) -> None:
@@ -197,13 +196,11 @@ def require_same_earth(block: Block, system: System) -> None:
     local = block.options.system is CoordinateSystem.LOCAL
     if local != (system.ellipsoid is None):
         what = "a local job stands nowhere on the ellipsoid" if local else "the job is on the ellipsoid"
-        message = f"{what}, the system is {system.text}: neither can be stated in the other"
-        raise SystemsError([Problem(message=message)])
+        raise SystemsError.of(f"{what}, the system is {system.text}: neither can be stated in the other")
     if system.ellipsoid is None:
         return
     if not ellipsoid_of(block).has_axes(*system.ellipsoid.axes):
-        message = f"{system.text} is on another ellipsoid than the job: no datum is shifted"
-        raise SystemsError([Problem(message=message)])
+        raise SystemsError.of(f"{system.text} is on another ellipsoid than the job: no datum is shifted")
 
 
 MATRICES = "MATR"  # in the place of an `AngleForm`
@@ -271,5 +268,5 @@ _Choice = TypeVar("_Choice", bound=StrEnum)
 def _one_of(choices: type[_Choice], word: str, what: str, *more: str) -> _Choice:
     if word not in list(choices):
         known = ", ".join([*choices, *more])
-        raise SystemsError([Problem(message=f"'{word}' is no {what}: {known}")])
+        raise SystemsError.of(f"'{word}' is no {what}: {known}")
     return choices(word)

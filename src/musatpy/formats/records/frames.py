@@ -8,7 +8,7 @@ import numpy as np
 import pyproj
 from numpy.typing import NDArray
 
-from musatpy.errors import DeckError, Problem
+from musatpy.errors import DeckError
 from musatpy.formats.records.layout import OPTION_OF_ELLIPSOID, FileSpec
 from musatpy.geometry import collinearity
 from musatpy.geometry.collinearity import AngleForm, attitude_from_matrix, attitude_matrix
@@ -67,12 +67,11 @@ class JobFrame:
         """The ellipsoid of the job; raises `DeckError` where none is given or it is not known."""
         spec = self._ellipsoid
         if spec is None:
-            message = f"a {self.system} job needs an ellipsoid: {OPTION_OF_ELLIPSOID}"
-            raise DeckError([Problem(message=message)])
+            raise DeckError.of(f"a {self.system} job needs an ellipsoid: {OPTION_OF_ELLIPSOID}")
         try:
             return Ellipsoid.of(spec)
         except ValueError as error:
-            raise DeckError([Problem(message=str(error))]) from error
+            raise DeckError.of(error) from error
 
     def has_vertical(self, file: FileSpec) -> bool:
         """Return whether the third axis of a file is vertical, so that horizontal control can stand there."""
@@ -151,7 +150,7 @@ class JobFrame:
             return np.eye(3)
         if position is None or (statement is not None and np.isnan(position).any()):
             message = f"{file.title}: attitudes in the axes of the file need a position on the same row in this job"
-            raise DeckError([Problem(message=message)])
+            raise DeckError.of(message)
         level = position if self.geographic else self.ellipsoid.geographic(position)
         if statement is None:
             return self.ellipsoid.frame(level)

@@ -37,8 +37,7 @@ def resolved(file: FileSpec, frame: JobFrame) -> FileSpec:
     """
     if frame.system is None:
         if any(field.unit == JOB_UNIT for record in file.records for field in record.fields):
-            message = f"the units of {file.title} are those of the job: {OPTION_OF_SYSTEM}"
-            raise DeckError([Problem(message=message)])
+            raise DeckError.of(f"the units of {file.title} are those of the job: {OPTION_OF_SYSTEM}")
         return file
     geographic = frame.geographic and frame.statement is None
     file = _with_units(file, geographic)
@@ -420,7 +419,7 @@ def with_origin(given: Tables, *, at_principal_point: bool) -> Tables:
     names = [camera_of.get(photo) or only for photo in plates["plates.photo"].tolist()]
     if any(name not in points for name in names):
         message = "image coordinates are about the principal point, and the camera of a photo is not known"
-        raise DeckError([Problem(message=f"{message}: {OPTION_OF_CAMERAS}")])
+        raise DeckError.of(f"{message}: {OPTION_OF_CAMERAS}")
     shift = np.array([points[name] for name in names])
     xy = plates["plates.xy"] - shift if at_principal_point else plates["plates.xy"] + shift
     return given | {"plates": plates | {"plates.xy": xy}}
