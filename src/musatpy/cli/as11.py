@@ -21,19 +21,17 @@ from musatpy.cli.messages import (
     not_done,
     tell,
 )
-from musatpy.cli.options import NOT_NEGATIVE, POSITIVE, LazyGroup, NamedPath, options_of
+from musatpy.cli.options import FILE, NOT_NEGATIVE, POSITIVE, LazyGroup, flag, option, options_of
 
 if TYPE_CHECKING:
     from musatpy.as11_runs import CompileResult
     from musatpy.compilation.compiled import Compiled
     from musatpy.figures import ImageForm
 
-_run = click.argument("run", type=NamedPath())
-_run_and_deck = options_of(
-    _run, click.argument("deck", type=NamedPath()), options.out_option, options.anyway_option
-)
+_run = click.argument("run", type=FILE)
+_run_and_deck = options_of(_run, click.argument("deck", type=FILE), options.out_option, options.anyway_option)
 _model = options_of(click.argument("left"), click.argument("right"))
-_bottom = click.argument("bottom", type=NamedPath())
+_bottom = click.argument("bottom", type=FILE)
 
 
 @click.group(name="as11", cls=LazyGroup, short_help="Compile points in stereomodels of a run.")
@@ -45,10 +43,10 @@ def command() -> None:
 @_run_and_deck
 @options.carriage_control_option
 @options.csv_option
-@click.option("--plots", is_flag=True, help="Also draw pictures of depths, sigmas and contours (NAME.depths.svg).")
+@flag("--plots", "Also draw pictures of depths, sigmas and contours (NAME.depths.svg).")
 @options.picture_options("plots")
-@click.option("--gis", is_flag=True, help="Also write points and contours for GIS and CAD (NAME.gpkg, NAME.dxf).")
-@click.option("--las", is_flag=True, help="Also write the points as a point cloud (NAME.las).")
+@flag("--gis", "Also write points and contours for GIS and CAD (NAME.gpkg, NAME.dxf).")
+@flag("--las", "Also write the points as a point cloud (NAME.las).")
 @options.crs_option("System of these files, for example EPSG:4267; GeoJSON is then written too.")
 @options.strict_option
 @options.date_option
@@ -90,19 +88,21 @@ def _compiled(ctx: click.Context, deck: Path, result: CompileResult) -> Compiled
 
 
 @command.command(name="contours", short_help="Draw contours of a raster of depths.")
-@click.argument("raster", type=NamedPath())
-@click.option(
-    "-o", "--out", "targets", type=NamedPath(), required=True, multiple=True,
-    help="File to write; its suffix says the format: .gpkg, .dxf, .geojson. May be repeated.",
-)  # fmt: skip
-@click.option("--interval", type=POSITIVE, help="Interval between contours, m.")
-@click.option("--depth", "levels", type=float, multiple=True, help="Depth of one contour, m. May be repeated.")
-@click.option(
-    "--index", type=click.IntRange(min=1), default=5, show_default=True, help="One contour in this many is thick."
+@click.argument("raster", type=FILE)
+@option(
+    "-o --out",
+    "File to write; its suffix says the format: .gpkg, .dxf, .geojson. May be repeated.",
+    FILE,
+    name="targets",
+    required=True,
+    multiple=True,
 )
-@click.option("--shortest", type=NOT_NEGATIVE, default=0.0, help="Leave out pieces that are shorter than this, m.")
-@click.option("--band", default="", help="Band of the raster. Default: depth, or the only band.")
-@click.option("--datum", type=float, help="The band has heights: draw depths below this one.")
+@option("--interval", "Interval between contours, m.", POSITIVE)
+@option("--depth", "Depth of one contour, m. May be repeated.", float, name="levels", multiple=True)
+@option("--index", "One contour in this many is thick.", click.IntRange(min=1), shown=5)
+@option("--shortest", "Leave out pieces that are shorter than this, m.", NOT_NEGATIVE, default=0.0)
+@option("--band", "Band of the raster. Default: depth, or the only band.", default="")
+@option("--datum", "The band has heights: draw depths below this one.", float)
 @options.crs_option("Coordinate system of a raster that does not state it.")
 def contours_command(
     raster: Path, targets: tuple[Path, ...], interval: float | None, band: str, crs: str, **wish: Any
@@ -128,7 +128,7 @@ def contours_command(
 @command.command(name="correct", hidden=True)
 @_run
 @_model
-@click.argument("points", type=NamedPath())
+@click.argument("points", type=FILE)
 @correction_options
 @click.pass_context
 def correct_command(ctx: click.Context, /, run: Path, left: str, right: str, points: Path, **given: Any) -> None:
@@ -170,21 +170,14 @@ def _results(compared: Path, out_dir: Path | None, kind: str, *others: Path) -> 
 @command.command(name="compare-contours", short_help="Compare contours with those of another source.")
 @_run
 @_bottom
-@click.argument("contours", type=NamedPath())
+@click.argument("contours", type=FILE)
 @options.out_option
 @options.anyway_option
-@click.option(
-    "--datum", type=float, default=0.0, help="How far the datum of CONTOURS is below that of the bottom, m."
-)
-@click.option(
-    "--farthest",
-    type=POSITIVE,
-    default=math.inf,
-    help="Do not compare contours that are farther apart than this, m.",
-)
+@option("--datum", "How far the datum of CONTOURS is below that of the bottom, m.", float, default=0.0)
+@option("--farthest", "Do not compare contours that are farther apart than this, m.", POSITIVE, default=math.inf)
 @options.crs_option("Coordinate system of a file that does not state it, for example EPSG:32620.")
-@click.option("--layer", default="", help="Layer of a GeoPackage that has several.")
-@click.option("--depths", is_flag=True, help="Third coordinates are depths, positive down, and not heights.")
+@option("--layer", "Layer of a GeoPackage that has several.", default="")
+@flag("--depths", "Third coordinates are depths, positive down, and not heights.")
 def compare_contours_command(run: Path, bottom: Path, contours: Path, out_dir: Path | None, **given: Any) -> None:
     """Compare contours of BOTTOM with the 3-D lines of CONTOURS, in the system of RUN.json.
 
@@ -206,27 +199,23 @@ def compare_contours_command(run: Path, bottom: Path, contours: Path, out_dir: P
 @command.command(name="compare-soundings", short_help="Compare a bottom with soundings.")
 @_run
 @_bottom
-@click.argument("soundings", type=NamedPath())
+@click.argument("soundings", type=FILE)
 @options.out_option
 @options.anyway_option
-@click.option(
-    "--datum", type=float, default=0.0, help="How far the datum of the soundings is below that of the bottom, m."
-)
-@click.option("--datum-sigma", type=NOT_NEGATIVE, default=0.0, help="Sigma of --datum, m.")
-@click.option("--sigma", type=NOT_NEGATIVE, default=0.0, help="Sigma of soundings that have none, m.")
-@click.option("--plan-sigma", type=NOT_NEGATIVE, default=0.0, help="Sigma of the positions of soundings, m.")
-@click.option("--steepest", type=NOT_NEGATIVE, default=math.inf, help="Leave out soundings on a steeper bottom.")
-@click.option(
+@option("--datum", "How far the datum of the soundings is below that of the bottom, m.", float, default=0.0)
+@option("--datum-sigma", "Sigma of --datum, m.", NOT_NEGATIVE, default=0.0)
+@option("--sigma", "Sigma of soundings that have none, m.", NOT_NEGATIVE, default=0.0)
+@option("--plan-sigma", "Sigma of the positions of soundings, m.", NOT_NEGATIVE, default=0.0)
+@option("--steepest", "Leave out soundings on a steeper bottom.", NOT_NEGATIVE, default=math.inf)
+@option(
     "--radius",
-    type=POSITIVE,
+    "Take as the bottom the plane of the points within this distance, m, and not a triangle.",
+    POSITIVE,
     default=math.inf,
-    help="Take as the bottom the plane of the points within this distance, m, and not a triangle.",
 )
-@click.option(
-    "--not-before", type=click.DateTime(["%Y-%m-%d"]), help="Leave out soundings before this day (column date)."
-)
+@option("--not-before", "Leave out soundings before this day (column date).", click.DateTime(["%Y-%m-%d"]))
 @options.crs_option("Coordinate system of x and y in a file that does not state it, for example EPSG:32620.")
-@click.option("--plots", is_flag=True, help="Also draw a picture of the differences (SOUNDINGS.soundings.png).")
+@flag("--plots", "Also draw a picture of the differences (SOUNDINGS.soundings.png).")
 @options.picture_options("plots")
 def soundings_command(
     run: Path,
@@ -268,18 +257,12 @@ def soundings_command(
 @command.command(name="drive", short_help="Drive the mark along a path.")
 @_run
 @_model
-@click.argument("path", type=NamedPath())
+@click.argument("path", type=FILE)
 @options.out_option
 @options.anyway_option
-@click.option("--air", is_flag=True, help="The mark is where straight rays meet, not the true point.")
-@click.option("--job", "of_job", is_flag=True, help="The path is in the system of the job (lat, lon, height).")
-@click.option(
-    "--rate",
-    type=click.FloatRange(min=0.0, max=1000.0, min_open=True),
-    default=50.0,
-    show_default=True,
-    help="Number of cycles a second.",
-)
+@flag("--air", "The mark is where straight rays meet, not the true point.")
+@flag("--job", "The path is in the system of the job (lat, lon, height).", name="of_job")
+@option("--rate", "Number of cycles a second.", click.FloatRange(min=0.0, max=1000.0, min_open=True), shown=50.0)
 def drive_command(
     run: Path,
     left: str,

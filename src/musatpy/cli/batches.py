@@ -26,7 +26,7 @@ from musatpy.cli.messages import (
     tell,
     tell_as_is,
 )
-from musatpy.cli.options import LazyGroup, NamedPath, options_of
+from musatpy.cli.options import FILE, FOLDER, LazyGroup, flag, option, options_of
 from musatpy.cli.progress import Display
 from musatpy.cli.run import check_shown, shown_options
 from musatpy.errors import MissingPackageError, MusatError
@@ -96,23 +96,20 @@ def _tell_of_trouble(
 
 
 @click.command(name="batch", short_help="Run many decks in parallel; can be interrupted.")
-@click.argument("sources", metavar="MANIFEST|FOLDER|DECK...", nargs=-1, required=True, type=NamedPath())
+@click.argument("sources", metavar="MANIFEST|FOLDER|DECK...", nargs=-1, required=True, type=FILE)
 @options.out_option
 @options.formats_option
 @options.set_option
 @options.dry_option
 @options.submerged_option
 @options.processes_option
-@click.option(
-    "--cluster",
-    "address",
-    metavar="ADDRESS",
-    help="Run the jobs on the workers of a Dask scheduler, such as tcp://host:8786.",
+@option(
+    "--cluster ADDRESS", "Run the jobs on the workers of a Dask scheduler, such as tcp://host:8786.", name="address"
 )
 @options.record_option
 @options.causes_option
 @shown_options
-@click.option("--again", is_flag=True, help="Also run jobs again that are finished.")
+@flag("--again", "Also run jobs again that are finished.")
 @options.warnings_option
 @options.strict_option
 @options.quiet_as("Print no progress and no table, only errors and warnings, one line for each.")
@@ -167,18 +164,11 @@ def batch_command(
     ctx.exit(result.status)
 
 
-_base = click.argument("base", metavar="FOLDER", type=NamedPath(file_okay=False))
+_base = click.argument("base", metavar="FOLDER", type=FOLDER)
 _base_and_names = options_of(_base, click.argument("names", metavar="[DECK...]", nargs=-1))
 _quiet = options.quiet_as("Print no progress, and nothing at all if all is well.")
-_work = click.option(
-    "-o",
-    "--out",
-    "work",
-    metavar="DIR",
-    type=NamedPath(file_okay=False),
-    help="Folder of the new results. Default: FOLDER/.new.",
-)
-_unusable = click.option("--unusable", is_flag=True, help="Also keep the messages of decks that cannot be used.")
+_work = option("-o --out DIR", "Folder of the new results. Default: FOLDER/.new.", FOLDER, name="work")
+_unusable = flag("--unusable", "Also keep the messages of decks that cannot be used.")
 
 
 @click.group(name="baseline", cls=LazyGroup, short_help="Keep results of decks and compare new runs with them.")
@@ -188,18 +178,13 @@ def baseline_command() -> None:
 
 @baseline_command.command(name="save", short_help="Run decks and keep their results.")
 @_base
-@click.argument("sources", metavar="DECK...", nargs=-1, required=True, type=NamedPath())
-@click.option(
-    "--run",
-    metavar="DECK",
-    type=NamedPath(),
-    help="The decks are compilation decks: compile them on the run of this deck.",
-)
+@click.argument("sources", metavar="DECK...", nargs=-1, required=True, type=FILE)
+@option("--run DECK", "The decks are compilation decks: compile them on the run of this deck.", FILE)
 @options.formats_option
-@click.option("--no-records", is_flag=True, help="Keep only the listings.")
-@click.option("--rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the listings.")
-@click.option("--record-rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the records.")
-@click.option("--exact", is_flag=True, help="Start without rules, so that every digit counts.")
+@flag("--no-records", "Keep only the listings.")
+@option("--rules FILE", "Rules (TOML) for the listings.", FILE)
+@option("--record-rules FILE", "Rules (TOML) for the records.", FILE)
+@flag("--exact", "Start without rules, so that every digit counts.")
 @options.set_option
 @_unusable
 @options.processes_option
@@ -223,23 +208,13 @@ def save_command(
 
 @baseline_command.command(name="check", short_help="Run the decks anew; show what differs.")
 @_base_and_names
-@click.option(
-    "--rules",
-    metavar="FILE",
-    type=NamedPath(),
-    help="Rules (TOML) for the listings, in place of those of the baseline.",
-)
-@click.option(
-    "--record-rules",
-    metavar="FILE",
-    type=NamedPath(),
-    help="Rules (TOML) for the records, in place of those of the baseline.",
-)
+@option("--rules FILE", "Rules (TOML) for the listings, in place of those of the baseline.", FILE)
+@option("--record-rules FILE", "Rules (TOML) for the records, in place of those of the baseline.", FILE)
 @options.set_option
 @_work
-@click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
-@click.option("--summary", is_flag=True, help="Print how many differences each deck has, but not the differences.")
-@click.option("--junit", metavar="FILE", type=NamedPath(), help="Also write JUnit XML, with a test for each deck.")
+@flag("--json", "Print JSON, with every difference.", name="as_json")
+@flag("--summary", "Print how many differences each deck has, but not the differences.")
+@option("--junit FILE", "Also write JUnit XML, with a test for each deck.", FILE)
 @options.listed_option("section")
 @options.processes_option
 @_quiet

@@ -10,16 +10,14 @@ import click
 from musatpy.cli import options
 from musatpy.cli.decks import STREAM, data_of, write_deck
 from musatpy.cli.messages import complain, complain_of, complain_of_each, count_of, name_of, tell
-from musatpy.cli.options import NOT_NEGATIVE, NamedPath
+from musatpy.cli.options import FILE, NOT_NEGATIVE, option
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
     from musatpy.formats.cards.spec import Family
 
-_deck_to_write = click.option(
-    "-o", "--out", required=True, type=NamedPath(), help="Deck to write; - is the standard output."
-)
+_deck_to_write = option("-o --out", "Deck to write; - is the standard output.", FILE, required=True)
 
 
 def _cards_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
@@ -39,12 +37,11 @@ def _values_beginning(ctx: click.Context, param: click.Parameter, text: str) -> 
 @click.command(name="card", short_help="Explain cards, or make one from names and values.")
 @click.argument("name", metavar="[CARD]", required=False, shell_complete=_cards_beginning)
 @click.argument("values", metavar="[FIELD=VALUE...]", nargs=-1, shell_complete=_values_beginning)
-@click.option(
-    "--csv",
-    "table",
-    type=NamedPath(),
-    metavar="FILE",
-    help="Make a card from each row of this table; its columns have the names of the fields.",
+@option(
+    "--csv FILE",
+    "Make a card from each row of this table; its columns have the names of the fields.",
+    FILE,
+    name="table",
 )
 @options.formats_option
 @click.pass_context
@@ -100,7 +97,7 @@ def _card_families(formats: Path | None) -> list[Family]:
 
 
 @click.command(name="tidy", short_help="Move the words of a freely typed deck into their columns.")
-@click.argument("deck", type=NamedPath())
+@click.argument("deck", type=FILE)
 @_deck_to_write
 @options.formats_option
 @options.quiet_option
@@ -128,34 +125,16 @@ def tidy_command(ctx: click.Context, deck: Path, out: Path, formats: Path | None
 
 
 @click.command(name="tide", short_help="Write the tides of a deck from the readings of a gauge.")
-@click.argument("deck", type=NamedPath())
-@click.option(
-    "--series",
-    required=True,
-    type=NamedPath(),
-    metavar="CSV",
-    help="Readings of the gauge, with columns time and height (m).",
-)
-@click.option(
-    "--datum",
-    required=True,
-    type=float,
-    metavar="M",
-    help="Height of the zero of the gauge in the heights of the deck.",
-)
-@click.option("--sigma", type=NOT_NEGATIVE, default=0.0, metavar="M", help="Sigma of a reading. Default: 0.")
-@click.option(
-    "--times",
-    type=NamedPath(),
-    metavar="CSV",
-    help="Times of exposure, with columns photo and time. Default: those of the deck.",
-)
-@click.option("--zone", default="", metavar="ZONE", help="Zone of times that state none: UTC, or +hh:mm.")
-@click.option(
-    "--clock",
+@click.argument("deck", type=FILE)
+@option("--series CSV", "Readings of the gauge, with columns time and height (m).", FILE, required=True)
+@option("--datum M", "Height of the zero of the gauge in the heights of the deck.", float, required=True)
+@option("--sigma M", "Sigma of a reading. Default: 0.", NOT_NEGATIVE, default=0.0)
+@option("--times CSV", "Times of exposure, with columns photo and time. Default: those of the deck.", FILE)
+@option("--zone ZONE", "Zone of times that state none: UTC, or +hh:mm.", default="")
+@option(
+    "--clock TIME",
+    "Time at which the seconds on the cards of the deck are zero, if the series has dates.",
     default="0",
-    metavar="TIME",
-    help="Time at which the seconds on the cards of the deck are zero, if the series has dates.",
 )
 @_deck_to_write
 @options.formats_option

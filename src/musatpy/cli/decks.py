@@ -15,7 +15,7 @@ import click
 
 from musatpy.cli import options
 from musatpy.cli.messages import complain, count_of, name_of, problem_text, tell, tell_as_is
-from musatpy.cli.options import NamedPath
+from musatpy.cli.options import FILE, flag, option
 from musatpy.errors import DeckError, Problem, of_each_kind, printable
 
 if TYPE_CHECKING:
@@ -109,14 +109,8 @@ def check_command(
 
 @click.command(name="list", short_help="List the contents of decks.")
 @options.decks_argument
-@click.option("--json", "as_json", is_flag=True, help="Print JSON, a list with an entry for each deck.")
-@click.option(
-    "--few",
-    type=click.IntRange(min=1),
-    default=5,
-    show_default=True,
-    help="Number of common points that join two photos.",
-)
+@flag("--json", "Print JSON, a list with an entry for each deck.", name="as_json")
+@option("--few", "Number of common points that join two photos.", click.IntRange(min=1), shown=5)
 @options.formats_option
 def list_command(decks: tuple[Path, ...], as_json: bool, few: int, formats: Path | None) -> None:
     """List photos, rays, overlaps, control and submerged points of each DECK, even if it cannot be run yet.
@@ -140,37 +134,19 @@ def list_command(decks: tuple[Path, ...], as_json: bool, few: int, formats: Path
 @click.command(name="merge", short_help="Merge several decks into one.")
 @options.decks_argument
 @options.deck_option
-@click.option(
-    "--prefix",
-    "prefixes",
+@option("--prefix DECK=TEXT", "Put TEXT before the names of the photos of DECK.", name="prefixes", multiple=True)
+@option(
+    "--point-prefix DECK=TEXT",
+    "Put TEXT before the names of the points of DECK, except the --shared ones.",
+    name="point_prefixes",
     multiple=True,
-    metavar="DECK=TEXT",
-    help="Put TEXT before the names of the photos of DECK.",
 )
-@click.option(
-    "--point-prefix",
-    "point_prefixes",
-    multiple=True,
-    metavar="DECK=TEXT",
-    help="Put TEXT before the names of the points of DECK, except the --shared ones.",
-)
-@click.option("--shared", default="", metavar="ID,ID...", help="Points whose names --point-prefix does not change.")
-@click.option(
-    "--rename",
-    "renames",
-    multiple=True,
-    type=NamedPath(),
-    metavar="FILE",
-    help="File of new names, with lines DECK KIND OLD NEW.",
-)
-@click.option("--join-photos", is_flag=True, help="Accept that a photo is in several decks, as one photo.")
-@click.option("--options-from", metavar="DECK", help="Deck whose options and water are taken where they differ.")
-@click.option(
-    "--prefer", metavar="DECK", help="Deck whose stations, measurements and control are taken where they differ."
-)
-@click.option(
-    "--near", type=float, metavar="METRES", help="List control points of different names that are nearer than this."
-)
+@option("--shared ID,ID...", "Points whose names --point-prefix does not change.", default="")
+@option("--rename FILE", "File of new names, with lines DECK KIND OLD NEW.", FILE, name="renames", multiple=True)
+@flag("--join-photos", "Accept that a photo is in several decks, as one photo.")
+@option("--options-from DECK", "Deck whose options and water are taken where they differ.")
+@option("--prefer DECK", "Deck whose stations, measurements and control are taken where they differ.")
+@option("--near METRES", "List control points of different names that are nearer than this.", float)
 @options.titles_option
 @options.formats_option
 def merge_command(
@@ -262,27 +238,20 @@ def _near_text(parts: Sequence[Part], limit: float) -> str:
 
 
 @click.command(name="extract", short_help="Take photos or an area out of a deck.")
-@click.argument("deck", type=NamedPath())
+@click.argument("deck", type=FILE)
 @options.deck_option
-@click.option("--photos", default="", metavar="LIST", help="Photos and ranges of photos, for example 101-120,131.")
-@click.option(
-    "--photos-from", type=NamedPath(), metavar="FILE", help="File with such photos, one or more on a line."
-)
-@click.option("--box", metavar="W,S,E,N", help="Photos in a box: X and Y of local jobs, else degrees.")
-@click.option(
-    "--area", type=NamedPath(), metavar="FILE", help="Photos in a polygon: GeoJSON, or lines of east and north."
-)
-@click.option(
+@option("--photos LIST", "Photos and ranges of photos, for example 101-120,131.", default="")
+@option("--photos-from FILE", "File with such photos, one or more on a line.", FILE)
+@option("--box W,S,E,N", "Photos in a box: X and Y of local jobs, else degrees.")
+@option("--area FILE", "Photos in a polygon: GeoJSON, or lines of east and north.", FILE)
+@option(
     "--by",
-    type=click.Choice(["stations", "points"]),
-    default="stations",
-    show_default=True,
-    help="What must be in the area for a photo to be taken: its station, or any of its points.",
+    "What must be in the area for a photo to be taken: its station, or any of its points.",
+    click.Choice(["stations", "points"]),
+    shown="stations",
 )
-@click.option("--height", type=float, metavar="METRES", help="Height of the ground, for --by points.")
-@click.option(
-    "--drop-single", is_flag=True, help="Leave out points that would have a single ray and no known coordinate."
-)
+@option("--height METRES", "Height of the ground, for --by points.", float)
+@flag("--drop-single", "Leave out points that would have a single ray and no known coordinate.")
 @options.titles_option
 @options.formats_option
 def extract_command(

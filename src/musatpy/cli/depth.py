@@ -12,7 +12,7 @@ from musatpy.cli.correct import correct as correct_points
 from musatpy.cli.correct import correction_options
 from musatpy.cli.depth_options import NUMBER, POSITIVE
 from musatpy.cli.messages import name_of, tell
-from musatpy.cli.options import LazyGroup, NamedPath, dpi_option
+from musatpy.cli.options import FILE, LazyGroup, dpi_option, option
 
 
 @click.group(name="depth", cls=LazyGroup, short_help="Print and draw depth factors.")
@@ -24,9 +24,7 @@ def command() -> None:
 @depth_options.view_options
 @depth_options.area_options
 @depth_options.depths_option
-@click.option(
-    "--at", "listed", type=click.Path(path_type=Path), help="File of places, with columns x,y or d1,d2,s,t."
-)
+@option("--at", "File of places, with columns x,y or d1,d2,s,t.", click.Path(path_type=Path), name="listed")
 def table(listed: Path | None, depths: tuple[float, ...], **given: Any) -> None:
     """Print the depth factor at places of a model, for some apparent depths."""
     from musatpy.depth.views import factor_table
@@ -41,17 +39,9 @@ def table(listed: Path | None, depths: tuple[float, ...], **given: Any) -> None:
 @depth_options.view_options
 @depth_options.area_options
 @depth_options.depths_option
-@click.option(
-    "--normal",
-    type=NUMBER,
-    default=25.0,
-    show_default=True,
-    help="Apparent depth whose factors are used for all depths.",
-)
-@click.option(
-    "--value", type=POSITIVE, help="Factor to use for the whole model. Default: the median of all places."
-)
-@click.option("--step", type=POSITIVE, default=0.01, show_default=True, help="Step between the factors listed.")
+@option("--normal", "Apparent depth whose factors are used for all depths.", NUMBER, shown=25.0)
+@option("--value", "Factor to use for the whole model. Default: the median of all places.", POSITIVE)
+@option("--step", "Step between the factors listed.", POSITIVE, shown=0.01)
 def errors(depths: tuple[float, ...], normal: float, value: float | None, step: float, **given: Any) -> None:
     """Print the errors of two approximations: the factors of one depth for all depths, and one factor for the whole
     model."""
@@ -84,8 +74,8 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
 @click.argument("picture", type=click.Path(path_type=Path))
 @depth_options.view_options
 @depth_options.area_options
-@click.option("--depth", type=NUMBER, default=25.0, show_default=True, help="Apparent depth.")
-@click.option("--step", type=POSITIVE, default=0.01, show_default=True, help="Step between the contours.")
+@option("--depth", "Apparent depth.", NUMBER, shown=25.0)
+@option("--step", "Step between the contours.", POSITIVE, shown=0.01)
 @dpi_option
 def picture(picture: Path, depth: float, step: float, dpi: int, **given: Any) -> None:
     """Draw contours of the depth factor over a model into PICTURE (.png, .svg, .pdf)."""
@@ -109,8 +99,8 @@ def picture(picture: Path, depth: float, step: float, dpi: int, **given: Any) ->
 
 
 @command.command(name="correct", hidden=True)
-@click.argument("points", type=NamedPath())
-@click.option("--cameras", "stations", required=True, type=NamedPath(), help="Stations: a CSV file or RUN.json.")
+@click.argument("points", type=FILE)
+@option("--cameras", "Stations: a CSV file or RUN.json.", FILE, name="stations", required=True)
 @correction_options
 @click.pass_context
 def correct(ctx: click.Context, /, points: Path, stations: Path, **given: Any) -> None:

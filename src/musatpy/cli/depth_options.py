@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli.options import options_of
+from musatpy.cli.options import flag, option, options_of
 
 if TYPE_CHECKING:
     from musatpy.depth.cameras import CameraStations
@@ -63,72 +63,56 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
 
 
 index_options = options_of(
-    click.option("--index", type=Finite(1.0, 2.0), help="Refractive index of water relative to air."),
-    click.option("--liquid", default="", metavar="NAME", help="Liquid that is not water; --index may be 1 to 2."),
-    click.option("--temperature", type=NUMBER, metavar="DEGC", help="Temperature of the water; replaces --index."),
-    click.option("--salinity", type=NUMBER, metavar="PPT", help="Salinity of the water, with --temperature."),
-    click.option("--chlorinity", type=NUMBER, metavar="PPT", help="Chlorinity of the water; replaces --salinity."),
-    click.option("--wavelength", type=NUMBER, metavar="NM", help="Wavelength of the light, with --temperature."),
-    click.option("--formula", type=click.Choice(["QUANFRY", "IAPWS"]), help="Formula of the index by temperature."),
+    option("--index", "Refractive index of water relative to air.", Finite(1.0, 2.0)),
+    option("--liquid NAME", "Liquid that is not water; --index may be 1 to 2.", default=""),
+    option("--temperature DEGC", "Temperature of the water; replaces --index.", NUMBER),
+    option("--salinity PPT", "Salinity of the water, with --temperature.", NUMBER),
+    option("--chlorinity PPT", "Chlorinity of the water; replaces --salinity.", NUMBER),
+    option("--wavelength NM", "Wavelength of the light, with --temperature.", NUMBER),
+    option("--formula", "Formula of the index by temperature.", click.Choice(["QUANFRY", "IAPWS"])),
 )
 camera_options = options_of(
-    click.option("--level", type=NUMBER, help="Height of the water if the stations have no tides."),
-    click.option("--focal", type=POSITIVE, metavar="MM", help="Focal length of all cameras."),
-    click.option(
-        "--format",
-        "frame",
-        type=Numbers(2, positive=True),
-        metavar="W,H",
-        help="Width and height of the format of all cameras, mm.",
+    option("--level", "Height of the water if the stations have no tides.", NUMBER),
+    option("--focal MM", "Focal length of all cameras.", POSITIVE),
+    option(
+        "--format W,H",
+        "Width and height of the format of all cameras, mm.",
+        Numbers(2, positive=True),
+        name="frame",
     ),
-    click.option(
-        "--angle",
-        type=Finite(0.0, 90.0, min_open=True, max_open=True),
-        metavar="DEG",
-        help="A camera sees only what is within this angle of the vertical.",
+    option(
+        "--angle DEG",
+        "A camera sees only what is within this angle of the vertical.",
+        Finite(0.0, 90.0, min_open=True, max_open=True),
     ),
 )
 system_options = options_of(
-    click.option(
-        "--crs",
-        metavar="SYSTEM",
-        help="Coordinate system of the points: a code (EPSG:32620), PROJ string or WKT. Default: that of the "
+    option(
+        "--crs SYSTEM",
+        "Coordinate system of the points: a code (EPSG:32620), PROJ string or WKT. Default: that of the "
         "file, else that of the run.",
     ),
-    click.option(
-        "--geoid",
-        metavar="GRID",
-        help="Grid file of the geoid that the heights of the points refer to, with --crs.",
-    ),
+    option("--geoid GRID", "Grid file of the geoid that the heights of the points refer to, with --crs."),
 )
 view_options = options_of(
-    click.option("--height", type=POSITIVE, help="Height of a vertical pair above the water, in any unit."),
-    click.option("--base", type=POSITIVE, help="Base of the pair, in the same unit."),
-    click.option(
+    option("--height", "Height of a vertical pair above the water, in any unit.", POSITIVE),
+    option("--base", "Base of the pair, in the same unit.", POSITIVE),
+    option(
         "--cameras",
-        "stations",
-        type=click.Path(path_type=Path),
-        help="Stations (CSV or RUN.json); replaces --height and --base.",
+        "Stations (CSV or RUN.json); replaces --height and --base.",
+        click.Path(path_type=Path),
+        name="stations",
     ),
-    click.option("--exact", is_flag=True, help="Compute the pair by exact rays, not by the formula of the paper."),
+    flag("--exact", "Compute the pair by exact rays, not by the formula of the paper."),
     index_options,
     camera_options,
 )
 area_options = options_of(
-    click.option("--width", type=POSITIVE, help="Width of the model across the base. Default: twice the base."),
-    click.option("--area", type=Numbers(4), metavar="X,Y,X,Y", help="Corners of the area. Default: the model."),
-    click.option(
-        "--grid",
-        type=Numbers(2),
-        default="5,5",
-        show_default=True,
-        metavar="NX,NY",
-        help="Number of places along x and y.",
-    ),
+    option("--width", "Width of the model across the base. Default: twice the base.", POSITIVE),
+    option("--area X,Y,X,Y", "Corners of the area. Default: the model.", Numbers(4)),
+    option("--grid NX,NY", "Number of places along x and y.", Numbers(2), shown="5,5"),
 )
-depths_option = click.option(
-    "--depths", type=Numbers(), default="0,10,25,50,100", show_default=True, help="Apparent depths to list."
-)
+depths_option = option("--depths", "Apparent depths to list.", Numbers(), shown="0,10,25,50,100")
 
 
 def index_by(given: dict[str, Any], cameras: CameraStations | None = None) -> float:

@@ -13,7 +13,7 @@ import click
 
 from musatpy.cli import options
 from musatpy.cli.messages import complain, complain_of, count_of, name_of, tell
-from musatpy.cli.options import POSITIVE, NamedPath
+from musatpy.cli.options import FILE, FOLDER, POSITIVE, NamedPath, flag, option
 from musatpy.errors import DeckError, Problem, printable
 
 if TYPE_CHECKING:
@@ -37,14 +37,7 @@ def _examples_beginning(ctx: click.Context, param: click.Parameter, text: str) -
 
 @click.command(name="example", short_help="Write an example to begin with.")
 @click.argument("name", metavar="[NAME]", required=False, shell_complete=_examples_beginning)
-@click.option(
-    "-o",
-    "--out",
-    "out_dir",
-    metavar="DIR",
-    type=NamedPath(file_okay=False),
-    help="Folder of the files. Default: a folder NAME.",
-)
+@option("-o --out DIR", "Folder of the files. Default: a folder NAME.", FOLDER, name="out_dir")
 def example_command(name: str | None, out_dir: Path | None) -> None:
     """List the examples; with a NAME, write its files and say how to go on.
 
@@ -70,8 +63,8 @@ def example_command(name: str | None, out_dir: Path | None) -> None:
 
 
 @click.command(name="simulate", short_help="Write a deck with known truth from a spec.")
-@click.argument("spec", type=NamedPath())
-@click.option("--seed", type=click.IntRange(min=0), help="Seed of the random numbers. Default: that of the spec.")
+@click.argument("spec", type=FILE)
+@option("--seed", "Seed of the random numbers. Default: that of the spec.", click.IntRange(min=0))
 @options.keys_option("musatpy.simulation.simulation_spec:SimulationSpec")
 @options.out_option
 def simulate_command(spec: Path, seed: int | None, out_dir: Path | None) -> None:
@@ -106,8 +99,8 @@ def simulate_command(spec: Path, seed: int | None, out_dir: Path | None) -> None
 
 
 @click.command(name="waves", short_help="Compute the errors of a map that takes wavy water as level.")
-@click.argument("spec", type=NamedPath())
-@click.option("--plots", is_flag=True, help="Also draw pictures (NAME.map.png, ...); needs the extra 'plots'.")
+@click.argument("spec", type=FILE)
+@flag("--plots", "Also draw pictures (NAME.map.png, ...); needs the extra 'plots'.")
 @options.picture_options("plots")
 @options.keys_option("musatpy.sea.experiment_spec:WaveSpec")
 @options.out_option
@@ -149,35 +142,32 @@ def _three_sigmas(ctx: click.Context, param: click.Parameter, text: str | None) 
 
 @click.command(name="convert", short_help="Convert a job between decks and other agencies' files.")
 @click.argument("source", metavar="FROM", type=NamedPath(exists=True))
-@click.argument("target", metavar="TO", type=NamedPath())
-@click.option("--from", "source_name", metavar="FAMILY", help="Family of FROM, if its name does not tell.")
-@click.option("--to", "target_name", metavar="FAMILY", help="Family of TO, if its name does not tell.")
-@click.option(
+@click.argument("target", metavar="TO", type=FILE)
+@option("--from FAMILY", "Family of FROM, if its name does not tell.", name="source_name")
+@option("--to FAMILY", "Family of TO, if its name does not tell.", name="target_name")
+@option(
     "--deck",
-    type=NamedPath(exists=True, dir_okay=False),
-    help="Deck, which may be incomplete, with what FROM does not hold: camera, options, water.",
+    "Deck, which may be incomplete, with what FROM does not hold: camera, options, water.",
+    NamedPath(exists=True, dir_okay=False),
 )
-@click.option(
-    "--camera",
-    "cameras",
+@option(
+    "--camera NAME=FOCAL[,X,Y]|FILE",
+    "A camera: focal length, principal point, mm; or a table of cameras, columns named as on the CAM card.",
+    name="cameras",
     multiple=True,
-    metavar="NAME=FOCAL[,X,Y]|FILE",
-    help="A camera: focal length, principal point, mm; or a table of cameras, columns named as on the CAM card.",
 )
-@click.option("--plate-sigma", type=POSITIVE, metavar="UM", help="Standard deviation of plate coordinates, um.")
-@click.option(
-    "--control-sigma",
-    metavar="EAST,NORTH,UP",
+@option("--plate-sigma UM", "Standard deviation of plate coordinates, um.", POSITIVE)
+@option(
+    "--control-sigma EAST,NORTH,UP",
+    "Standard deviations of control that has none, m; one number for all, or two for plan and height.",
     callback=_three_sigmas,
-    help="Standard deviations of control that has none, m; one number for all, or two for plan and height.",
 )
 @options.set_option
 @options.submerged_option
-@click.option(
-    "--formats",
-    metavar="DIR",
-    type=NamedPath(exists=True, file_okay=False),
-    help="Folder of format files (TOML): a family of your own, named like the folder.",
+@option(
+    "--formats DIR",
+    "Folder of format files (TOML): a family of your own, named like the folder.",
+    NamedPath(exists=True, file_okay=False),
 )
 @click.pass_context
 def convert_command(

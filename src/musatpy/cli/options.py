@@ -137,6 +137,30 @@ def options_of(*options: Callable[..., Any]) -> Decorator:
     return decorate
 
 
+FILE, FOLDER = NamedPath(), NamedPath(file_okay=False)
+POSITIVE, NOT_NEGATIVE = click.FloatRange(min=0.0, min_open=True), click.FloatRange(min=0.0)
+
+
+def option(
+    stated: str, meaning: str, kind: Any = None, *, name: str = "", shown: Any = None, **more: Any
+) -> Decorator:
+    """Return an option as its help has it: `-o --out DIR`, what it means, and a default that is `shown`.
+
+    `kind` is that of its value, and `name` that of its parameter, where it is not the last name of the option.
+    """
+    words = stated.split()
+    names = [word for word in words if word.startswith("-")]
+    value = " ".join(words[len(names) :]) or None
+    if shown is not None:
+        more |= {"default": shown, "show_default": True}
+    return click.option(*names, *([name] if name else []), type=kind, metavar=value, help=meaning, **more)
+
+
+def flag(stated: str, meaning: str, **more: Any) -> Decorator:
+    """Return an option without a value."""
+    return option(stated, meaning, is_flag=True, **more)
+
+
 def picture_options(switch: str = "") -> Decorator:
     """Return a decorator that gives a command --format and --dpi, of which it gets the `form` of its pictures.
 
@@ -144,11 +168,11 @@ def picture_options(switch: str = "") -> Decorator:
     """
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
-        @click.option(
+        @option(
             "--format",
-            "image_kind",
-            type=click.Choice(["svg", "png", "pdf"]),
-            help="Format of the pictures. Default: the one that suits each of them.",
+            "Format of the pictures. Default: the one that suits each of them.",
+            click.Choice(["svg", "png", "pdf"]),
+            name="image_kind",
         )
         @dpi_option
         @wraps(command)
@@ -171,8 +195,8 @@ def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
     So is the date, where it has one, and stays a parameter too.
     """
 
-    @click.option("--client", default="", metavar="NAME", help="Client; printed at the top of the page.")
-    @click.option("--operator", default="", metavar="NAME", help="Operator; printed at the top of the page.")
+    @option("--client NAME", "Client; printed at the top of the page.", default="")
+    @option("--operator NAME", "Operator; printed at the top of the page.", default="")
     @wraps(command)
     def with_lines(*args: Any, client: str, operator: str, **given: Any) -> Any:
         if (client or operator) and not given.get("html", True):
@@ -195,9 +219,7 @@ def keys_option(spec: str) -> Decorator:
             tell(key_tables(getattr(import_module(module), name)), nl=False)
             context.exit()
 
-    return click.option(
-        "--keys", is_flag=True, is_eager=True, expose_value=False, callback=show, help="List the keys of SPEC."
-    )
+    return flag("--keys", "List the keys of SPEC.", is_eager=True, expose_value=False, callback=show)
 
 
 def settings_for(texts: Sequence[str], family: Family) -> tuple[Setting, ...]:
@@ -239,65 +261,49 @@ _COORDINATES = ("x", "y", "z")
 # records of runs, clouds of points, rasters, and files of GIS and CAD
 _NAMELESS = (".json", ".las", ".laz", ".tif", ".tiff", ".gpkg", ".geojson", ".dxf")
 
-POSITIVE, NOT_NEGATIVE = click.FloatRange(min=0.0, min_open=True), click.FloatRange(min=0.0)
-
 
 water_options = options_of(
-    click.option("--water", type=NamedPath(), metavar="FILE", help="Areas of water, or a shoreline (GeoJSON)."),
-    click.option("--water-side", type=click.Choice(["left", "right"]), help="Side of a shoreline that is water."),
+    option("--water FILE", "Areas of water, or a shoreline (GeoJSON).", FILE),
+    option("--water-side", "Side of a shoreline that is water.", click.Choice(["left", "right"])),
 )
 
 
 def crs_option(meaning: str) -> Decorator:
     """Return the option --crs, a coordinate system that has this meaning."""
-    return click.option("--crs", default="", help=meaning)
+    return option("--crs", meaning, default="")
 
 
-columns_option = click.option(
-    "--columns",
+columns_option = option(
+    "--columns X,Y,Z",
+    "Names of the coordinates in a CSV file.",
+    shown=",".join(_COORDINATES),
     callback=_coordinate_names,
-    default=",".join(_COORDINATES),
-    show_default=True,
-    metavar="X,Y,Z",
-    help="Names of the coordinates in a CSV file.",
 )
 
 
 def quiet_as(meaning: str) -> Decorator:
     """Return the option -q, with which a problem is one line besides."""
-    return click.option("-q", "--quiet", is_flag=True, callback=_be_quiet, help=meaning)
+    return flag("-q --quiet", meaning, callback=_be_quiet)
 
 
 quiet_option = quiet_as("Print no progress and no summary.")
 quiet_run_option = quiet_as("Print no progress and no summary, only errors and warnings, one line for each.")
-decks_argument = click.argument("decks", metavar="DECK...", nargs=-1, required=True, type=NamedPath())
-out_option = click.option(
-    "-o",
-    "--out",
-    "out_dir",
-    metavar="DIR",
-    type=NamedPath(file_okay=False),
-    help="Folder of the results. Default: that of the input.",
+decks_argument = click.argument("decks", metavar="DECK...", nargs=-1, required=True, type=FILE)
+out_option = option("-o --out DIR", "Folder of the results. Default: that of the input.", FOLDER, name="out_dir")
+carriage_control_option = flag(
+    "--carriage-control", "Put ASA carriage control characters into column 1 of the listing."
 )
-carriage_control_option = click.option(
-    "--carriage-control", is_flag=True, help="Put ASA carriage control characters into column 1 of the listing."
-)
-csv_option = click.option(
-    "--csv", is_flag=True, help="Also write the tables of the listing, as NAME_tables/TITLE.csv."
-)
-date_option = click.option(
+csv_option = flag("--csv", "Also write the tables of the listing, as NAME_tables/TITLE.csv.")
+date_option = flag(
     "--date",
-    is_flag=True,
+    "Print today's date on every page.",
     callback=lambda ctx, param, dated: datetime.date.today() if dated else None,
-    help="Print today's date on every page.",
 )
-warnings_option = click.option(
-    "--warnings", "repeated", is_flag=True, help="Print warnings again that the last run of the same deck printed."
+warnings_option = flag(
+    "--warnings", "Print warnings again that the last run of the same deck printed.", name="repeated"
 )
-strict_option = click.option("--strict", is_flag=True, help="End with status 4 also if the answer is doubtful.")
-anyway_option = click.option(
-    "--anyway", is_flag=True, help="Use the run even if it has not converged; every page then says so."
-)
+strict_option = flag("--strict", "End with status 4 also if the answer is doubtful.")
+anyway_option = flag("--anyway", "Use the run even if it has not converged; every page then says so.")
 
 
 def offered(text: str, titles: Mapping[str, str]) -> list[CompletionItem]:
@@ -327,83 +333,59 @@ def _settings_beginning(ctx: click.Context, param: click.Parameter, text: str) -
     return [item for name, card in cards.items() for item in offered_fields(text, card, f"{name}.")]
 
 
-formats_option = click.option(
-    "--formats",
-    metavar="DIR",
-    type=NamedPath(exists=True, file_okay=False),
-    help="Read the decks by the card formats (TOML) in this folder, a family of your own.",
+formats_option = option(
+    "--formats DIR",
+    "Read the decks by the card formats (TOML) in this folder, a family of your own.",
+    NamedPath(exists=True, file_okay=False),
 )
-set_option = click.option(
-    "--set",
-    "settings",
-    metavar="CARD.FIELD=VALUE",
+set_option = option(
+    "--set CARD.FIELD=VALUE",
+    "Replace the value of a field for this run, for example OP2.water_level=ONE. Only cards that a deck has "
+    "once; 'musat card' lists cards and fields.",
+    name="settings",
     multiple=True,
     shell_complete=_settings_beginning,
-    help="Replace the value of a field for this run, for example OP2.water_level=ONE. Only cards that a deck has "
-    "once; 'musat card' lists cards and fields.",
 )
-dry_option = click.option(
-    "--dry",
-    metavar="POLYGON",
-    type=NamedPath(),
-    help="Take the points inside the polygon of a file (GeoJSON, or lines of east and north) as certainly dry, as "
+dry_option = option(
+    "--dry POLYGON",
+    "Take the points inside the polygon of a file (GeoJSON, or lines of east and north) as certainly dry, as "
     "flag D does.",
+    FILE,
 )
-submerged_option = click.option(
-    "--submerged",
-    metavar="LIST|POLYGON|BELOW",
-    type=NamedPath(),
-    help="Flag points as submerged, as flag B does: the points named in a file, those inside a polygon "
+submerged_option = option(
+    "--submerged LIST|POLYGON|BELOW",
+    "Flag points as submerged, as flag B does: the points named in a file, those inside a polygon "
     "(*.geojson, *.json, *.csv), or, with BELOW, those that a first adjustment finds below the water of all their "
     "photos.",
+    FILE,
 )
-deck_option = click.option(
-    "-o",
-    "--out",
-    "out",
-    metavar="OUT",
-    required=True,
-    type=NamedPath(),
-    help="Deck to write; - is the standard output.",
-)
-dpi_option = click.option(
-    "--dpi",
-    type=click.IntRange(30, 600),
-    default=110,
-    show_default=True,
-    help="Dots per inch of PNG pictures.",
-)
+deck_option = option("-o --out OUT", "Deck to write; - is the standard output.", FILE, name="out", required=True)
+dpi_option = option("--dpi", "Dots per inch of PNG pictures.", click.IntRange(30, 600), shown=110)
 
 
 def listed_option(of: str, default: int = 20) -> Callable[[Any], Any]:
     """Return the option that says how many rows are shown of each section, or of something else."""
     about = f"Number of rows to show of each {of}."
-    return click.option("--listed", type=click.IntRange(min=1), default=default, show_default=True, help=about)
+    return option("--listed", about, click.IntRange(min=1), shown=default)
 
 
-titles_option = click.option(
-    "--title",
-    "titles",
+titles_option = option(
+    "--title TEXT",
+    "Line of the job title; replaces the titles of the decks. May be repeated.",
+    name="titles",
     multiple=True,
-    metavar="TEXT",
-    help="Line of the job title; replaces the titles of the decks. May be repeated.",
 )
-record_option = click.option(
+record_option = option(
     "--record",
-    type=click.Choice(["full", "tables", "none"]),
-    help="How much of NAME.json to write: full (default), tables (without those of images), or none.",
+    "How much of NAME.json to write: full (default), tables (without those of images), or none.",
+    click.Choice(["full", "tables", "none"]),
 )
-causes_option = click.option(
+causes_option = option(
     "--causes",
-    type=click.Choice(["usual", "all", "none"]),
-    help="How long a run that is not accepted searches for causes: usual for twice the work of its adjustment, "
+    "How long a run that is not accepted searches for causes: usual for twice the work of its adjustment, "
     "all for eight times.",
+    click.Choice(["usual", "all", "none"]),
 )
-processes_option = click.option(
-    "-j",
-    "--jobs",
-    "processes",
-    metavar="N",
-    type=click.IntRange(min=1),
-    help="Number of processes. Default: the number of cores.",
+processes_option = option(
+    "-j --jobs N", "Number of processes. Default: the number of cores.", click.IntRange(min=1), name="processes"
 )

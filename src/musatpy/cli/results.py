@@ -15,7 +15,7 @@ import click
 
 from musatpy.cli import options
 from musatpy.cli.messages import complain, complain_of, complain_of_error, name_of, styled, tell, tell_as_is
-from musatpy.cli.options import NOT_NEGATIVE, POSITIVE, NamedPath
+from musatpy.cli.options import FILE, NOT_NEGATIVE, POSITIVE, flag, option
 from musatpy.errors import MissingPackageError, MusatError, Problem, ProblemsError, printable
 
 if TYPE_CHECKING:
@@ -61,31 +61,25 @@ def _pictures_beginning(ctx: click.Context, param: click.Parameter, text: str) -
 
 
 @click.command(name="plot", short_help="Draw pictures of a run or a compilation.")
-@click.argument("records", metavar="RECORD...", nargs=-1, required=True, type=NamedPath())
+@click.argument("records", metavar="RECORD...", nargs=-1, required=True, type=FILE)
 @options.out_option
-@click.option(
-    "--only",
-    "names",
-    metavar="NAME",
+@option(
+    "--only NAME",
+    "Draw only this picture; may be repeated.",
+    name="names",
     multiple=True,
     shell_complete=_pictures_beginning,
-    help="Draw only this picture; may be repeated.",
 )
-@click.option(
-    "--line", metavar="FILE", type=NamedPath(), help="Line of the depth profile (CSV, GeoJSON, DXF, ...)."
+@option("--line FILE", "Line of the depth profile (CSV, GeoJSON, DXF, ...).", FILE)
+@option("--soundings FILE", "Soundings for the depth profile (CSV, LAS).", FILE)
+@option(
+    "--within M",
+    "Largest distance of points from the line of the profile, m. Default: as large as needed.",
+    POSITIVE,
 )
-@click.option("--soundings", metavar="FILE", type=NamedPath(), help="Soundings for the depth profile (CSV, LAS).")
-@click.option(
-    "--within",
-    metavar="M",
-    type=POSITIVE,
-    help="Largest distance of points from the line of the profile, m. Default: as large as needed.",
-)
-@click.option("--datum", metavar="H", type=float, default=0.0, help="Height from which the soundings count, m.")
+@option("--datum H", "Height from which the soundings count, m.", float, default=0.0)
 @options.crs_option("Coordinate system of x and y in a file that does not state it, for example EPSG:32620.")
-@click.option(
-    "--list", is_flag=True, is_eager=True, expose_value=False, callback=_show_pictures, help="List the pictures."
-)
+@flag("--list", "List the pictures.", is_eager=True, expose_value=False, callback=_show_pictures)
 @options.quiet_as("Do not print what the pictures show.")
 @options.picture_options()
 @click.pass_context
@@ -135,18 +129,19 @@ def plot_command(
 
 
 @click.command(name="report", short_help="Make the page of a run: one HTML file to hand over.")
-@click.argument("records", metavar="RUN.json...", nargs=-1, required=True, type=NamedPath())
-@click.option(
-    "-o", "--out", "out", metavar="NAME.html|DIR", type=NamedPath(),
-    help="Page to write; folder of the pages of several records. Default: RUN.html.",
-)  # fmt: skip
-@click.option(
-    "--input",
-    "inputs",
-    metavar="FILE",
+@click.argument("records", metavar="RUN.json...", nargs=-1, required=True, type=FILE)
+@option(
+    "-o --out NAME.html|DIR",
+    "Page to write; folder of the pages of several records. Default: RUN.html.",
+    FILE,
+    name="out",
+)
+@option(
+    "--input FILE",
+    "File that the run has read, such as its deck; the page states its SHA-256.",
+    FILE,
+    name="inputs",
     multiple=True,
-    type=NamedPath(),
-    help="File that the run has read, such as its deck; the page states its SHA-256.",
 )
 @options.date_option
 @options.page_options
@@ -197,7 +192,7 @@ def report_command(
 
 @click.command(name="explain", short_help="Show all that a run knows about one point or photo.")
 @click.argument("name", metavar="ID")
-@click.argument("record", metavar="RECORD", type=NamedPath())
+@click.argument("record", metavar="RECORD", type=FILE)
 def explain_command(name: str, record: Path) -> None:
     """Show all that a run knows about the point or photo ID, from its RECORD NAME.json.
 
@@ -211,13 +206,11 @@ def explain_command(name: str, record: Path) -> None:
 
 
 @click.command(name="compare", short_help="Compare two solutions of one deck.")
-@click.argument("first", metavar="A", type=NamedPath())
-@click.argument("second", metavar="B", type=NamedPath())
-@click.option("--json", "as_json", is_flag=True, help="Print JSON, with every station, point and wave.")
+@click.argument("first", metavar="A", type=FILE)
+@click.argument("second", metavar="B", type=FILE)
+@flag("--json", "Print JSON, with every station, point and wave.", name="as_json")
 @options.listed_option("table")
-@click.option(
-    "--limit", type=float, metavar="SIGMAS", help="End with status 1 if a difference is larger than this."
-)
+@option("--limit SIGMAS", "End with status 1 if a difference is larger than this.", float)
 @click.pass_context
 def compare_command(
     ctx: click.Context, first: Path, second: Path, as_json: bool, listed: int, limit: float | None
@@ -243,15 +236,17 @@ def compare_command(
 
 
 @click.command(name="diff", short_help="Compare two listings or records number by number.")
-@click.argument("first", metavar="A", type=NamedPath())
-@click.argument("second", metavar="B", type=NamedPath())
-@click.option("--rules", metavar="FILE", type=NamedPath(), help="File of rules (TOML) that say what may differ.")
-@click.option(
-    "--rounding", metavar="PART", type=NOT_NEGATIVE, default=1e-6, show_default=True,
-    help="Without rules, numbers of two records may differ by this part of them; 0: every digit counts.",
-)  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
-@click.option("--junit", metavar="FILE", type=NamedPath(), help="Also write JUnit XML, for CI systems.")
+@click.argument("first", metavar="A", type=FILE)
+@click.argument("second", metavar="B", type=FILE)
+@option("--rules FILE", "File of rules (TOML) that say what may differ.", FILE)
+@option(
+    "--rounding PART",
+    "Without rules, numbers of two records may differ by this part of them; 0: every digit counts.",
+    NOT_NEGATIVE,
+    shown=1e-6,
+)
+@flag("--json", "Print JSON, with every difference.", name="as_json")
+@option("--junit FILE", "Also write JUnit XML, for CI systems.", FILE)
 @options.listed_option("section")
 @options.quiet_as("Print only the last line, and nothing if A and B are the same.")
 @click.pass_context
@@ -352,14 +347,9 @@ def _problem(error: OSError) -> Problem:
 
 
 @click.command(name="audit", short_help="Find misprints in a listing.")
-@click.argument("listing", metavar="LISTING", type=NamedPath())
-@click.option(
-    "--against",
-    metavar="NEW",
-    type=NamedPath(),
-    help="Compare with a newer run: its listing, or its record NAME.json.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.argument("listing", metavar="LISTING", type=FILE)
+@option("--against NEW", "Compare with a newer run: its listing, or its record NAME.json.", FILE)
+@flag("--json", "Print JSON.", name="as_json")
 @options.listed_option("report with --against", 30)
 @click.pass_context
 def audit_command(ctx: click.Context, listing: Path, against: Path | None, as_json: bool, listed: int) -> None:

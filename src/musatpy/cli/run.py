@@ -31,7 +31,7 @@ from musatpy.cli.messages import (
     tell,
     tell_as_is,
 )
-from musatpy.cli.options import options_of
+from musatpy.cli.options import flag, option, options_of
 from musatpy.cli.progress import LiveLine
 from musatpy.errors import MusatError, ProblemsError
 from musatpy.files import together
@@ -47,47 +47,40 @@ _FAST = "pip install 'musatpy[fast]'"
 
 shown_options = options_of(  # what people look at
     options.csv_option,
-    click.option("--plots", is_flag=True, help="Also draw the pictures of 'musat plot' (NAME.plan.svg, ...)."),
-    click.option("--html", is_flag=True, help="Also write the page of 'musat report' (NAME.html)."),
-    click.option(
-        "--gis", is_flag=True, help="Also write stations, points and observations for GIS (NAME.gpkg, GeoJSON)."
-    ),
+    flag("--plots", "Also draw the pictures of 'musat plot' (NAME.plan.svg, ...)."),
+    flag("--html", "Also write the page of 'musat report' (NAME.html)."),
+    flag("--gis", "Also write stations, points and observations for GIS (NAME.gpkg, GeoJSON)."),
     options.crs_option(
         "With --gis: coordinate system of these files, on the ellipsoid of the job, for example EPSG:4267."
     ),
 )
 _punch_options = options_of(
-    click.option(
+    option(
         "--punch",
-        type=click.Choice(["restart", "result"]),
-        help="Also write NAME.pun: a deck to start again from (restart), or the adjusted values with their sigmas "
+        "Also write NAME.pun: a deck to start again from (restart), or the adjusted values with their sigmas "
         "for another job (result).",
+        click.Choice(["restart", "result"]),
     ),
-    click.option(
-        "--punch-family",
-        metavar="FAMILY",
-        help="Punch the files of this family and not a deck: giant, patb, bingo, jfk, or that of --formats.",
+    option(
+        "--punch-family FAMILY",
+        "Punch the files of this family and not a deck: giant, patb, bingo, jfk, or that of --formats.",
     ),
-    click.option(
+    option(
         "--punch-points",
-        type=click.Choice(["none", "control", "all"]),
-        help="Ground points to punch as control. Default: all in a result, none in a restart.",
+        "Ground points to punch as control. Default: all in a result, none in a restart.",
+        click.Choice(["none", "control", "all"]),
     ),
-    click.option(
-        "--punch-kind",
-        type=click.Choice(["F", "H", "V", "C"]),
-        help="Kind of control of the points of a result. Default: F.",
+    option(
+        "--punch-kind", "Kind of control of the points of a result. Default: F.", click.Choice(["F", "H", "V", "C"])
     ),
-    click.option(
+    option(
         "--punch-sigmas/--no-punch-sigmas",
-        default=None,
-        help="Punch a result with its sigmas (default); without them stations are starting values and control has "
+        "Punch a result with its sigmas (default); without them stations are starting values and control has "
         "no error.",
-    ),
-    click.option(
-        "--punch-plates/--no-punch-plates",
         default=None,
-        help="Punch the plate coordinates. Default: only in a restart.",
+    ),
+    option(
+        "--punch-plates/--no-punch-plates", "Punch the plate coordinates. Default: only in a restart.", default=None
     ),
 )
 
@@ -102,9 +95,7 @@ _punch_options = options_of(
 @options.quiet_run_option
 @options.warnings_option
 @options.carriage_control_option
-@click.option(
-    "--brief", is_flag=True, help="Write a short listing, of at most 40 pages, without the input and residuals."
-)
+@flag("--brief", "Write a short listing, of at most 40 pages, without the input and residuals.")
 @options.record_option
 @options.causes_option
 @shown_options
@@ -112,9 +103,7 @@ _punch_options = options_of(
 @options.date_option
 @options.picture_options("plots")
 @options.page_options
-@click.option(
-    "--punch-edits", is_flag=True, help="Also write NAME.edited.crd, the deck without the blunders found."
-)
+@flag("--punch-edits", "Also write NAME.edited.crd, the deck without the blunders found.")
 @_punch_options
 @click.pass_context
 def run_command(
@@ -321,11 +310,10 @@ def _show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
 @options.csv_option
 @options.strict_option
 @options.date_option
-@click.option("--punch", is_flag=True, help="Also write NAME.pun, a deck from which a run can start.")
-@click.option(
+@flag("--punch", "Also write NAME.pun, a deck from which a run can start.")
+@flag(
     "--study",
-    is_flag=True,
-    help="Also study where random starts lead, and how depths and dry points change the precision: NAME.study.txt "
+    "Also study where random starts lead, and how depths and dry points change the precision: NAME.study.txt "
     "and pictures; needs the extra 'plots'.",
 )
 @options.picture_options("study")

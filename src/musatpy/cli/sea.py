@@ -13,6 +13,8 @@ from musatpy.cli.options import (
     LazyGroup,
     columns_of,
     columns_option,
+    flag,
+    option,
     options_of,
     out_option,
     picture_options,
@@ -50,20 +52,17 @@ class SigmaOption(Numbers):
 
 
 precision_options = options_of(
-    click.option(
-        "--sigma",
-        type=SigmaOption(),
-        metavar="M|X,Y,Z",
-        help="Sigma of points that have none of their own: one for all coordinates, or one for each.",
+    option(
+        "--sigma M|X,Y,Z",
+        "Sigma of points that have none of their own: one for all coordinates, or one for each.",
+        SigmaOption(),
     ),
-    click.option(
-        "--image-sigma", type=POSITIVE, metavar="UM", help="Sigma of plate coordinates; replaces --sigma."
-    ),
+    option("--image-sigma UM", "Sigma of plate coordinates; replaces --sigma.", POSITIVE),
     columns_option,
     quiet_option,
-    click.option("--focal", type=POSITIVE, metavar="MM", help="Focal length of the pair, with --image-sigma."),
-    click.option("--pair", metavar="LEFT,RIGHT", help="Names of the two stations, if there are more."),
-    click.option("--only", multiple=True, metavar="PATTERN", help="Use only points with such names, as 'W*'."),
+    option("--focal MM", "Focal length of the pair, with --image-sigma.", POSITIVE),
+    option("--pair LEFT,RIGHT", "Names of the two stations, if there are more."),
+    option("--only PATTERN", "Use only points with such names, as 'W*'.", multiple=True),
 )
 
 
@@ -112,14 +111,14 @@ def command() -> None:
 
 @command.command(name="fit", short_help="Estimate the surface of the water.")
 @click.argument("points", type=click.Path(path_type=Path))
-@click.option("--model", type=click.Choice(list(_OF)), default="fourier", show_default=True, help="Waves or grid.")
-@click.option("--shortest", type=POSITIVE, metavar="M", help="Shortest wave; default: the mean point spacing.")
-@click.option("--longest", type=POSITIVE, metavar="M", help="Longest wave; default: the extent of the points.")
-@click.option("--most", type=click.IntRange(0, 50), help="Largest number of waves. Default: 8.")
-@click.option("--spacing", type=POSITIVE, metavar="M", help="Spacing of the grid; default: that of the points.")
-@click.option("--curvature", type=POSITIVE, metavar="1/M", help="Sigma of the curvature; default: the likeliest.")
-@click.option("--cameras", "stations", type=click.Path(path_type=Path), help="The two stations, for --image-sigma.")
-@click.option("--plots", is_flag=True, help="Also draw the picture NAME.surface.png; needs the extra 'plots'.")
+@option("--model", "Waves or grid.", click.Choice(list(_OF)), shown="fourier")
+@option("--shortest M", "Shortest wave; default: the mean point spacing.", POSITIVE)
+@option("--longest M", "Longest wave; default: the extent of the points.", POSITIVE)
+@option("--most", "Largest number of waves. Default: 8.", click.IntRange(0, 50))
+@option("--spacing M", "Spacing of the grid; default: that of the points.", POSITIVE)
+@option("--curvature 1/M", "Sigma of the curvature; default: the likeliest.", POSITIVE)
+@option("--cameras", "The two stations, for --image-sigma.", click.Path(path_type=Path), name="stations")
+@flag("--plots", "Also draw the picture NAME.surface.png; needs the extra 'plots'.")
 @picture_options("plots")
 @system_options
 @out_option

@@ -14,7 +14,7 @@ import click
 from musatpy.cli import options
 from musatpy.cli.depth_options import POSITIVE, Finite, index_by, index_options, system_options
 from musatpy.cli.messages import complain, name_of, progress_through, tell
-from musatpy.cli.options import NamedPath, options_of
+from musatpy.cli.options import FILE, flag, option, options_of
 from musatpy.cli.sea import pair_by, precision_by, precision_options
 
 if TYPE_CHECKING:
@@ -29,22 +29,21 @@ UNHELPFUL = 3  # exit status of the old name where the interpolation does not he
 _RECORD, _TABLES, _LAS = ".json", (".csv", ".xyz", ".txt"), (".las", ".laz")
 control_options = options_of(
     click.option("--trend", type=click.Choice(["constant", "plane"]), default="constant", show_default=True),
-    click.option(
+    option(
         "--function",
-        "families",
+        "Covariance function to try; may be repeated. Default: all.",
+        click.Choice(FAMILIES),
+        name="families",
         multiple=True,
-        type=click.Choice(FAMILIES),
-        help="Covariance function to try; may be repeated. Default: all.",
     ),
-    click.option("--no-noise", is_flag=True, help="Estimate no noise; use the sigmas of the control."),
-    click.option("--keep-outliers", is_flag=True, help="Also use control points that contradict the others."),
-    click.option(
-        "--reach",
-        type=POSITIVE,
-        metavar="M",
-        help="Largest distance from a control point at which heights are corrected. Default: from the covariance.",
+    flag("--no-noise", "Estimate no noise; use the sigmas of the control."),
+    flag("--keep-outliers", "Also use control points that contradict the others."),
+    option(
+        "--reach M",
+        "Largest distance from a control point at which heights are corrected. Default: from the covariance.",
+        POSITIVE,
     ),
-    click.option("--plots", is_flag=True, help="Also draw the picture NAME.png; needs the extra 'plots'."),
+    flag("--plots", "Also draw the picture NAME.png; needs the extra 'plots'."),
 )
 CONTROL_SIGMA: Any = {
     "type": Finite(0.0),
@@ -54,14 +53,10 @@ CONTROL_SIGMA: Any = {
 
 
 @click.command(name="correct", hidden=True)
-@click.argument("points", type=NamedPath())
-@click.option(
-    "-o", "--out", required=True, type=NamedPath(), help="File of true points to write; its suffix says the format."
-)
-@click.option("--surface", required=True, type=NamedPath(), help="Surface NAME.surface.json of 'sea fit'.")
-@click.option(
-    "--cameras", "stations", required=True, type=NamedPath(), help="File with the two stations of the pair."
-)
+@click.argument("points", type=FILE)
+@option("-o --out", "File of true points to write; its suffix says the format.", FILE, required=True)
+@option("--surface", "Surface NAME.surface.json of 'sea fit'.", FILE, required=True)
+@option("--cameras", "File with the two stations of the pair.", FILE, name="stations", required=True)
 @system_options
 @index_options
 @precision_options
@@ -145,9 +140,9 @@ def reject(ctx: click.Context, points: Path, why: str = "no point is corrected")
 
 
 @click.command(name="interpolate", hidden=True)
-@click.argument("points", type=NamedPath())
-@click.argument("control", type=NamedPath())
-@click.option("-o", "--out", required=True, type=NamedPath(), help="File of corrected points to write.")
+@click.argument("points", type=FILE)
+@click.argument("control", type=FILE)
+@option("-o --out", "File of corrected points to write.", FILE, required=True)
 @options.columns_option
 @system_options
 @control_options
