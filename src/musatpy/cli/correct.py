@@ -11,7 +11,7 @@ import click
 from musatpy.cli import depth_options, options
 from musatpy.cli.depth_options import POSITIVE
 from musatpy.cli.messages import complain, name_of
-from musatpy.cli.options import NamedPath, options_of
+from musatpy.cli.options import FILE, NamedPath, flag, option, options_of
 from musatpy.cli.sea import pair_by
 from musatpy.cli.sea_correct import (
     CONTROL_SIGMA,
@@ -29,32 +29,16 @@ _CONTROL = ("trend", "families", "control_sigma", "no_noise", "keep_outliers", "
 _STATIONS = ("photos", "pointing", "surface", "index", "temperature", "level", "focal", "angle")
 _TABLES_AND_CLOUDS = (".csv", ".xyz", ".txt", ".las", ".laz")
 correction_options = options_of(
-    click.option(
-        "-o",
-        "--out",
-        required=True,
-        type=NamedPath(),
-        help="File of true points to write; its suffix says the format.",
-    ),
-    click.option(
-        "--photos",
-        default="",
-        metavar="NAME,NAME",
-        help="Use only these photos, as the two of a model. Default: all.",
-    ),
-    click.option(
-        "--pointing",
-        type=POSITIVE,
-        metavar="UM",
-        help="Sigma of an image coordinate. Default with --run: that of its plates.",
-    ),
+    option("-o --out", "File of true points to write; its suffix says the format.", FILE, required=True),
+    option("--photos NAME,NAME", "Use only these photos, as the two of a model. Default: all.", default=""),
+    option("--pointing UM", "Sigma of an image coordinate. Default with --run: that of its plates.", POSITIVE),
     depth_options.system_options,
     depth_options.index_options,
     depth_options.camera_options,
     options.columns_option,
-    click.option("--layer", default="", help="Layer of a GeoPackage that has several."),
-    click.option("--band", default="", help="Band of a raster that has the heights, if it has several."),
-    click.option("--surface", is_flag=True, help="Write a raster of true heights, depths and sigmas."),
+    option("--layer", "Layer of a GeoPackage that has several.", default=""),
+    option("--band", "Band of a raster that has the heights, if it has several.", default=""),
+    flag("--surface", "Write a raster of true heights, depths and sigmas."),
     options.strict_option,
     options.processes_option,
     options.quiet_option,
@@ -62,22 +46,16 @@ correction_options = options_of(
 
 
 @click.command(name="correct", short_help="Correct apparent points for refraction.")
-@click.argument("points", type=NamedPath())
-@click.option("--run", type=NamedPath(), metavar="RUN.json", help="Take the stations of this run.")
-@click.option(
-    "--job", type=NamedPath(exists=True), metavar="NAME.job", help="Job of an import, whose run --run is."
-)
-@click.option(
-    "--rays", type=click.IntRange(min=2), default=12, show_default=True, help="Rays of a point, with --job."
-)
-@click.option("--cloud-sigma", type=POSITIVE, metavar="PX", help="Sigma of the matcher's images, with --job.")
+@click.argument("points", type=FILE)
+@option("--run RUN.json", "Take the stations of this run.", FILE)
+@option("--job NAME.job", "Job of an import, whose run --run is.", NamedPath(exists=True))
+@option("--rays", "Rays of a point, with --job.", click.IntRange(min=2), shown=12)
+@option("--cloud-sigma PX", "Sigma of the matcher's images, with --job.", POSITIVE)
 @options.water_options
-@click.option("--stations", type=NamedPath(), metavar="CSV", help="Take the stations of this table.")
-@click.option("--sea", type=NamedPath(), metavar="SURFACE.json", help="Correct through this surface of 'sea fit'.")
-@click.option(
-    "--by-control", type=NamedPath(), metavar="CONTROL", help="Correct heights by errors at control points."
-)
-@click.option("--control-sigma", **CONTROL_SIGMA)
+@option("--stations CSV", "Take the stations of this table.", FILE)
+@option("--sea SURFACE.json", "Correct through this surface of 'sea fit'.", FILE)
+@option("--by-control CONTROL", "Correct heights by errors at control points.", FILE)
+@option("--control-sigma M", **CONTROL_SIGMA)
 @control_options
 @correction_options
 @click.pass_context

@@ -46,9 +46,8 @@ control_options = options_of(
     flag("--plots", "Also draw the picture NAME.png; needs the extra 'plots'."),
 )
 CONTROL_SIGMA: Any = {
-    "type": Finite(0.0),
-    "metavar": "M",
-    "help": "Sigma of control points that have none of their own. Default: 0.",
+    "meaning": "Sigma of control points that have none of their own. Default: 0.",
+    "kind": Finite(0.0),
 }
 
 
@@ -146,7 +145,7 @@ def reject(ctx: click.Context, points: Path, why: str = "no point is corrected")
 @options.columns_option
 @system_options
 @control_options
-@click.option("--sigma", "control_sigma", **CONTROL_SIGMA)
+@option("--sigma M", name="control_sigma", **CONTROL_SIGMA)
 @options.quiet_option
 @click.pass_context
 def interpolate_command(ctx: click.Context, /, points: Path, control: Path, **given: Any) -> None:
