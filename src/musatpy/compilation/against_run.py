@@ -17,18 +17,11 @@ from musatpy.adjustment.propagation import pieces
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.waterline import water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.compilation import true_points
 from musatpy.compilation.compiled import CompiledModel, plates_of_run, points_of_run, same_readings
 from musatpy.compilation.loop import Drive, stages
 from musatpy.compilation.stereomodels import off_plate
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in
-from musatpy.compilation.true_points import (
-    CompiledPoints,
-    Readings,
-    images_of,
-    network_of,
-    network_of_plates,
-    true_points,
-)
 from musatpy.geometry.collinearity import in_front
 from musatpy.model.compilation import AGAIN
 from musatpy.model.tables import taken
@@ -136,7 +129,7 @@ def predicted(model: CompiledModel, points: IntArray) -> FloatArray:
     """Return what the stages (r, 2, 2) mm should read of points (r,) of the run."""
     run = model.stereo.run
     ground, submerged = run.frame.working(run.position[points]), run.block.points.bathymetric[points]
-    return images_of(run, model.stereo.photos, ground, submerged)
+    return true_points.images_of(run, model.stereo.photos, ground, submerged)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -163,7 +156,7 @@ def difference_covariances(
     of a point.
     """
     run = model.stereo.run
-    _, network, state = network_of(run, model.stereo.photos, model.readings.part(rows))
+    _, network, state = true_points.network_of(run, model.stereo.photos, model.readings.part(rows))
     state = replace(state, ground=run.frame.working(model.points.position[rows]))
     network = network.with_plates(network.xy, model.points.wet[rows].T.reshape(-1))
     compiled, of_run = _influences(run, network, state), _influences(run, *_run_network(run, points))
@@ -206,7 +199,7 @@ def _run_network(run: AdjustedRun, points: IntArray) -> tuple[Network, State]:
     part = taken(plates, np.flatnonzero(used))
     sigma = part.sigma * run.unit_sigma
     part = replace(part, point=number[part.point], sigma=sigma, triangulated=np.zeros(len(sigma), dtype=bool))
-    _, network, state = network_of_plates(run, taken(block.points, points), part)
+    _, network, state = true_points.network_of_plates(run, taken(block.points, points), part)
     state = replace(state, ground=run.frame.working(run.position[points]))
     line = water_line(network, state, block.points.bathymetric[points])
     return network.with_plates(network.xy, line.wet), state
@@ -253,7 +246,7 @@ class Expected:
 
     place: FloatArray
     depth: FloatArray
-    points: CompiledPoints
+    points: true_points.CompiledPoints
     pointing: FloatArray
 
     @property
@@ -334,5 +327,7 @@ def _below_water(model: CompiledModel, xy: FloatArray, depth: FloatArray) -> Flo
     return place
 
 
-def _compiled(model: CompiledModel, xy: FloatArray, submerged: BoolArray) -> CompiledPoints:
-    return true_points(model.stereo.run, model.stereo.photos, Readings.of(xy, submerged, model.pointing))
+def _compiled(model: CompiledModel, xy: FloatArray, submerged: BoolArray) -> true_points.CompiledPoints:
+    return true_points.true_points(
+        model.stereo.run, model.stereo.photos, true_points.Readings.of(xy, submerged, model.pointing)
+    )

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from musatpy import model
 from musatpy.adjustment.considered import extended
 from musatpy.adjustment.iteration import LEVEL, initial_state, is_considered, water_knowledge
 from musatpy.adjustment.job import build_network
@@ -21,24 +22,6 @@ from musatpy.errors import AdjustmentError, CompilationError, Problem
 from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame
 from musatpy.geometry.systems import Geocentric, Geographic, System
-from musatpy.model import (
-    Block,
-    Cameras,
-    CoordinateSystem,
-    Grade,
-    LevelPairs,
-    Options,
-    Photos,
-    Points,
-    Program,
-    Refraction,
-    StationPairs,
-    SystemSpec,
-    Treatment,
-    Water,
-    WaterLevel,
-    WaterPrecision,
-)
 from musatpy.model.tables import empty
 from musatpy.records import run_tables
 from musatpy.records.json_files import read_record
@@ -65,12 +48,12 @@ class AdjustedRun:
     their adjusted parameters, None where it is level.
     """
 
-    block: Block
+    block: model.Block
     given: FloatArray
     covariance: FloatArray
-    pairs: StationPairs
-    levels: LevelPairs | None
-    water: WaterPrecision | None
+    pairs: model.StationPairs
+    levels: model.LevelPairs | None
+    water: model.WaterPrecision | None
     position: FloatArray
     point_covariance: FloatArray
     triangulated: BoolArray
@@ -78,7 +61,7 @@ class AdjustedRun:
     unit_sigma: float
     freedom: float = np.inf
     sea: Sea | None = None
-    stated: SystemSpec | None = None  # how the answer of the run is stated; None: in the system of the job
+    stated: model.SystemSpec | None = None  # how the answer of the run is stated; None: in the system of the job
     caution: str = ""
     because: str = ""
 
@@ -122,7 +105,7 @@ class AdjustedRun:
         return int(rows[0])
 
 
-def waves_of_run(block: Block, adjusted: FloatArray | None, given: Sea | None = None) -> Sea | None:
+def waves_of_run(block: model.Block, adjusted: FloatArray | None, given: Sea | None = None) -> Sea | None:
     """Return the waves on the water of a block, or those `given` beside it, with `adjusted` (k, 4) parameters.
 
     Raises `CompilationError` where they are not known.
@@ -193,7 +176,7 @@ def of_tables(tables: Tables, anyway: bool = False, sea: Sea | None = None, idea
 def _doubts(tables: Tables) -> tuple[str, str]:
     """Return what the verdict on a run that has converged says against it, and why; nothing of one accepted."""
     verdict = tables["verdict"]
-    if Grade(verdict["grade"]) is Grade.ACCEPTED:
+    if model.Grade(verdict["grade"]) is model.Grade.ACCEPTED:
         return "", ""
     return f"the run is {verdict['grade'].lower()}", "; ".join(reason["text"] for reason in verdict["reasons"])
 
@@ -205,7 +188,7 @@ def _known_of(tables: Tables) -> list[str]:
     return held + list(chain.from_iterable(chain.from_iterable(tables[name]["points"] for name in _CONTROL[1:])))
 
 
-def of_block(block: Block) -> AdjustedRun:
+def of_block(block: model.Block) -> AdjustedRun:
     """Return the triangulation of a punched deck: stations and control as they stand there, without error.
 
     So does its water, whose sigmas on the cards are those of errors that are not adjusted (`considered`). Raises
@@ -226,7 +209,7 @@ def of_block(block: Block) -> AdjustedRun:
     position = np.full((count, 3), np.nan)
     position[block.control.point[known]] = block.control.position[known]
     return AdjustedRun(
-        block=Block(  # what compilation needs of it
+        block=model.Block(  # what compilation needs of it
             titles=(),
             options=block.options,
             ellipsoid=block.ellipsoid,
@@ -238,7 +221,7 @@ def of_block(block: Block) -> AdjustedRun:
         ),
         given=photos.position,
         covariance=np.zeros((len(photos.ids), 6, 6)),
-        pairs=StationPairs(photo=np.empty((0, 2), dtype=np.int64), covariance=np.empty((0, 6, 6))),
+        pairs=model.StationPairs(photo=np.empty((0, 2), dtype=np.int64), covariance=np.empty((0, 6, 6))),
         levels=None,
         water=_water_of_cards(block, sea),
         position=position,
@@ -254,7 +237,7 @@ def of_block(block: Block) -> AdjustedRun:
 
 def of_stations(
     names: tuple[str, ...], position: FloatArray, rotation: FloatArray, camera: FloatArray, tide: FloatArray,
-    sigma: FloatArray, water: Water,
+    sigma: FloatArray, water: model.Water,
 ) -> AdjustedRun:  # fmt: skip
     """Return k stations of a table as a triangulation, their errors independent of each other.
 
@@ -263,17 +246,17 @@ def of_stations(
     `CompilationError`.
     """
     count, nothing = len(names), np.full(position.shape, np.nan)
-    block = Block(
+    block = model.Block(
         titles=(),
-        options=Options(program=Program.IIIA, system=CoordinateSystem.LOCAL),
+        options=model.Options(program=model.Program.IIIA, system=model.CoordinateSystem.LOCAL),
         water=water,
-        cameras=Cameras(
+        cameras=model.Cameras(
             ids=np.array(names),
             focal_length=camera[:, 0],
             principal_point=np.zeros((count, 2)),
             format_size=camera[:, 1:],
         ),
-        photos=Photos(
+        photos=model.Photos(
             ids=np.array(names),
             camera=np.arange(count),
             position=position,
@@ -283,45 +266,45 @@ def of_stations(
             tide=tide,
             tide_sigma=sigma[:, 6],
         ),
-        points=empty(Points),
+        points=empty(model.Points),
     )
     diagonal = np.square(sigma[:, :6, None]) * np.eye(6)
-    pairs = StationPairs(photo=np.empty((0, 2), dtype=np.int64), covariance=np.empty((0, 6, 6)))
+    pairs = model.StationPairs(photo=np.empty((0, 2), dtype=np.int64), covariance=np.empty((0, 6, 6)))
     return replace(of_block(block), covariance=diagonal, pairs=pairs)
 
 
-def _with_known_water(block: Block) -> Block:
+def _with_known_water(block: model.Block) -> model.Block:
     """Return a block that adjusts no water; tides that had a correction in common have an error in common."""
     options, photos = block.options, block.photos
     nothing = np.full(len(photos.ids), "")
     group, day = {
-        WaterLevel.ONE: (np.full(len(photos.ids), "ONE"), nothing),
-        WaterLevel.DAY: (nothing, photos.tide_day),
-        WaterLevel.GROUP: (photos.tide_group, nothing),
-        WaterLevel.PHOTO: (nothing, nothing),
+        model.WaterLevel.ONE: (np.full(len(photos.ids), "ONE"), nothing),
+        model.WaterLevel.DAY: (nothing, photos.tide_day),
+        model.WaterLevel.GROUP: (photos.tide_group, nothing),
+        model.WaterLevel.PHOTO: (nothing, nothing),
     }.get(options.water_level, (photos.tide_group, photos.tide_day))
     return replace(
         block,
         photos=replace(photos, tide_group=group, tide_day=day),
         options=replace(
             options,
-            program=Program.IIA,
-            refraction=Refraction.RIGOROUS,
-            water_level=WaterLevel.KNOWN,
-            water_tilt=Treatment.KNOWN,
-            water_index=Treatment.KNOWN,
+            program=model.Program.IIA,
+            refraction=model.Refraction.RIGOROUS,
+            water_level=model.WaterLevel.KNOWN,
+            water_tilt=model.Treatment.KNOWN,
+            water_index=model.Treatment.KNOWN,
         ),
     )
 
 
-def _water_of_cards(block: Block, sea: Sea | None) -> WaterPrecision | None:
+def _water_of_cards(block: model.Block, sea: Sea | None) -> model.WaterPrecision | None:
     """Return the variances of the water of a block that adjusts none of it, by the sigmas on its cards."""
     network = build_network(block, job_frame(block), participation(block), sea)
     wide = extended(block, network, initial_state(network))
     count = len(wide.sigma)
     if not count:
         return None
-    return WaterPrecision(
+    return model.WaterPrecision(
         names=tuple(wide.names),
         covariance=np.diag(np.square(wide.sigma)),
         stations=np.zeros((len(block.photos.ids), 6, count)),

@@ -10,20 +10,9 @@ import numpy as np
 
 from musatpy import model
 from musatpy.arrays import IntArray
-from musatpy.formats import mapping, system_rows
+from musatpy.formats import job_tables, mapping, system_rows
 from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.formats.draft import Draft, first_of_names
-from musatpy.formats.job_tables import (
-    COVARIANCES,
-    PLACES,
-    ROLES,
-    Table,
-    Tables,
-    keys_of,
-    roles_of,
-    size,
-    table_of,
-)
 from musatpy.formats.statements import in_words
 from musatpy.geometry.collinearity import AngleForm, other_angles
 from musatpy.model import tables
@@ -89,10 +78,10 @@ def waves_of(draft: Draft) -> model.Waves:
     return model.Waves(**values)
 
 
-def _correlations(draft: Draft, table: str) -> Table:
+def _correlations(draft: Draft, table: str) -> job_tables.Table:
     """Return the column of a table that the cards of covariances say."""
     correlation = np.full((len(draft.rows[table]), 3), np.nan)
-    for role in (role for role, of in COVARIANCES.items() if of == table):
+    for role in (role for role, of in job_tables.COVARIANCES.items() if of == table):
         row = first_of_names(draft.rows[table], draft.rows[role])
         correlation[row >= 0] = draft.rows[role][f"{table}.correlation"][row[row >= 0]]
         return {"correlation": correlation}
@@ -109,7 +98,7 @@ def _equal_elevations(draft: Draft) -> model.EqualElevations:
     return model.EqualElevations(ids=ids, sigma=sigma, group=group[row], point=points[row, column])
 
 
-def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, Table]]:
+def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, job_tables.Table]]:
     """Yield the cards of a canonical deck, in their order: the columns of each kind that the block needs.
 
     Raises `SystemsError` where the block cannot be stated as its deck is to be.
@@ -118,7 +107,7 @@ def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, Tab
         yield spec, mapping.scatter(spec, values, angle)
 
 
-def values_of_cards(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, Table, float]]:
+def values_of_cards(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, job_tables.Table, float]]:
     """Yield the same cards with what they say by model attribute, and the radians of their unit of angles."""
     given_in = block.given_in
     block, stating = in_words(block)
@@ -126,8 +115,8 @@ def values_of_cards(block: model.Block, family: Family) -> Iterator[tuple[CardSp
 
 
 def cards_of_tables(
-    tables: Tables, family: Family, system: str | None, given_in: model.SystemSpec | None = None
-) -> Iterator[tuple[CardSpec, Table, float]]:
+    tables: job_tables.Tables, family: Family, system: str | None, given_in: model.SystemSpec | None = None
+) -> Iterator[tuple[CardSpec, job_tables.Table, float]]:
     """Yield the cards of tables, of which any may be missing, with their values and radians.
 
     Of several cards for one thing they are those of the system, or of how the deck is stated.
@@ -135,51 +124,53 @@ def cards_of_tables(
     unit = AngleUnit.DMS if given_in is None else given_in.unit
     matrices = given_in is not None and given_in.angles == system_rows.MATRICES
     geographic = (system if given_in is None else given_in.kind) == model.CoordinateSystem.GEOGRAPHIC
-    angular = {**dict.fromkeys(PLACES, geographic), "attitudes": not matrices}
-    role_of = {spec: role for role, specs in roles_of(family).items() for spec in specs}
+    angular = {**dict.fromkeys(job_tables.PLACES, geographic), "attitudes": not matrices}
+    role_of = {spec: role for role, specs in job_tables.roles_of(family).items() for spec in specs}
     for spec in family.cards.values():
         role = role_of.get(spec, "")
-        if role in angular and mapping.is_angular(spec, ROLES[role]) != angular[role]:
+        if role in angular and mapping.is_angular(spec, job_tables.ROLES[role]) != angular[role]:
             continue
         if angular.get(role) and mapping.has_stated_unit(spec) != (unit is not AngleUnit.DMS):
             continue
         values = tables.get(role, {})
         if role == "water" and "water_conditions" in role_of.values():
             values = _without_computed_index(values, tables.get("water_conditions", {}))
-        for covariances, table in COVARIANCES.items():
+        for covariances, table in job_tables.COVARIANCES.items():
             if role == table and covariances in tables:
                 values = _without_sigmas_of(role, values, tables[covariances])
-        if size(values) or not spec.fields:
+        if job_tables.size(values) or not spec.fields:
             yield spec, values, system_rows.radians_of(unit)
 
 
-def _without_computed_index(water: Table, conditions: Table) -> Table:
+def _without_computed_index(water: job_tables.Table, conditions: job_tables.Table) -> job_tables.Table:
     """Return what the water card says where another one says what its index comes from: nothing, if that is all."""
-    if not size(conditions):
+    if not job_tables.size(conditions):
         return water
     others = [column for path, column in water.items() if path not in ("water.index", "water.liquid")]
     return {**water, "water.index": np.full(1, np.nan)} if any((one == one).any() for one in others) else {}
 
 
-def _without_sigmas_of(role: str, places: Table, covariances: Table) -> Table:
+def _without_sigmas_of(role: str, places: job_tables.Table, covariances: job_tables.Table) -> job_tables.Table:
     """Return what the cards of places say where others have the same sigmas with their correlations."""
     path = f"{role}.sigma"
-    sigmas = dict(zip(keys_of(role, covariances), covariances[path].tolist(), strict=True))
-    rows = zip(keys_of(role, places), places[path].tolist(), strict=True)
+    sigmas = dict(zip(job_tables.keys_of(role, covariances), covariances[path].tolist(), strict=True))
+    rows = zip(job_tables.keys_of(role, places), places[path].tolist(), strict=True)
     same = np.array([sigmas.get(name) == sigma for name, sigma in rows], dtype=bool)
     return {**places, path: np.where(same[:, None], np.nan, places[path])}
 
 
-def tables_of(block: model.Block, family: Family) -> Tables:
+def tables_of(block: model.Block, family: Family) -> job_tables.Tables:
     """Return everything that a block says, but for how it is stated: what the cards of a family say of it."""
-    roles = ((role, specs[0]) for role, specs in roles_of(family).items() if role not in system_rows.TABLES)
+    roles = (
+        (role, specs[0]) for role, specs in job_tables.roles_of(family).items() if role not in system_rows.TABLES
+    )
     tables = {role: _table_of(block, role, spec) for role, spec in roles}
-    return {role: table for role, table in tables.items() if size(table)}
+    return {role: table for role, table in tables.items() if job_tables.size(table)}
 
 
-def _table_of(block: model.Block, role: str, spec: CardSpec) -> Table:
+def _table_of(block: model.Block, role: str, spec: CardSpec) -> job_tables.Table:
     """Return what the cards of a role say, by model attribute, one row for each card."""
-    table = table_of(role)
+    table = job_tables.table_of(role)
     if role == "water_conditions":
         return single_values(block.water and block.water.conditions, table)
     part = getattr(block, table)
@@ -194,7 +185,7 @@ def _table_of(block: model.Block, role: str, spec: CardSpec) -> Table:
             return _equal_elevation_values(block, spec)
         case "stations" | "attitudes" | "tides":
             return _table_values(block, table, _photos_with(block.photos, role))
-        case _ if role in COVARIANCES:
+        case _ if role in job_tables.COVARIANCES:
             return _table_values(block, table, np.flatnonzero(part.correlated))
         case "wave_sigmas":
             return _table_values(block, table, np.flatnonzero(block.waves.unknown))
@@ -203,7 +194,7 @@ def _table_of(block: model.Block, role: str, spec: CardSpec) -> Table:
     return single_values(part, table)
 
 
-def single_values(part: Any, table: str) -> Table:
+def single_values(part: Any, table: str) -> job_tables.Table:
     """Return what the one card of a part of the model says, by model attribute, one row; nothing of no part."""
     if part is None:
         return {}
@@ -217,16 +208,16 @@ def _photos_with(photos: model.Photos, role: str) -> IntArray:
     Photos take their order from the station cards first, then from the attitude and the tide cards.
     """
     lacks = {
-        of: np.isnan(getattr(photos, ROLES[of].partition(".")[2]).reshape(photos.count, -1)).any(axis=1)
+        of: np.isnan(getattr(photos, job_tables.ROLES[of].partition(".")[2]).reshape(photos.count, -1)).any(axis=1)
         for of in ("stations", "attitudes", "tides")
     }
     order = np.argsort(np.argmin(list(lacks.values()), axis=0), kind="stable")
     return order[~lacks[role][order]]
 
 
-def _table_values(block: model.Block, table: str, rows: IntArray) -> Table:
+def _table_values(block: model.Block, table: str, rows: IntArray) -> job_tables.Table:
     part = getattr(block, table)
-    values: Table = {}
+    values: job_tables.Table = {}
     for name, about in columns(type(part)).items():
         value = getattr(part, name)[rows]
         values[f"{table}.{name}"] = getattr(block, about.link).ids[value] if about.link else value
@@ -235,7 +226,7 @@ def _table_values(block: model.Block, table: str, rows: IntArray) -> Table:
     return values
 
 
-def _equal_elevation_values(block: model.Block, spec: CardSpec) -> Table:
+def _equal_elevation_values(block: model.Block, spec: CardSpec) -> job_tables.Table:
     """Return the groups, each on as many cards as its points need, one card for a group without points."""
     groups = block.equal_elevations
     width = sum(slot.path == "equal_elevations.point" for slot in mapping.slots(spec))

@@ -11,24 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from musatpy.errors import DeckError, Problem, in_order, nearest_or_all
-from musatpy.formats import assembly, mapping, system_rows
+from musatpy.formats import assembly, job_tables, mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec
 from musatpy.formats.checks import cross_check
 from musatpy.formats.draft import Draft, draft_of_rows
-from musatpy.formats.job_tables import (
-    ROLES,
-    RoleRows,
-    Table,
-    attributes,
-    blank,
-    card_family,
-    flags_of,
-    nothing,
-    plain_card,
-    roles_of,
-    with_flags,
-)
 from musatpy.formats.musat import has_errors
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, Options, WaterConditions
 
@@ -71,7 +58,9 @@ class BlockBuilder:
 
     def __init__(self, *titles: str, ellipsoid: EllipsoidSpec | str | None = None, **options: Any) -> None:
         """Begin a block with titles, the ellipsoid of a job that is not local, and attributes of `Options`."""
-        self._given: list[RoleRows] = []  # what each call has added; their lines number the rows of all calls
+        self._given: list[
+            job_tables.RoleRows
+        ] = []  # what each call has added; their lines number the rows of all calls
         self._slips: list[Problem] = []
         self._options = self._options_of(options)
         if titles:
@@ -213,11 +202,11 @@ class BlockBuilder:
         Values are of one row, or (k, ...) of k rows; what is left out is blank, as on a card.
         """
         call = _CALLS.get(role, f"add({role!r})")
-        if role not in ROLES or role in system_rows.TABLES:
-            self._slip(call, f"nothing is called so{nearest_or_all(role, ROLES)}")
+        if role not in job_tables.ROLES or role in system_rows.TABLES:
+            self._slip(call, f"nothing is called so{nearest_or_all(role, job_tables.ROLES)}")
             return
-        known = {path.rpartition(".")[2]: path for path in nothing(role)}
-        values: Table = {}
+        known = {path.rpartition(".")[2]: path for path in job_tables.nothing(role)}
+        values: job_tables.Table = {}
         for name, value in columns.items():
             if name not in known:
                 self._slip(call, f"no '{name}' here{nearest_or_all(name, known)}")
@@ -261,17 +250,20 @@ class BlockBuilder:
     def _next(self) -> int:
         return int(self._given[-1].lines[-1]) + 1 if self._given else _OPTIONS + 1
 
-    def _take(self, role: str, values: Table) -> None:
+    def _take(self, role: str, values: job_tables.Table) -> None:
         """Add rows to a role; those of one value are as many as the others."""
         count = max((len(value) for value in values.values()), default=1)
         if any(len(value) not in (1, count) for value in values.values()):
             sizes = ", ".join(f"{path.rpartition('.')[2]} {len(value)}" for path, value in values.items())
             self._slip(_CALLS.get(role, _ANY), f"not as many rows of each: {sizes}")
             return
-        full = {path: values[path] if path in values else blank(role, path, 1) for path in nothing(role)}
+        full = {
+            path: values[path] if path in values else job_tables.blank(role, path, 1)
+            for path in job_tables.nothing(role)
+        }
         full = {path: np.repeat(one, count, axis=0) if len(one) < count else one for path, one in full.items()}
         if count:
-            self._given.append(RoleRows.of(role, (), full, self._next() + np.arange(count)))
+            self._given.append(job_tables.RoleRows.of(role, (), full, self._next() + np.arange(count)))
 
     def _checked(self) -> tuple[Draft, tuple[Problem, ...]]:
         draft = self._draft()
@@ -284,24 +276,26 @@ class BlockBuilder:
     def _draft(self) -> Draft:
         options, first = assembly.single_values(self._options, "options"), np.array([_OPTIONS])
         given = [
-            RoleRows.of(role, (), {path: options[path] for path in nothing(role)}, first) for role in _OF_OPTIONS
+            job_tables.RoleRows.of(role, (), {path: options[path] for path in job_tables.nothing(role)}, first)
+            for role in _OF_OPTIONS
         ]
         given += self._given
-        flags = flags_of((one.role, one.values) for one in given)
-        rows: dict[str, RoleRows] = {}
-        for role, specs in roles_of(card_family()).items():
+        flags = job_tables.flags_of((one.role, one.values) for one in given)
+        rows: dict[str, job_tables.RoleRows] = {}
+        for role, specs in job_tables.roles_of(job_tables.card_family()).items():
             of_role = [one for one in given if one.role == role]
             values = {
-                path: _stacked([one[path] for one in of_role] or [none]) for path, none in nothing(role).items()
+                path: _stacked([one[path] for one in of_role] or [none])
+                for path, none in job_tables.nothing(role).items()
             }
             lines = np.concatenate([first[:0], *(one.lines for one in of_role)])
             cards = specs if role in system_rows.TABLES else (self._spec(role),)
-            rows[role] = RoleRows.of(role, cards, with_flags(role, values, flags), lines)
+            rows[role] = job_tables.RoleRows.of(role, cards, job_tables.with_flags(role, values, flags), lines)
         return draft_of_rows(rows, CardDeck.blank("", self._next()), self._label)
 
     def _spec(self, role: str) -> CardSpec:
         """Return the card of a role that has its units, by the name of the call in place of its own."""
-        card = plain_card(role, self._options.system is CoordinateSystem.GEOGRAPHIC)
+        card = job_tables.plain_card(role, self._options.system is CoordinateSystem.GEOGRAPHIC)
         return replace(card, mnemonic=_CALLS.get(role, f"add({role!r})"))
 
     def _placed(self, problem: Problem) -> Problem:
@@ -314,7 +308,7 @@ class BlockBuilder:
         rows = next((one for one in reversed(self._given) if one.lines[0] <= line <= one.lines[-1]), None)
         if rows is None:
             return _CALLS["options"]
-        about = attributes(rows.role).items()
+        about = job_tables.attributes(rows.role).items()
         links = [path for path, one in about if one.link]
         ids = [path for path, one in about if one.identity or one.key] or links[:1]
         names = [str(name) for path in ids for name in np.ravel(rows[path][line - rows.lines[0]])]
@@ -334,7 +328,7 @@ def _stacked(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
 def _column(role: str, path: str, value: Any) -> NDArray[Any]:
     """Return values of an attribute (k, ...): of one row, or of k. Raises `ValueError` for another shape."""
     codes = mapping.CODES.get(path)
-    like = blank(role, path, 0)
+    like = job_tables.blank(role, path, 0)
     if codes is not None and not isinstance(value, bool | np.ndarray):
         values: list[Any] = [
             codes.get(str(one), one) for one in ([value] if isinstance(value, str | int) else value)

@@ -23,20 +23,7 @@ from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import RoleRows, card_family
 from musatpy.formats.musat import has_errors
 from musatpy.formats.system_rows import columns_of_rows
-from musatpy.model import Block, Options
-from musatpy.model.compilation import (
-    IN_PROFILE,
-    CardLines,
-    Compilation,
-    ContourLevels,
-    ContourSpec,
-    GridSpecs,
-    ProfileSpecs,
-    ProfileTimes,
-    SoundingDatum,
-    StageReadings,
-    StereomodelSpecs,
-)
+from musatpy.model import Block, Options, compilation
 from musatpy.model.tables import Table, columns, stacked, taken
 
 Values = dict[str, NDArray[Any]]  # attribute of a table -> what its cards say
@@ -74,7 +61,7 @@ def compilation_draft(deck: CardDeck) -> Draft:
 
 def read_compilation(
     source: Path | str | bytes, run: Block | None = None, model_faults: ModelFaults | None = None
-) -> tuple[Compilation, tuple[Problem, ...]]:
+) -> tuple[compilation.Compilation, tuple[Problem, ...]]:
     """Return what a compilation deck says, and warnings; the cards of water and ellipsoid are those of the `run`.
 
     `model_faults` says of two photos, field by field of MDL cards, why they make no model of the run. Raises
@@ -88,24 +75,26 @@ def read_compilation(
     return _contents(draft), tuple(problems)
 
 
-def _contents(draft: Draft) -> Compilation:
+def _contents(draft: Draft) -> compilation.Compilation:
     """Return what the cards say."""
-    models = StereomodelSpecs(**_values(draft, "MDL"))
+    models = compilation.StereomodelSpecs(**_values(draft, "MDL"))
     rows = {name: row for row, name in enumerate(models.ids.tolist())}
     lines = np.concatenate([draft.rows[name].lines for name in READINGS])
     order = np.argsort(lines)
-    stages = taken(stacked([_made(StageReadings, _values(draft, name), rows) for name in READINGS]), order)
+    stages = taken(
+        stacked([_made(compilation.StageReadings, _values(draft, name), rows) for name in READINGS]), order
+    )
     datum = {name: column[0].item() for name, column in _values(draft, "VDT").items() if len(column)}
-    return Compilation(
+    return compilation.Compilation(
         titles=tuple(_values(draft, "TTL")["titles"].tolist()),
         models=models,
         stages=_timed(stages, models.ids, _values(draft, "PTM")),
         profiles=_profiles(_values(draft, "PRF"), _values(draft, "PRE"), rows),
-        grids=_made(GridSpecs, _values(draft, "GRD"), {}),
-        datum=SoundingDatum(**datum) if datum else None,
+        grids=_made(compilation.GridSpecs, _values(draft, "GRD"), {}),
+        datum=compilation.SoundingDatum(**datum) if datum else None,
         contours=_contours(draft, "D"),
         heights=_contours(draft, "H"),
-        lines=CardLines(
+        lines=compilation.CardLines(
             models=draft.rows["MDL"].lines,
             stages=lines[order],
             profiles=draft.rows["PRF"].lines,
@@ -128,9 +117,9 @@ def _made(kind: type[Rows], values: Values, models: Mapping[str, int]) -> Rows:
     return kind(**made)
 
 
-def _timed(stages: StageReadings, models: TextArray, cards: Values) -> StageReadings:
+def _timed(stages: compilation.StageReadings, models: TextArray, cards: Values) -> compilation.StageReadings:
     """Return the readings with the times of profiles, which count these in the order of the deck."""
-    time, in_profile = stages.time.copy(), stages.kind == IN_PROFILE
+    time, in_profile = stages.time.copy(), stages.kind == compilation.IN_PROFILE
     for model, profile, first, times in zip(
         *(cards[name] for name in ("model", "ids", "first", "time")), strict=True
     ):
@@ -140,9 +129,9 @@ def _timed(stages: StageReadings, models: TextArray, cards: Values) -> StageRead
     return replace(stages, time=time)
 
 
-def _profiles(cards: Values, ends: Values, models: Mapping[str, int]) -> ProfileSpecs:
+def _profiles(cards: Values, ends: Values, models: Mapping[str, int]) -> compilation.ProfileSpecs:
     """Return the profiles, with the ends that cards of their own give."""
-    profiles = _made(ProfileSpecs, cards, models)
+    profiles = _made(compilation.ProfileSpecs, cards, models)
     names, of_ends = (list(zip(one["model"].tolist(), one["ids"].tolist(), strict=True)) for one in (cards, ends))
     rows = [names.index(name) for name in of_ends]
     places, system = profiles.places.copy(), profiles.system.astype("<U1")
@@ -151,7 +140,7 @@ def _profiles(cards: Values, ends: Values, models: Mapping[str, int]) -> Profile
     return replace(profiles, places=places, system=system, spacing=spacing)
 
 
-def _contours(draft: Draft, kind: str) -> ContourSpec | None:
+def _contours(draft: Draft, kind: str) -> compilation.ContourSpec | None:
     """Return the contours of depth (D) or of height (H) that are asked for."""
     cards, listed = _values(draft, "CIN"), _values(draft, "CIL")
     rows = np.flatnonzero(cards.pop("of") == kind).tolist()
@@ -163,14 +152,14 @@ def _contours(draft: Draft, kind: str) -> ContourSpec | None:
         known["index"] = int(known["index"])
     of_kind, thick = listed["of"] == kind, listed["thick"]
     fine, bold = (listed["levels"][of_kind & which] for which in (~thick, thick))
-    return ContourSpec(
+    return compilation.ContourSpec(
         **known,
         listed=tuple(fine[np.isfinite(fine)].tolist()),
         listed_index=tuple(bold[np.isfinite(bold)].tolist()),
     )
 
 
-def compilation_bytes(deck: Compilation) -> bytes:
+def compilation_bytes(deck: compilation.Compilation) -> bytes:
     """Return the canonical deck of a compilation.
 
     Raises `DeckError` with every value that its field cannot hold.
@@ -208,21 +197,21 @@ def _values_of(table: str, part: Table, models: TextArray) -> Values:
     return values
 
 
-def _of_times(deck: Compilation) -> Iterator[tuple[str, Values]]:
+def _of_times(deck: compilation.Compilation) -> Iterator[tuple[str, Values]]:
     """Yield the times of readings of profiles; those on the stages stand before model points, as their cards do."""
     stages, models = deck.stages, deck.models.ids
     rows: list[tuple[str, str, float, FloatArray]] = []
     for model, name in dict.fromkeys(zip(stages.model.tolist(), stages.ids.tolist(), strict=True)):
-        here = (stages.model == model) & (stages.ids == name) & (stages.kind == IN_PROFILE)
+        here = (stages.model == model) & (stages.ids == name) & (stages.kind == compilation.IN_PROFILE)
         time = np.concatenate([stages.time[here & ~stages.as_points], stages.time[here & stages.as_points]])
         for first, piece in _pieces(time, _ON_A_CARD["PTM"]):
             if np.isfinite(piece).any():
                 rows.append((str(models[model]), name, first + 1.0, piece))
     if rows:
-        yield "PTM", columns_of_rows(ProfileTimes, "profile_times", rows)
+        yield "PTM", columns_of_rows(compilation.ProfileTimes, "profile_times", rows)
 
 
-def _of_surface(deck: Compilation) -> Iterator[tuple[str, Values]]:
+def _of_surface(deck: compilation.Compilation) -> Iterator[tuple[str, Values]]:
     """Yield the cards of the sounding datum and of contours, as far as there are any."""
     if deck.datum is not None:
         yield "VDT", {f"datum.{name}": np.array([value]) for name, value in vars(deck.datum).items()}
@@ -240,7 +229,7 @@ def _of_surface(deck: Compilation) -> Iterator[tuple[str, Values]]:
         for _, levels in _pieces(np.array(listed), _ON_A_CARD["CIL"])
     ]
     if levels_of:
-        yield "CIL", columns_of_rows(ContourLevels, "contour_levels", levels_of)
+        yield "CIL", columns_of_rows(compilation.ContourLevels, "contour_levels", levels_of)
 
 
 def _pieces(values: FloatArray, size: int) -> Iterator[tuple[int, FloatArray]]:

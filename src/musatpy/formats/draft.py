@@ -18,21 +18,9 @@ from numpy.typing import NDArray
 from musatpy import model, units
 from musatpy.arrays import BoolArray, IntArray, TextArray
 from musatpy.errors import Problem
-from musatpy.formats import mapping, system_rows
+from musatpy.formats import job_tables, mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.formats.job_tables import (
-    COVARIANCES,
-    ROLES,
-    Flags,
-    RoleRows,
-    attributes,
-    keys_of,
-    naming,
-    nothing,
-    roles_of,
-    with_flags,
-)
 
 AGREES = 0.5001e-3  # of sigmas: half of the last digit of the cards of control
 
@@ -42,7 +30,7 @@ class Draft:
     """What a deck says. Links are -1 where an identification is blank."""
 
     deck: CardDeck
-    rows: dict[str, RoleRows]  # by role
+    rows: dict[str, job_tables.RoleRows]  # by role
     camera_ids: TextArray
     photo_ids: TextArray
     point_ids: TextArray
@@ -218,24 +206,28 @@ def _slots(spec: CardSpec, path: str, component: int | None) -> list[mapping.Slo
     return [slot for slot in slots if component is None or slot.component in (component, None)]
 
 
-def draft_of(deck: CardDeck, family: Family, flags: Flags | None = None) -> Draft:
+def draft_of(deck: CardDeck, family: Family, flags: job_tables.Flags | None = None) -> Draft:
     """Return the draft of a deck, whatever is wrong with it; its points have `flags` besides those of the cards."""
-    roles = roles_of(family)
+    roles = job_tables.roles_of(family)
     rows = {role: _rows(role, roles.get(role, ()), deck) for role in system_rows.STATING}
     given_in = system_rows.spec_of(system_rows.IN, rows)
     angle = system_rows.radians_of(given_in.unit if given_in else "")
-    rows |= {role: _rows(role, roles.get(role, ()), deck, angle) for role in ROLES if role not in rows}
+    rows |= {role: _rows(role, roles.get(role, ()), deck, angle) for role in job_tables.ROLES if role not in rows}
     if len(rows["matrices"]) and not len(rows["attitudes"]):
         rows["attitudes"] = _by_matrices(rows["attitudes"], rows["matrices"])
     if flags:
-        rows = {role: replace(one, values=with_flags(role, one.values, flags)) for role, one in rows.items()}
+        rows = {
+            role: replace(one, values=job_tables.with_flags(role, one.values, flags)) for role, one in rows.items()
+        }
     return draft_of_rows(rows, deck)
 
 
-def draft_of_rows(rows: dict[str, RoleRows], deck: CardDeck, call: Callable[[int], str] | None = None) -> Draft:
+def draft_of_rows(
+    rows: dict[str, job_tables.RoleRows], deck: CardDeck, call: Callable[[int], str] | None = None
+) -> Draft:
     """Return the draft that the rows of every role make; `deck` is where their lines stand, or `call` says what."""
     given_in = system_rows.spec_of(system_rows.IN, rows)
-    given = {role: table for role, table in COVARIANCES.items() if len(rows[role])}
+    given = {role: table for role, table in job_tables.COVARIANCES.items() if len(rows[role])}
     rows = rows | {table: _with_covariances(rows[table], rows[role]) for role, table in given.items()}
     options = model.Options(**mapping.said_of("options", rows["options"].values | rows["more_options"].values))
     if given_in is not None:  # the adjustment is geographic where it knows no such system
@@ -245,7 +237,7 @@ def draft_of_rows(rows: dict[str, RoleRows], deck: CardDeck, call: Callable[[int
         options = replace(options, system=model.CoordinateSystem(known))
     named: dict[str, Any] = {}
     for table in ("camera", "photo", "point"):
-        paths = naming(f"{table}s")
+        paths = job_tables.naming(f"{table}s")
         named[f"{table}_ids"], links = _first_appearance([rows[role][path] for role, path in paths.items()])
         named[table] = dict(zip(paths, links, strict=True))
     return Draft(
@@ -260,24 +252,26 @@ def draft_of_rows(rows: dict[str, RoleRows], deck: CardDeck, call: Callable[[int
     )
 
 
-def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float = units.DEGREE) -> RoleRows:
+def _rows(
+    role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float = units.DEGREE
+) -> job_tables.RoleRows:
     """Gather the cards of a role, of several mnemonics if there are, in the order of their lines.
 
     `angle` are the radians of the unit that the deck has for decimal angles.
     """
     if not specs:
-        return RoleRows.of(role, (), nothing(role))
+        return job_tables.RoleRows.of(role, (), job_tables.nothing(role))
     present = [spec for spec in specs if len(deck.lines[spec.mnemonic])] or specs[:1]
     parts = [mapping.gather(spec, deck.tables[spec.mnemonic], angle) for spec in present]
     kind = np.repeat([specs.index(spec) for spec in present], [len(deck.lines[spec.mnemonic]) for spec in present])
     lines = np.concatenate([deck.lines[spec.mnemonic] for spec in present])
     order = np.argsort(lines, kind="stable")
-    of_role = [path for path in parts[0] if path in attributes(role)]
+    of_role = [path for path in parts[0] if path in job_tables.attributes(role)]
     values = {path: np.concatenate([part[path] for part in parts])[order] for path in of_role}
-    return RoleRows(role=role, specs=specs, kind=kind[order], lines=lines[order], values=values)
+    return job_tables.RoleRows(role=role, specs=specs, kind=kind[order], lines=lines[order], values=values)
 
 
-def _with_covariances(places: RoleRows, covariances: RoleRows) -> RoleRows:
+def _with_covariances(places: job_tables.RoleRows, covariances: job_tables.RoleRows) -> job_tables.RoleRows:
     """Return the cards of places with the sigmas of those of covariances, where theirs are blank or agree."""
     path = f"{places.role}.sigma"
     given = np.append(covariances[path], np.full((1, 3), np.nan), axis=0)
@@ -286,10 +280,10 @@ def _with_covariances(places: RoleRows, covariances: RoleRows) -> RoleRows:
     return replace(places, values=places.values | {path: np.where(taken, given, sigma)})
 
 
-def first_of_names(rows: RoleRows, others: RoleRows) -> IntArray:
+def first_of_names(rows: job_tables.RoleRows, others: job_tables.RoleRows) -> IntArray:
     """Return the first of other cards that name the point, or photo, of each (k,), -1 for none."""
-    first = {key: row for row, key in reversed(list(enumerate(keys_of(others.role, others.values))))}
-    return np.array([first.get(key, -1) for key in keys_of(rows.role, rows.values)], dtype=int)
+    first = {key: row for row, key in reversed(list(enumerate(job_tables.keys_of(others.role, others.values))))}
+    return np.array([first.get(key, -1) for key in job_tables.keys_of(rows.role, rows.values)], dtype=int)
 
 
 def _first_appearance(columns: list[TextArray]) -> tuple[TextArray, list[IntArray]]:
@@ -301,7 +295,7 @@ def _first_appearance(columns: list[TextArray]) -> tuple[TextArray, list[IntArra
     return unique, [link.reshape(column.shape) for link, column in zip(links, columns, strict=True)]
 
 
-def _by_matrices(attitudes: RoleRows, matrices: RoleRows) -> RoleRows:
+def _by_matrices(attitudes: job_tables.RoleRows, matrices: job_tables.RoleRows) -> job_tables.RoleRows:
     """Return the cards of the attitudes where matrices stand for them: the first of each photo, the angles open."""
     photos, row = matrices["matrices.photo"], matrices["matrices.row"]
     names, first, which = np.unique(photos, return_index=True, return_inverse=True)

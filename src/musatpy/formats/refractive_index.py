@@ -7,30 +7,22 @@ from collections.abc import Iterator
 import numpy as np
 
 from musatpy.model import WaterConditions
-from musatpy.refraction.media import (
-    AIR_RANGES,
-    RANGES,
-    STANDARD_PRESSURE,
-    STANDARD_TEMPERATURE,
-    Formula,
-    relative_index,
-    salinity_of_chlorinity,
-)
+from musatpy.refraction import media
 from musatpy.units import HECTOPASCAL
 
-FORMULAS = {"": Formula.QUAN_FRY, "QUANFRY": Formula.QUAN_FRY, "IAPWS": Formula.IAPWS}
+FORMULAS = {"": media.Formula.QUAN_FRY, "QUANFRY": media.Formula.QUAN_FRY, "IAPWS": media.Formula.IAPWS}
 
 
 def index_of(conditions: WaterConditions) -> float:
     """Return the index of water relative to the air above it; raises `ValueError` beyond the range of a formula."""
     temperature, pressure = conditions.air_temperature, conditions.air_pressure
-    index = relative_index(
+    index = media.relative_index(
         conditions.wavelength,
         conditions.temperature,
         _salinity(conditions),
         formula=FORMULAS[conditions.formula],
-        air_temperature=STANDARD_TEMPERATURE if temperature is None else temperature,
-        air_pressure=STANDARD_PRESSURE if pressure is None else pressure,
+        air_temperature=media.STANDARD_TEMPERATURE if temperature is None else temperature,
+        air_pressure=media.STANDARD_PRESSURE if pressure is None else pressure,
     )
     return float(index)
 
@@ -38,15 +30,15 @@ def index_of(conditions: WaterConditions) -> float:
 def _salinity(conditions: WaterConditions) -> float:
     """Return the salinity; NaN, which no range holds, where neither it nor the chlorinity is given."""
     if conditions.chlorinity is not None:
-        return float(salinity_of_chlorinity(conditions.chlorinity))
+        return float(media.salinity_of_chlorinity(conditions.chlorinity))
     return np.nan if conditions.salinity is None else conditions.salinity
 
 
 def faults(conditions: WaterConditions) -> Iterator[tuple[str, str]]:
     """Yield attribute and message of each value that the formulas do not hold for; NaN counts as not given."""
     formula = FORMULAS[conditions.formula]
-    heat, salt, light = RANGES[formula]
-    air_heat, air_pressure, air_light = AIR_RANGES
+    heat, salt, light = media.RANGES[formula]
+    air_heat, air_pressure, air_light = media.AIR_RANGES
     light = max(light[0], air_light[0]), min(light[1], air_light[1])  # both are needed
     rows = (
         ("temperature", conditions.temperature, 1.0, heat, "degrees Celsius", f"formula {formula}"),

@@ -12,28 +12,10 @@ from typing import Self
 
 import numpy as np
 
+from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, turn_about_one_line, wrapped
 from musatpy.jobs.plan_positions import frame_of
-from musatpy.model import (
-    Block,
-    Control,
-    ControlKind,
-    Editing,
-    Initial,
-    ObservationKind,
-    Options,
-    Photos,
-    PlateMeasurements,
-    PointStatus,
-    Program,
-    Solution,
-    SystemSpec,
-    Treatment,
-    Water,
-    WaterLevel,
-    Waves,
-)
 from musatpy.model.block import in_order, with_tables
 from musatpy.model.tables import empty, stacked, taken
 from musatpy.model.water import WAVE_SIGMAS, known_waves
@@ -57,10 +39,10 @@ class PunchedPoints(StrEnum):
 
 _PUNCHED = ("", "plates", "photos", "control")  # tables of observations that a result has
 KINDS = {
-    "F": ControlKind.FULL,
-    "H": ControlKind.HORIZONTAL,
-    "V": ControlKind.VERTICAL,
-    "C": ControlKind.CHECK,
+    "F": model.ControlKind.FULL,
+    "H": model.ControlKind.HORIZONTAL,
+    "V": model.ControlKind.VERTICAL,
+    "C": model.ControlKind.CHECK,
 }
 
 
@@ -70,7 +52,7 @@ class Punch:
 
     content: Content = Content.RESTART
     points: PunchedPoints | None = None  # None: no point of a restart, all of a result
-    kind: ControlKind | None = None  # of the points of a result; None: full
+    kind: model.ControlKind | None = None  # of the points of a result; None: full
     sigmas: bool | None = None  # of a result, with them where None: without, an approximation, or without error
     plates: bool | None = None  # with plate coordinates; None: those of a restart only
 
@@ -98,12 +80,12 @@ class Punch:
             raise ValueError("a restart has the sigmas of the job, or it would not be the same job")
 
 
-def punched(solution: Solution, punch: Punch) -> tuple[Block, tuple[str, ...]]:
+def punched(solution: model.Solution, punch: Punch) -> tuple[model.Block, tuple[str, ...]]:
     """Return the block that is punched of a solution, and what to note about it."""
     if punch.content is Content.RESTART:
         block, notes = restart(solution, check_points=punch.points is PunchedPoints.ALL)
     else:
-        kind = ControlKind.FULL if punch.kind is None else punch.kind
+        kind = model.ControlKind.FULL if punch.kind is None else punch.kind
         block, notes = result(solution, punch.points or PunchedPoints.ALL, kind)
         if punch.sigmas is False:
             block = _without_sigmas(block)
@@ -111,14 +93,14 @@ def punched(solution: Solution, punch: Punch) -> tuple[Block, tuple[str, ...]]:
     if plates and punch.content is Content.RESULT:
         notes += ("the plate coordinates are in the sigmas of the result already: do not adjust both together",)
     if not plates:
-        block = in_order(replace(block, plates=empty(PlateMeasurements)))
+        block = in_order(replace(block, plates=empty(model.PlateMeasurements)))
     return block, notes
 
 
 # --- restart ---
 
 
-def restart(solution: Solution, *, check_points: bool = False) -> tuple[Block, tuple[str, ...]]:
+def restart(solution: model.Solution, *, check_points: bool = False) -> tuple[model.Block, tuple[str, ...]]:
     """Return the block of a solution with every value that is not observed as it was adjusted, and notes.
 
     An adjustment of it starts where that of the solution came to rest, and has the same observations. Observed
@@ -136,21 +118,21 @@ def restart(solution: Solution, *, check_points: bool = False) -> tuple[Block, t
         notes = ("tilted water turns about the middle of the given stations, which a restart moves a little",)
     control = block.control
     if check_points:
-        control = stacked([control, _adjusted_control(solution, _without_card(block), ControlKind.CHECK)])
+        control = stacked([control, _adjusted_control(solution, _without_card(block), model.ControlKind.CHECK)])
     photos = replace(block.photos, position=position, attitude=attitude, tide=tide)
     punched = replace(block, options=_options(block), photos=photos, water=water, control=control)
     return in_order(punched), notes
 
 
-def _options(block: Block) -> Options:
+def _options(block: model.Block) -> model.Options:
     """Return the options of what is punched: stations are given, and what was taken out as a blunder is out."""
     options = block.options
-    initial = Initial.GIVEN if options.initial is Initial.COMPUTE else options.initial
-    editing = Editing.NONE if options.editing is Editing.EDIT else options.editing
+    initial = model.Initial.GIVEN if options.initial is model.Initial.COMPUTE else options.initial
+    editing = model.Editing.NONE if options.editing is model.Editing.EDIT else options.editing
     return replace(options, initial=initial, editing=editing)
 
 
-def _places_to_start(solution: Solution) -> tuple[FloatArray, FloatArray]:
+def _places_to_start(solution: model.Solution) -> tuple[FloatArray, FloatArray]:
     """Return stations (n, 3) and attitudes (n, 3): given where observed, else adjusted.
 
     A station with some of east, north, up observed moves along the others, and attitudes are those in the vertical
@@ -176,7 +158,7 @@ def _places_to_start(solution: Solution) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def _tides_to_start(solution: Solution) -> FloatArray:
+def _tides_to_start(solution: model.Solution) -> FloatArray:
     """Return the tides (n,): adjusted where their correction is an unknown without prior, else given."""
     photos, water = solution.block.photos, solution.water
     _, correction = _tide_corrections(solution.block)
@@ -186,29 +168,29 @@ def _tides_to_start(solution: Solution) -> FloatArray:
     return np.where(free, water.tide, photos.tide)
 
 
-def _tide_corrections(block: Block) -> tuple[TextArray, IntArray]:
+def _tide_corrections(block: model.Block) -> tuple[TextArray, IntArray]:
     """Return the names (c,) of the unknown corrections of tides, and which one (n,) each tide has, -1 for none."""
     options, photos = block.options, block.photos
     labels = {
-        WaterLevel.ONE: np.full(len(photos.ids), "one"),
-        WaterLevel.PHOTO: photos.ids,
-        WaterLevel.GROUP: photos.tide_group,
-        WaterLevel.DAY: photos.tide_day,
-    }.get(options.water_level if options.program is Program.IIIA else WaterLevel.KNOWN)
+        model.WaterLevel.ONE: np.full(len(photos.ids), "one"),
+        model.WaterLevel.PHOTO: photos.ids,
+        model.WaterLevel.GROUP: photos.tide_group,
+        model.WaterLevel.DAY: photos.tide_day,
+    }.get(options.water_level if options.program is model.Program.IIIA else model.WaterLevel.KNOWN)
     if labels is None or block.water is None:
         return photos.ids[:0], np.full(len(photos.ids), -1)
     ids, link = np.unique(labels, return_inverse=True)
     return ids, np.where(~np.isnan(photos.tide) & (labels != ""), link, -1)
 
 
-def _water_to_start(block: Block, water: Water, solution: Solution) -> Water:
+def _water_to_start(block: model.Block, water: model.Water, solution: model.Solution) -> model.Water:
     """Return the water with what is unknown of it and has no prior as it was adjusted."""
     options, adjusted = block.options, solution.water
-    if adjusted is None or options.program is not Program.IIIA:
+    if adjusted is None or options.program is not model.Program.IIIA:
         return water
-    if options.water_index is Treatment.ADJUST and not water.sigma:
+    if options.water_index is model.Treatment.ADJUST and not water.sigma:
         water = replace(water, index=adjusted.index, conditions=None)
-    if options.water_tilt is Treatment.ADJUST and not water.tilt_sigma:
+    if options.water_tilt is model.Treatment.ADJUST and not water.tilt_sigma:
         east, north = adjusted.tilt.tolist()
         water = replace(water, tilt_east=east, tilt_north=north)
     return water
@@ -217,7 +199,9 @@ def _water_to_start(block: Block, water: Water, solution: Solution) -> Water:
 # --- result ---
 
 
-def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tuple[Block, tuple[str, ...]]:
+def result(
+    solution: model.Solution, points: PunchedPoints, kind: model.ControlKind
+) -> tuple[model.Block, tuple[str, ...]]:
     """Return the adjusted values of a solution with their a posteriori sigmas, for another job, and notes.
 
     Stations, attitudes, water, waves, and `points` as control of one kind, in the system of the answer. What was
@@ -226,7 +210,7 @@ def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tupl
     """
     block, tables = solution.block, solution.block.tables()
     notes = [] if solution.converged else ["the run has not converged: these are not results to use"]
-    used = {kind.attribute: kind.noun for kind in ObservationKind if kind.attribute not in _PUNCHED}
+    used = {kind.attribute: kind.noun for kind in model.ObservationKind if kind.attribute not in _PUNCHED}
     notes += [f"{noun} are left out: {tables[name].count}" for name, noun in used.items() if tables[name].count]
     block = with_tables(
         block, {name: empty(type(of)) for name, of in tables.items() if name in used or of.about in used}
@@ -245,13 +229,13 @@ def result(solution: Solution, points: PunchedPoints, kind: ControlKind) -> tupl
     return in_order(punched), tuple(notes)
 
 
-def _words_of_answer(block: Block) -> SystemSpec | None:
+def _words_of_answer(block: model.Block) -> model.SystemSpec | None:
     """Return how the answer is stated, with sigmas along east, north, up: those of no system need correlations."""
     spec = block.answer_in
     return spec and replace(spec, sigmas="LOCL")
 
 
-def _without_sigmas(block: Block) -> Block:
+def _without_sigmas(block: model.Block) -> model.Block:
     """Return a result whose control is exact, and all else an approximation; waves and index count as known."""
     photos, control, water = block.photos, block.control, block.water
     return replace(
@@ -263,14 +247,14 @@ def _without_sigmas(block: Block) -> Block:
             tide_sigma=np.full_like(photos.tide_sigma, np.nan),
         ),
         control=replace(
-            control, fixed=control.kind != ControlKind.CHECK, sigma=np.full_like(control.sigma, np.nan)
+            control, fixed=control.kind != model.ControlKind.CHECK, sigma=np.full_like(control.sigma, np.nan)
         ),
         water=water and replace(water, sigma=None, tilt_sigma=None),
         waves=known_waves(block.waves),
     )
 
 
-def _photos_found(solution: Solution) -> Photos:
+def _photos_found(solution: model.Solution) -> model.Photos:
     """Return the photos as adjusted; a sigma that is zero or not known leaves a value an approximation.
 
     Omega and kappa that are known only together are approximations too: cards cannot say what they have in common.
@@ -298,7 +282,7 @@ def _sigmas(covariance: FloatArray) -> FloatArray:
         return np.where(sigma > 0.0, sigma, np.nan)
 
 
-def _tides_found(solution: Solution) -> tuple[FloatArray, FloatArray]:
+def _tides_found(solution: model.Solution) -> tuple[FloatArray, FloatArray]:
     """Return the tides (n,) as adjusted, and their sigmas: those of their corrections, else the given ones."""
     photos, water = solution.block.photos, solution.water
     if water is None:
@@ -306,12 +290,12 @@ def _tides_found(solution: Solution) -> tuple[FloatArray, FloatArray]:
     ids, correction = _tide_corrections(solution.block)
     names, sigma = water.correction_ids.tolist(), np.array(photos.tide_sigma)
     for row in np.flatnonzero(correction >= 0).tolist():
-        name = "" if solution.block.options.water_level is WaterLevel.ONE else ids[correction[row]]
+        name = "" if solution.block.options.water_level is model.WaterLevel.ONE else ids[correction[row]]
         sigma[row] = water.correction_sigma[names.index(name)]
     return water.tide, np.where(sigma > 0.0, sigma, np.nan)
 
 
-def _water_found(block: Block, solution: Solution) -> Water | None:
+def _water_found(block: model.Block, solution: model.Solution) -> model.Water | None:
     """Return the water as adjusted, with the sigmas of what was unknown."""
     water, adjusted = block.water, solution.water
     if water is None or adjusted is None:
@@ -325,7 +309,7 @@ def _water_found(block: Block, solution: Solution) -> Water | None:
     return water
 
 
-def _waves_found(waves: Waves, solution: Solution) -> Waves:
+def _waves_found(waves: model.Waves, solution: model.Solution) -> model.Waves:
     """Return the waves as adjusted, with the sigmas of what was unknown.
 
     Where a length was unknown the card gives it, beside the period or the speed that it gave; the rest is for
@@ -346,13 +330,13 @@ def _waves_found(waves: Waves, solution: Solution) -> Waves:
     )
 
 
-def _control_found(solution: Solution, points: PunchedPoints, kind: ControlKind) -> Control:
+def _control_found(solution: model.Solution, points: PunchedPoints, kind: model.ControlKind) -> model.Control:
     """Return the control of a result: cards that stay as given, and adjusted points."""
     control = solution.block.control
-    stays = control.fixed | (control.kind == ControlKind.CHECK)
-    stays |= solution.points.status[control.point] == PointStatus.NOT_DETERMINED
+    stays = control.fixed | (control.kind == model.ControlKind.CHECK)
+    stays |= solution.points.status[control.point] == model.PointStatus.NOT_DETERMINED
     if points is PunchedPoints.NONE:
-        return empty(Control)
+        return empty(model.Control)
     wanted = np.zeros(len(solution.block.points.ids), dtype=bool)
     wanted[control.point[~stays]] = True
     if points is PunchedPoints.ALL:
@@ -360,14 +344,14 @@ def _control_found(solution: Solution, points: PunchedPoints, kind: ControlKind)
     return stacked([taken(control, stays), _adjusted_control(solution, wanted, kind)])
 
 
-def _without_card(block: Block) -> BoolArray:
+def _without_card(block: model.Block) -> BoolArray:
     """Return (p,) the points without a control card."""
     without = np.ones(len(block.points.ids), dtype=bool)
     without[block.control.point] = False
     return without
 
 
-def _adjusted_control(solution: Solution, wanted: BoolArray, kind: ControlKind) -> Control:
+def _adjusted_control(solution: model.Solution, wanted: BoolArray, kind: model.ControlKind) -> model.Control:
     """Return control cards of the `wanted` points (p,) that have a position and its sigmas.
 
     Points that were kept out of the solution are check points, whatever the kind.
@@ -375,10 +359,10 @@ def _adjusted_control(solution: Solution, wanted: BoolArray, kind: ControlKind) 
     points = solution.points
     sigma = _sigmas(points.covariance)
     rows = np.flatnonzero(wanted & np.isfinite(points.position).all(axis=1) & np.isfinite(sigma).all(axis=1))
-    took_part = points.status[rows] == PointStatus.TRIANGULATED
-    return Control(
+    took_part = points.status[rows] == model.PointStatus.TRIANGULATED
+    return model.Control(
         point=rows,
-        kind=np.where(took_part, kind, ControlKind.CHECK),
+        kind=np.where(took_part, kind, model.ControlKind.CHECK),
         fixed=np.zeros(len(rows), dtype=bool),
         position=points.position[rows],
         sigma=sigma[rows],

@@ -7,21 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
-from musatpy.model import (
-    Block,
-    Control,
-    CoordinateSystem,
-    Datum,
-    Grade,
-    Initial,
-    PlaneTreatment,
-    Program,
-    Refraction,
-    Treatment,
-    WaterLevel,
-)
 from musatpy.model.block import in_order
 from musatpy.model.findings import GRADES, Concern, Reason, Verdict
 from musatpy.model.tables import empty
@@ -64,7 +52,7 @@ class Placement:
     misgivings: tuple[Reason, ...]
 
     @property
-    def block(self) -> Block:
+    def block(self) -> model.Block:
         """The block, its plates refined."""
         return self.task.block
 
@@ -128,12 +116,12 @@ def local_attitude(task: OrientationTask, at: Orientation) -> FloatArray:
 
 def doubt(concern: Concern, text: str) -> Reason:
     """Return a reason for doubt."""
-    return Reason(grade=Grade.DOUBTFUL, concern=concern, text=text, section="")
+    return Reason(grade=model.Grade.DOUBTFUL, concern=concern, text=text, section="")
 
 
 def rejection(concern: Concern, text: str) -> Reason:
     """Return a reason to reject an answer."""
-    return Reason(grade=Grade.REJECTED, concern=concern, text=text, section="")
+    return Reason(grade=model.Grade.REJECTED, concern=concern, text=text, section="")
 
 
 def misfit(sigma0: float, what: str = "images") -> Reason:
@@ -147,7 +135,7 @@ def left_out(ids: TextArray, outliers: BoolArray) -> list[Reason]:
     return [doubt(Concern.OBSERVATION, text)] if outliers.any() else []
 
 
-def punched(task: OrientationTask, at: Orientation) -> Block:
+def punched(task: OrientationTask, at: Orientation) -> model.Block:
     """Return the block that IIIA adjusts from an orientation, with the same of the water unknown.
 
     Of a model it is a free network in its axes, without the control, which stands in others.
@@ -159,20 +147,20 @@ def punched(task: OrientationTask, at: Orientation) -> Block:
     if not task.dry:  # the tilt of a deck turns about the middle of the stations
         rise = 0.0 if task.plane.rise is None else task.plane.rise
         tide[task.photos] = float(at.level) + at.station[:, :2].mean(axis=0) @ at.slope + rise
-        tilted = plane is PlaneTreatment.ADJUST or at.slope.any()
+        tilted = plane is model.PlaneTreatment.ADJUST or at.slope.any()
         east, north = (float(part) if tilted else None for part in at.slope)
         water = None if water is None else replace(water, tilt_east=east, tilt_north=north)
     result = replace(
         block,
         options=replace(
             options,
-            program=Program.IIIA,
-            refraction=Refraction.RIGOROUS,
-            system=CoordinateSystem.LOCAL if task.in_model else options.system,
-            initial=Initial.GIVEN,
-            water_level=WaterLevel.KNOWN if plane is PlaneTreatment.KNOWN else WaterLevel.ONE,
-            water_tilt=Treatment.ADJUST if plane is PlaneTreatment.ADJUST else Treatment.KNOWN,
-            datum=Datum.FREE if task.in_model else Datum.CONTROL,
+            program=model.Program.IIIA,
+            refraction=model.Refraction.RIGOROUS,
+            system=model.CoordinateSystem.LOCAL if task.in_model else options.system,
+            initial=model.Initial.GIVEN,
+            water_level=model.WaterLevel.KNOWN if plane is model.PlaneTreatment.KNOWN else model.WaterLevel.ONE,
+            water_tilt=model.Treatment.ADJUST if plane is model.PlaneTreatment.ADJUST else model.Treatment.KNOWN,
+            datum=model.Datum.FREE if task.in_model else model.Datum.CONTROL,
         ),
         orientation=None,
         photos=replace(photos, position=position, attitude=attitude, tide=tide),
@@ -180,4 +168,4 @@ def punched(task: OrientationTask, at: Orientation) -> Block:
     )
     if not task.in_model:
         return result
-    return in_order(replace(result, ellipsoid=None, control=empty(Control), given_in=None, stated_in=None))
+    return in_order(replace(result, ellipsoid=None, control=empty(model.Control), given_in=None, stated_in=None))

@@ -7,24 +7,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import eigh
 
+from musatpy import model
 from musatpy.adjustment.lenses import ideal_plates
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.geodesy import Frame, LocalFrame
 from musatpy.jobs.plan_positions import frame_of
-from musatpy.model import (
-    Block,
-    CoordinateSystem,
-    OrientationMethod,
-    OrientationSpec,
-    PlaneTreatment,
-    Treatment,
-)
 from musatpy.orientation.twomedia.methods import METHODS, TRIPLET
 from musatpy.orientation.twomedia.oriented import OrientationError
 from musatpy.orientation.twomedia.sights import Method, Sights, WaterPlane
 
-_DRY = (OrientationMethod.PAIR_INDEPENDENT, OrientationMethod.PAIR_SUCCESSIVE)  # of straight rays alone too
-_NO_WATER = WaterPlane(treatment=PlaneTreatment.KNOWN, index=1.0)
+_DRY = (
+    model.OrientationMethod.PAIR_INDEPENDENT,
+    model.OrientationMethod.PAIR_SUCCESSIVE,
+)  # of straight rays alone too
+_NO_WATER = WaterPlane(treatment=model.PlaneTreatment.KNOWN, index=1.0)
 _FEWEST = 5  # points that three photos on end of a strip must have in common, at least
 _ASTRAY = 0.25  # of the photos that have more in common with the next but one than with the next: no strip
 NO_CARD = "no ORI card says what is to be oriented, and by which method"
@@ -68,8 +64,8 @@ class OrientationTask:
     not used of others. `dry`: no point is under water, the plane is none and rays are straight.
     """
 
-    block: Block
-    spec: OrientationSpec
+    block: model.Block
+    spec: model.OrientationSpec
     method: Method
     sights: Sights
     plane: WaterPlane
@@ -84,7 +80,7 @@ class OrientationTask:
     dry: bool
 
 
-def task_of(block: Block) -> OrientationTask:
+def task_of(block: model.Block) -> OrientationTask:
     """Return the task of a block with refined plates. Raises `OrientationError` where there is none."""
     spec = block.orientation
     if spec is None:
@@ -122,7 +118,7 @@ def task_of(block: Block) -> OrientationTask:
         )
     return OrientationTask(
         block=block,
-        spec=replace(spec, plane=PlaneTreatment.KNOWN) if dry else spec,
+        spec=replace(spec, plane=model.PlaneTreatment.KNOWN) if dry else spec,
         method=method,
         sights=sights,
         plane=_NO_WATER if dry else _plane(block, spec, photos, in_model),
@@ -145,7 +141,7 @@ def _numbers(rows: IntArray, count: int) -> IntArray:
     return number
 
 
-def _photos(block: Block, spec: OrientationSpec) -> IntArray:
+def _photos(block: model.Block, spec: model.OrientationSpec) -> IntArray:
     """Return the photos in the order of the method: those that are named, else those that have images."""
     ids, measured = block.photos.ids.tolist(), np.unique(block.plates.photo)
     names = [ids[row] for row in measured]
@@ -155,7 +151,7 @@ def _photos(block: Block, spec: OrientationSpec) -> IntArray:
     if faults := [message for _, message in spec.faults(names, with_tide, index, control)]:
         raise OrientationError("; ".join(faults))
     photos = np.array([ids.index(name) for name in spec.photos or names])
-    if spec.method is not OrientationMethod.STRIP:
+    if spec.method is not model.OrientationMethod.STRIP:
         return photos
     usable = _usable(block) & np.isin(block.plates.photo, photos)
     photo = np.searchsorted(photos, block.plates.photo[usable])
@@ -196,12 +192,12 @@ def _strip_order(photo: IntArray, point: IntArray, ids: TextArray) -> IntArray:
     return np.asarray(order)
 
 
-def _usable(block: Block) -> BoolArray:
+def _usable(block: model.Block) -> BoolArray:
     """Return which plate measurements may be used."""
     return block.plates.triangulated & np.isfinite(block.plates.xy).all(axis=1)
 
 
-def _axes(block: Block, photos: IntArray, in_model: bool) -> LevelAxes:
+def _axes(block: model.Block, photos: IntArray, in_model: bool) -> LevelAxes:
     """Return the axes about the middle of the given stations, where these are given, else of the control.
 
     The water turns about the stations, as tilts of the water cards do.
@@ -219,7 +215,7 @@ def _axes(block: Block, photos: IntArray, in_model: bool) -> LevelAxes:
     return LevelAxes(frame=frame, middle=middle, turn=np.array(frame.axes(middle)))
 
 
-def _control(block: Block, axes: LevelAxes, in_model: bool) -> tuple[FloatArray, FloatArray]:
+def _control(block: model.Block, axes: LevelAxes, in_model: bool) -> tuple[FloatArray, FloatArray]:
     """Return what is known of the points (p, 3), NaN for what is not, and its sigmas, 0 without error.
 
     A component that is not given is put to the middle of the others to find those that are: what it changes in
@@ -231,7 +227,7 @@ def _control(block: Block, axes: LevelAxes, in_model: bool) -> tuple[FloatArray,
         return known, sigma
     control = block.control
     place = control.position
-    if block.options.system is not CoordinateSystem.GEOCENTRIC:
+    if block.options.system is not model.CoordinateSystem.GEOCENTRIC:
         middle = np.nanmean(np.where(control.known, place, np.nan), axis=0) if len(place) else np.zeros(3)
         place = np.where(np.isfinite(place), place, middle)
     known[control.point] = np.where(control.known, axes.inside(place), np.nan)
@@ -240,7 +236,7 @@ def _control(block: Block, axes: LevelAxes, in_model: bool) -> tuple[FloatArray,
 
 
 def _used(
-    block: Block, photos: IntArray, control: FloatArray, method: OrientationMethod
+    block: model.Block, photos: IntArray, control: FloatArray, method: model.OrientationMethod
 ) -> tuple[IntArray, IntArray, tuple[tuple[str, str], ...], tuple[str, ...]]:
     """Return the points and plate measurements that conditions can use, the points they cannot, and notes."""
     plates, ids = block.plates, block.points.ids
@@ -262,7 +258,7 @@ def _used(
     return point, np.flatnonzero(usable & np.isin(plates.point, point)), left_out, notes
 
 
-def _plane(block: Block, spec: OrientationSpec, photos: IntArray, in_model: bool) -> WaterPlane:
+def _plane(block: model.Block, spec: model.OrientationSpec, photos: IntArray, in_model: bool) -> WaterPlane:
     """Return what the deck knows of the water.
 
     The tides of the photos are heights of the job; a model, which has other axes, can take their differences only.
@@ -271,8 +267,8 @@ def _plane(block: Block, spec: OrientationSpec, photos: IntArray, in_model: bool
     assert water is not None  # there are submerged points, which the check of the deck has no water for otherwise
     tide, sigma = block.photos.tide[photos], block.photos.tide_sigma[photos]
     given = bool(np.isfinite(tide).all())  # of all photos or of none
-    index_unknown = block.options.water_index is Treatment.ADJUST
-    if index_unknown and spec.method is OrientationMethod.STRIP:
+    index_unknown = block.options.water_index is model.Treatment.ADJUST
+    if index_unknown and spec.method is model.OrientationMethod.STRIP:
         raise OrientationError("STRIP takes the index of the water as known: WTR, not OP3 ADJUST")
     if given and np.ptp(tide) > 0.0 and in_model and _base(block, photos) is None:
         raise OrientationError("the tides differ, and nothing gives the scale of the model: give both stations")
@@ -290,7 +286,7 @@ def _plane(block: Block, spec: OrientationSpec, photos: IntArray, in_model: bool
     )
 
 
-def _base(block: Block, photos: IntArray) -> float | None:
+def _base(block: model.Block, photos: IntArray) -> float | None:
     """Return the distance (m) of the first two stations where both are given: the scale of a model."""
     stations = block.photos.position[photos[:2]]
     if len(stations) < 2 or not np.isfinite(stations).all():

@@ -10,17 +10,8 @@ from typing import Any
 import numpy as np
 
 from musatpy.model import Cause, Refraction
-from musatpy.page import accuracy, flight
+from musatpy.page import accuracy, flight, page_tables
 from musatpy.page.cells import cell_text, significant
-from musatpy.page.page_tables import (
-    PageReport,
-    chapters_of,
-    page_of,
-    page_table,
-    place_of,
-    places_of,
-    tables_of,
-)
 from musatpy.page.rendering import Fact, Facts, Page, PageTable, Part, Sentences
 from musatpy.plots.picture import counted
 from musatpy.records.tables import Tables, part, texts
@@ -73,17 +64,17 @@ _OPTION_WORDS: Mapping[str, Mapping[Any, str]] = {
 _FINDINGS = Report(
     answer.BLUNDERS.title, blunders.FINDINGS, (answer.BLUNDERS.columns, "note"), worst=lambda t: np.abs(t["test"])
 )
-_open = partial(PageReport, folded=False)
-_of_photos = partial(PageReport, listed=_PHOTOS)
+_open = partial(page_tables.PageReport, folded=False)
+_of_photos = partial(page_tables.PageReport, listed=_PHOTOS)
 
 _LEFT_OUT = (_open(positions.NO_PART), _open(_FINDINGS))
 _DIFFERENCES = (
     _open(control.RESIDUALS, _CONTROL, note=control.NOTE),
     _open(control.DIFFERENCES, _CONTROL),
-    PageReport(statistical_tests.CHECKS, _CONTROL),
+    page_tables.PageReport(statistical_tests.CHECKS, _CONTROL),
 )
 _ACCURACY = (
-    PageReport(
+    page_tables.PageReport(
         bathymetric.DEPTHS,
         note="No refr.: where straight rays of the adjusted stations meet; predicted: that times the index.",
     ),
@@ -96,20 +87,20 @@ _ACCURACY = (
 _CAMERA = (
     _open(echo.card("CAM")),
     _open(parameters.REPORT),
-    PageReport(parameters.TIED),
-    PageReport(parameters.DISTORTION),
-    *(PageReport(echo.card(card)) for card in ("DST", "LNS", "FID", "FDS")),
+    page_tables.PageReport(parameters.TIED),
+    page_tables.PageReport(parameters.DISTORTION),
+    *(page_tables.PageReport(echo.card(card)) for card in ("DST", "LNS", "FID", "FDS")),
 )
 _WATER = (
     _open(bathymetric.FLAG_TABLE),
     _of_photos(adjusted_water.CORRECTIONS),
     _open(adjusted_water.CONSIDERED),
-    PageReport(echo.SEA),
+    page_tables.PageReport(echo.SEA),
     _open(adjusted_water.WAVES),
-    PageReport(adjusted_water.PARAMETERS_OF_WAVES),
-    PageReport(adjusted_water.CORRELATIONS, _FEW),
+    page_tables.PageReport(adjusted_water.PARAMETERS_OF_WAVES),
+    page_tables.PageReport(adjusted_water.CORRELATIONS, _FEW),
     _open(statistical_tests.WATER),
-    PageReport(statistical_tests.CORRELATIONS, 2 * _FEW),
+    page_tables.PageReport(statistical_tests.CORRELATIONS, 2 * _FEW),
 )
 _OBSERVATIONS = (
     _open(
@@ -118,7 +109,7 @@ _OBSERVATIONS = (
         note=f"* beyond {TEST_LIMIT:.2f}. The smallest detectable error is found with a probability of 0.80; its "
         "effect is on the own position.",
     ),
-    PageReport(
+    page_tables.PageReport(
         statistical_tests.HIDDEN_ERRORS,
         _FEW,
         note="By an error of one image or control component which its own test does not find.",
@@ -127,24 +118,24 @@ _OBSERVATIONS = (
         common_errors.TESTS,
         note="Movements are those by the reference error; no test: residuals show no error that may be.",
     ),
-    PageReport(common_errors.HIDDEN),
+    page_tables.PageReport(common_errors.HIDDEN),
 )
 _RESULTS = (
     _of_photos(positions.POSITIONS),
     _of_photos(positions.ATTITUDES),
-    PageReport(positions.GROUND_POINTS),
+    page_tables.PageReport(positions.GROUND_POINTS),
     _of_photos(analyses.BY_PHOTO),
     _of_photos(statistical_tests.STATION_ELLIPSES),
-    PageReport(statistical_tests.POINT_ELLIPSES, _FEW),
+    page_tables.PageReport(statistical_tests.POINT_ELLIPSES, _FEW),
     _of_photos(statistical_tests.STATION_INFLATION),
     *map(_of_photos, control.CONSTRAINTS),
     _of_photos(inertial.REPORT),
 )
 _COMPUTED = (
-    PageReport(iterations.ITERATION_TABLE),
-    PageReport(iterations.PASS_TABLE),
+    page_tables.PageReport(iterations.ITERATION_TABLE),
+    page_tables.PageReport(iterations.PASS_TABLE),
     _of_photos(reduction.PLATES),
-    *(PageReport(report) for report in (reduction.MARKS, reduction.DISTANCES, reduction.SPREADS)),
+    *(page_tables.PageReport(report) for report in (reduction.MARKS, reduction.DISTANCES, reduction.SPREADS)),
 )
 
 
@@ -155,14 +146,15 @@ def run_page(tables: Tables) -> Page:
         "What Was Left Out": _left_out(tables),
         "Accuracy": _accuracy(tables),
         "Camera And Water": _camera(tables),
-        "Worst Observations And Blunders": [*tables_of(_OBSERVATIONS, tables)] or [Sentences(texts=[_NO_TESTS])],
-        "Stations And Points": [*_stated(tables), *tables_of(_RESULTS, tables)],
+        "Worst Observations And Blunders": [*page_tables.tables_of(_OBSERVATIONS, tables)]
+        or [Sentences(texts=[_NO_TESTS])],
+        "Stations And Points": [*_stated(tables), *page_tables.tables_of(_RESULTS, tables)],
         "How It Was Computed": _computed(tables),
     }
-    chapters = chapters_of(contents)
+    chapters = page_tables.chapters_of(contents)
     what = f"MUSAT-{tables['options']['program']} aerotriangulation. {_what(tables)}"
-    figures = _figures(tables, places_of(chapters))
-    page = page_of(tables, tables["titles"] or ["Aerotriangulation"], what, figures, chapters)
+    figures = _figures(tables, page_tables.places_of(chapters))
+    page = page_tables.page_of(tables, tables["titles"] or ["Aerotriangulation"], what, figures, chapters)
     return replace(page, causes=_causes(tables["causes"][:_CAUSES]) if page.reasons else ())
 
 
@@ -191,7 +183,7 @@ def _figures(tables: Tables, places: Mapping[str, str]) -> Iterator[Fact]:
     """Yield the figures of page 1 of the listing, and the order of the depths."""
     for figure in headline(tables, cell_text):
         value, detail = figure.value.replace(" um", " µm"), figure.detail.lstrip(",: ")
-        yield Fact(figure.label, value, detail=detail, link=place_of(places, figure.section))
+        yield Fact(figure.label, value, detail=detail, link=page_tables.place_of(places, figure.section))
     yield from accuracy.order_facts(accuracy.depths_of(tables), places)
 
 
@@ -212,7 +204,7 @@ def _data(tables: Tables) -> Iterator[Part]:
         ]
     )
     yield from flight.rays_table(tables)
-    yield from tables_of([_of_photos(echo.card("TID"))], tables)
+    yield from page_tables.tables_of([_of_photos(echo.card("TID"))], tables)
 
 
 def _known(labels: Mapping[str, Sequence[float | None]]) -> dict[str, list[float]]:
@@ -234,7 +226,7 @@ def _left_out(tables: Tables) -> Iterator[Part]:
     )
     facts = [Fact(label, f"{n:,}", detail=f"of {total:,}") for label, n, total in counts if n]
     shown: list[Part] = [Facts(facts)] if facts else []
-    shown += tables_of(_LEFT_OUT, tables)
+    shown += page_tables.tables_of(_LEFT_OUT, tables)
     if unedited := tables["unedited"]:
         shown.append(Sentences(texts=[f"EDIT has edited nothing: {unedited}."]))
     if warnings := tables["solution"]["warnings"]:
@@ -249,23 +241,23 @@ def _accuracy(tables: Tables) -> Iterator[Part]:
         yield accuracy.sample_table(every)
     else:
         yield Sentences(texts=["No control point or check point says how far positions are from given ones."])
-    yield from tables_of(_DIFFERENCES, tables)
+    yield from page_tables.tables_of(_DIFFERENCES, tables)
     sentences = list(accuracy.refraction_sentences(tables, depths))
     if sentences:
         yield Sentences(texts=sentences, title="What Refraction Changed")
     yield from accuracy.orders_table(depths)
-    yield from tables_of(_ACCURACY, tables)
+    yield from page_tables.tables_of(_ACCURACY, tables)
 
 
 def _camera(tables: Tables) -> Iterator[Part]:
-    yield from tables_of(_CAMERA, tables)
+    yield from page_tables.tables_of(_CAMERA, tables)
     yield Sentences(texts=[_HELD])
     water = part(tables, "adjusted_water")
     if water:
         yield Facts(list(_water(tables)))
         if exact := water["without_error"]:
             yield Sentences(texts=[f"Taken to be without error, as the cards give no sigma: {'; '.join(exact)}."])
-    yield from tables_of(_WATER, tables)
+    yield from page_tables.tables_of(_WATER, tables)
 
 
 def _water(tables: Tables) -> Iterator[Fact]:
@@ -286,8 +278,8 @@ def _stated(tables: Tables) -> Iterator[Part]:
         stations, points = positions.in_words(stated["answer"])
         for report, listed in (*((station, _PHOTOS) for station in stations), (points, _POINTS)):
             other = replace(report, title=f"{report.title}: In The Output System")
-            shown = PageReport(other, listed, note=f"{stated['answer']['text']}.")
-            yield from tables_of([shown], answered(tables, "stations", "points"))
+            shown = page_tables.PageReport(other, listed, note=f"{stated['answer']['text']}.")
+            yield from page_tables.tables_of([shown], answered(tables, "stations", "points"))
 
 
 def _computed(tables: Tables) -> Iterator[Part]:
@@ -296,14 +288,14 @@ def _computed(tables: Tables) -> Iterator[Part]:
     yield _options(tables["options"])
     for report in analyses.REPORTS:
         yield accuracy.analysis_table(at(tables, report.path), report.title, str(report.stated()[-1].heading))
-    yield from tables_of(_COMPUTED, tables)
+    yield from page_tables.tables_of(_COMPUTED, tables)
 
 
 def _options(values: Mapping[str, Any]) -> PageTable:
     """Return the options of the run, as the record describes them."""
     stated = job_record.part("options", "options", same).fields
     fields = [field for field in stated if isinstance(field, Field) and field.name in values]
-    return page_table(
+    return page_tables.page_table(
         "Options",
         [
             ("Option", "A20", [field.name.replace("_", " ") for field in fields]),

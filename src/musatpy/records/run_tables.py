@@ -11,34 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from musatpy import model
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import RecordError
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.systems import Geographic, System, geographic
-from musatpy.model import (
-    Block,
-    Cameras,
-    CoordinateSystem,
-    EllipsoidSpec,
-    LensUnknowns,
-    LevelPairs,
-    ObservationKind,
-    Options,
-    Photos,
-    PlateMeasurements,
-    Points,
-    Program,
-    Refraction,
-    StationPairs,
-    SystemSpec,
-    Treatment,
-    Water,
-    WaterLevel,
-    WaterPrecision,
-    WaveOrigin,
-    Waves,
-    WaveShape,
-)
 from musatpy.model.solution import WAVE_VALUES
 from musatpy.model.water import WAVE_SIGMAS, index_fault
 from musatpy.records.tables import Tables, flags, numbers, part, rows_of, texts
@@ -63,49 +40,53 @@ _INTERIOR = ("F", "XP", "YP")
 COVARIANCES = ("station_pairs", "level_pairs", "water_precision")
 
 
-def block_of(tables: Tables) -> Block:
+def block_of(tables: Tables) -> model.Block:
     """Return the block of a run where it has put it: adjusted stations, tides and water.
 
     `tables` are those of `BLOCK`. It has no waves, no control, and no sigmas of stations and attitudes: NaN.
     """
     options, system = tables["options"], ellipsoid_spec(tables)
-    return Block(
+    return model.Block(
         titles=(),
-        options=Options(
-            program=Program(options["program"]),
-            system=CoordinateSystem(options["system"]),
-            refraction=Refraction.RIGOROUS,
+        options=model.Options(
+            program=model.Program(options["program"]),
+            system=model.CoordinateSystem(options["system"]),
+            refraction=model.Refraction.RIGOROUS,
             plate_sigma=options["plate_sigma"],
             submerged_factor=options["submerged_factor"],
-            water_level=WaterLevel(options["water_level"]),
-            water_tilt=Treatment(options["water_tilt"]),
-            water_index=Treatment(options["water_index"]),
+            water_level=model.WaterLevel(options["water_level"]),
+            water_tilt=model.Treatment(options["water_tilt"]),
+            water_index=model.Treatment(options["water_index"]),
         ),
         ellipsoid=system,
         water=_water(tables),
         cameras=cameras_of(tables),
         lens_unknowns=_lens_unknowns(tables),
         photos=photos_of(tables),
-        points=Points(ids=texts(tables["points"], "point"), bathymetric=flags(tables["points"], "bathymetric")),
+        points=model.Points(
+            ids=texts(tables["points"], "point"), bathymetric=flags(tables["points"], "bathymetric")
+        ),
         plates=_plates(tables),
     )
 
 
-def _lens_unknowns(tables: Tables) -> LensUnknowns:
+def _lens_unknowns(tables: Tables) -> model.LensUnknowns:
     """Return the parameters of lenses that were adjusted, about ideal images."""
     cameras, adjusted = tables["cameras"], tables["adjusted_parameters"]
-    lens = texts(adjusted, "kind") == ObservationKind.LENS.label
+    lens = texts(adjusted, "kind") == model.ObservationKind.LENS.label
     nothing = np.full(np.count_nonzero(lens), np.nan)
     camera = rows_of(texts(cameras, "camera"), texts(adjusted, "of")[lens])
-    return LensUnknowns(camera=camera, parameter=texts(adjusted, "parameter")[lens], value=nothing, sigma=nothing)
+    return model.LensUnknowns(
+        camera=camera, parameter=texts(adjusted, "parameter")[lens], value=nothing, sigma=nothing
+    )
 
 
-def _water(tables: Tables) -> Water | None:
+def _water(tables: Tables) -> model.Water | None:
     """Return the water of the deck, with index and tilt of the adjustment where there was one."""
     given, adjusted = tables["water"], tables["adjusted_water"]
     if given is None:
         return None
-    water = Water(
+    water = model.Water(
         index=given["index"], sigma=given["sigma"], tilt_sigma=given["tilt_sigma"], liquid=given["liquid"]
     )
     if adjusted is None:
@@ -123,7 +104,7 @@ def water_fault(tables: Tables) -> str:
 def lens_fault(tables: Tables) -> str:
     """Return why images of the run are not ideal, empty where they are."""
     adjusted = tables["adjusted_parameters"]
-    lens = texts(adjusted, "kind") == ObservationKind.LENS.label
+    lens = texts(adjusted, "kind") == model.ObservationKind.LENS.label
     bent = lens & ~np.isin(texts(adjusted, "parameter"), _INTERIOR)
     cameras = ", ".join(sorted(set(texts(adjusted, "of")[bent].tolist())))
     return (
@@ -137,19 +118,19 @@ def port_fault(tables: Tables) -> str:
     return behind and f"camera {behind} is under water behind a port: this command does not trace images through it"
 
 
-def cameras_of(tables: Tables) -> Cameras:
+def cameras_of(tables: Tables) -> model.Cameras:
     """Return the cameras of a run, as adjusted, without distortion. Raises `RecordError` where one has a port."""
     if fault := port_fault(tables):
         raise RecordError.of(fault)
     cameras, adjusted = tables["cameras"], tables["adjusted_parameters"]
-    lens = texts(adjusted, "kind") == ObservationKind.LENS.label
+    lens = texts(adjusted, "kind") == model.ObservationKind.LENS.label
     ids, parameter = texts(cameras, "camera"), texts(adjusted, "parameter")[lens]
     focal_length, principal_point = numbers(cameras, "focal_length"), numbers(cameras, "principal_point", 2)
     row, value = rows_of(ids, texts(adjusted, "of")[lens]), numbers(adjusted, "adjusted")[lens]
     focal_length[row[parameter == "F"]] = value[parameter == "F"]
     for axis, name in enumerate(("XP", "YP")):
         principal_point[row[parameter == name], axis] = value[parameter == name]
-    return Cameras(
+    return model.Cameras(
         ids=ids,
         focal_length=focal_length,
         principal_point=principal_point,
@@ -157,12 +138,12 @@ def cameras_of(tables: Tables) -> Cameras:
     )
 
 
-def photos_of(tables: Tables) -> Photos:
+def photos_of(tables: Tables) -> model.Photos:
     """Return the photos at their adjusted stations and tides; sigmas are not known there: NaN."""
     stations, adjusted = tables["stations"], tables["adjusted_water"]
     ids = texts(stations, "photo")
     nothing = np.full((len(ids), 3), np.nan)
-    return Photos(
+    return model.Photos(
         ids=ids,
         camera=rows_of(texts(tables["cameras"], "camera"), texts(stations, "camera")),
         position=numbers(stations, "position", 3),
@@ -177,10 +158,10 @@ def photos_of(tables: Tables) -> Photos:
     )
 
 
-def _plates(tables: Tables) -> PlateMeasurements:
+def _plates(tables: Tables) -> model.PlateMeasurements:
     plates = tables["plates"]
     photo = rows_of(texts(tables["stations"], "photo"), texts(plates, "photo"))
-    return PlateMeasurements(
+    return model.PlateMeasurements(
         photo=photo,
         point=rows_of(texts(tables["points"], "point"), texts(plates, "point")),
         xy=numbers(plates, "xy", 2),
@@ -196,12 +177,12 @@ def given_waves(tables: Tables) -> dict[str, Any]:
         return {}
     given = {name: f"given_{name}" for name in ("period", "length", "speed")}
     same = {name: name for name in ("depth", "height", "azimuth", "crest", *WAVE_SIGMAS)}
-    waves = Waves(
+    waves = model.Waves(
         ids=texts(table, "wave"),
-        shape=np.array([WaveShape[shape.upper()] for shape in table["shape"]], dtype=np.str_),
+        shape=np.array([model.WaveShape[shape.upper()] for shape in table["shape"]], dtype=np.str_),
         **{name: numbers(table, field) for name, field in (given | same).items()},
     )
-    return {"waves": waves, "wave_origin": WaveOrigin(position=tuple(origin))}
+    return {"waves": waves, "wave_origin": model.WaveOrigin(position=tuple(origin))}
 
 
 def adjusted_waves(tables: Tables) -> FloatArray | None:
@@ -213,18 +194,18 @@ def adjusted_waves(tables: Tables) -> FloatArray | None:
 # --- covariances: of pairs of stations, of their levels, of the water ---
 
 
-def station_pairs(tables: Tables) -> StationPairs:
+def station_pairs(tables: Tables) -> model.StationPairs:
     """Return the covariances (p, 6, 6) of pairs of stations."""
     pairs = tables["station_pairs"]
-    return StationPairs(photo=_ends(tables, pairs), covariance=numbers(pairs, "covariance", 6, 6))
+    return model.StationPairs(photo=_ends(tables, pairs), covariance=numbers(pairs, "covariance", 6, 6))
 
 
-def level_pairs(tables: Tables) -> LevelPairs | None:
+def level_pairs(tables: Tables) -> model.LevelPairs | None:
     """Return the covariances of pairs of stations with levels of their own, None where there are none."""
     pairs = tables["level_pairs"]
     if not pairs["photos"]:
         return None
-    return LevelPairs(
+    return model.LevelPairs(
         photo=_ends(tables, pairs),
         of_first=numbers(pairs, "of_first", 6),
         of_second=numbers(pairs, "of_second", 6),
@@ -238,13 +219,13 @@ def _ends(tables: Tables, pairs: Tables) -> IntArray:
     return rows_of(texts(tables["stations"], "photo"), photos).reshape(-1, 2)
 
 
-def water_precision(tables: Tables) -> WaterPrecision | None:
+def water_precision(tables: Tables) -> model.WaterPrecision | None:
     """Return the covariances of the water, None where nothing of it was adjusted."""
     table = tables["water_precision"]
     names, stations = tuple(table["quantity"]), len(tables["stations"]["photo"])
     if not names:
         return None
-    return WaterPrecision(
+    return model.WaterPrecision(
         names=names,
         covariance=numbers(table, "covariance", len(names)),
         stations=np.moveaxis(numbers(table, "stations", stations, 6), 0, -1),
@@ -255,13 +236,13 @@ def water_precision(tables: Tables) -> WaterPrecision | None:
 # --- the system of a job ---
 
 
-def answer_spec(tables: Tables) -> SystemSpec | None:
+def answer_spec(tables: Tables) -> model.SystemSpec | None:
     """Return how the answer of a run is stated, None where in the system of its job."""
     if tables.get("stated") is None:
         return None
     answer = tables["stated"]["answer"]
     origin, false = (answer[name] and tuple(answer[name]) for name in ("origin", "false_origin"))
-    return SystemSpec(
+    return model.SystemSpec(
         kind=answer["kind"],
         definition=answer["definition"] or "",
         geoid=answer["geoid"] or "",
@@ -274,10 +255,10 @@ def answer_spec(tables: Tables) -> SystemSpec | None:
     )
 
 
-def ellipsoid_spec(tables: Tables) -> EllipsoidSpec | None:
+def ellipsoid_spec(tables: Tables) -> model.EllipsoidSpec | None:
     """Return the ellipsoid of a job, None of a local one."""
     given = tables.get("ellipsoid")
-    return None if given is None else EllipsoidSpec(**{**given, "name": given["name"] or ""})
+    return None if given is None else model.EllipsoidSpec(**{**given, "name": given["name"] or ""})
 
 
 def job_system(tables: Tables) -> System:
@@ -285,7 +266,7 @@ def job_system(tables: Tables) -> System:
 
     `tables` are those of `SYSTEM`. Raises `SystemsError` where it cannot be had again.
     """
-    spec = answer_spec(tables) or SystemSpec(kind=tables["options"]["system"])
+    spec = answer_spec(tables) or model.SystemSpec(kind=tables["options"]["system"])
     system = statement_on(spec, ellipsoid_spec(tables)).system
     return LongitudeLatitude(system.ellipsoid) if isinstance(system, Geographic) else system
 
@@ -295,6 +276,6 @@ def level_positions(tables: Tables, positions: FloatArray) -> FloatArray:
 
     Raises `SystemsError` where the ellipsoid of the job is unknown.
     """
-    if tables["options"]["system"] != CoordinateSystem.GEOCENTRIC:
+    if tables["options"]["system"] != model.CoordinateSystem.GEOCENTRIC:
         return positions
-    return geographic(ellipsoid_by(ellipsoid_spec(tables), CoordinateSystem.GEOCENTRIC), positions)
+    return geographic(ellipsoid_by(ellipsoid_spec(tables), model.CoordinateSystem.GEOCENTRIC), positions)

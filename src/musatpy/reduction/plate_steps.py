@@ -15,18 +15,10 @@ from typing import Protocol
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.reduction import displacements, fiducials
+from musatpy.reduction import displacements, fiducials, readings
 from musatpy.reduction.displacements import Curvature, View
 from musatpy.reduction.fiducials import Axes, DistanceFit, FiducialSolution, Marks, Reason, Refusal
 from musatpy.reduction.planar import PlanarKind
-from musatpy.reduction.readings import (
-    Calibration,
-    MarkDistances,
-    Means,
-    PlateReadings,
-    ReductionPlan,
-    mean_readings,
-)
 from musatpy.reduction.reseau import Reseau
 
 
@@ -81,9 +73,9 @@ class PlateReduction:
     xy: FloatArray  # (m, 2) mm
     sigma: FloatArray  # (m, 2) mm
     by_reading: FloatArray  # (m, 2, 2)
-    mark_means: Means
-    point_means: Means
-    cross_means: Means
+    mark_means: readings.Means
+    point_means: readings.Means
+    cross_means: readings.Means
     marks: FiducialSolution | None  # None: no fiducial step, or one by distances
     mark_distances: DistanceFit | None
     ends: TextArray  # (e, 2) marks of the distances that were fitted
@@ -97,7 +89,9 @@ class PlateReduction:
         return next((applied for applied in self.steps if applied.name == name), None)
 
 
-def reduce_plate(plate: PlateReadings, camera: Calibration, plan: ReductionPlan) -> PlateReduction:
+def reduce_plate(
+    plate: readings.PlateReadings, camera: readings.Calibration, plan: readings.ReductionPlan
+) -> PlateReduction:
     """Return the refined coordinates of one plate, or why it is refused."""
     return _Reducer(plate, camera, plan).result()
 
@@ -112,12 +106,14 @@ def restore(reduction: PlateReduction, xy: FloatArray) -> FloatArray:
 class _Reducer:
     """One plate on its way: each step takes the points, and the marks and crosses as long as they are needed."""
 
-    def __init__(self, plate: PlateReadings, camera: Calibration, plan: ReductionPlan) -> None:
+    def __init__(
+        self, plate: readings.PlateReadings, camera: readings.Calibration, plan: readings.ReductionPlan
+    ) -> None:
         self.plate, self.camera, self.plan = plate, camera, plan
         sigma, limit = plan.reading_sigma, plan.repeat_limit
-        self.marks = mean_readings(plate.mark_ids, plate.marks, sigma, limit)
-        self.points = mean_readings(plate.point_ids, plate.points, sigma, limit)
-        self.crosses = mean_readings(plate.cross_ids, plate.crosses, sigma, limit)
+        self.marks = readings.mean_readings(plate.mark_ids, plate.marks, sigma, limit)
+        self.points = readings.mean_readings(plate.point_ids, plate.points, sigma, limit)
+        self.crosses = readings.mean_readings(plate.cross_ids, plate.crosses, sigma, limit)
         self.mark_xy, self.xy, self.cross_xy = self.marks.xy, self.points.xy, self.crosses.xy
         self.steps: list[Applied] = []
         self.solution: FiducialSolution | None = None
@@ -151,7 +147,7 @@ class _Reducer:
             refusal=refusal,
         )
 
-    def _sigma(self, means: Means, given: FloatArray | None) -> FloatArray:
+    def _sigma(self, means: readings.Means, given: FloatArray | None) -> FloatArray:
         """Return the sigmas (g, 2) of means, of those of their readings."""
         stated = self.plan.reading_sigma
         each = np.full(means.deviations.shape, stated) if given is None else np.where(given > 0.0, given, stated)
@@ -205,7 +201,7 @@ class _Reducer:
             self.cross_xy = self.solution.fit.plane.apply(self.cross_xy)
         return self.solution.refusal
 
-    def _distances(self, known: MarkDistances) -> Refusal | None:
+    def _distances(self, known: readings.MarkDistances) -> Refusal | None:
         row = {str(name): i for i, name in enumerate(self.marks.ids)}
         axes = (*known.first, *known.second)
         missing = tuple(dict.fromkeys(name for name in axes if name not in row))

@@ -10,16 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from musatpy import model
 from musatpy.fortran import decimals_of
-from musatpy.model import (
-    Atmosphere,
-    Curvature,
-    DistortionSide,
-    Polynomials,
-    ReductionOptions,
-    Refused,
-    Transformation,
-)
 from musatpy.model.reduction import SPREAD_LEVEL, Quantity, Reduced
 from musatpy.reports import job_record
 from musatpy.reports.editing import edited, number_text
@@ -33,26 +25,26 @@ if TYPE_CHECKING:
     from musatpy.model.reduction import ReducedPlate, ReductionStep, Spread
 
 TRANSFORMATION = {
-    Transformation.SIMILARITY: "one scale",
-    Transformation.AFFINE: "two scales and a shear",
-    Transformation.PROJECTIVE: "eight parameters",
-    Transformation.DISTANCES: "by calibrated distances between marks, a scale along each axis",
-    Transformation.NONE: "the readings are in the fiducial system",
+    model.Transformation.SIMILARITY: "one scale",
+    model.Transformation.AFFINE: "two scales and a shear",
+    model.Transformation.PROJECTIVE: "eight parameters",
+    model.Transformation.DISTANCES: "by calibrated distances between marks, a scale along each axis",
+    model.Transformation.NONE: "the readings are in the fiducial system",
 }
 SIDE = {
-    DistortionSide.MEASURED: "ideal = measured - distortion(measured)",
-    DistortionSide.IDEAL: "measured = ideal + distortion(ideal)",
+    model.DistortionSide.MEASURED: "ideal = measured - distortion(measured)",
+    model.DistortionSide.IDEAL: "measured = ideal + distortion(ideal)",
 }
 POLYNOMIALS = {
-    Polynomials.DISTORTION: "those of the distortion: measured minus ideal place",
-    Polynomials.CORRECTION: "those of the correction; below, those of the distortion",
+    model.Polynomials.DISTORTION: "those of the distortion: measured minus ideal place",
+    model.Polynomials.CORRECTION: "those of the correction; below, those of the distortion",
 }
 ATMOSPHERE = {
-    Atmosphere.NONE: "refraction in the air not corrected",
-    Atmosphere.ARDC: "closed formula for the ARDC model",
-    Atmosphere.US1976: "U.S. Standard Atmosphere 1976",
+    model.Atmosphere.NONE: "refraction in the air not corrected",
+    model.Atmosphere.ARDC: "closed formula for the ARDC model",
+    model.Atmosphere.US1976: "U.S. Standard Atmosphere 1976",
 }
-REFUSED = {Refused.STOP: "the run", Refused.GO_ON: "on without the photo"}
+REFUSED = {model.Refused.STOP: "the run", model.Refused.GO_ON: "on without the photo"}
 
 
 READINGS: Rows[Reduced, Reduced] = Rows(
@@ -144,7 +136,7 @@ REDUCTION: FieldGroup[Statistics, Reduced] = FieldGroup(
     "coordinates",
     of=lambda s: s.solution.reduced,
     fields=(
-        job_record.part("reduction", "options", lambda r: r.given.reduction or ReductionOptions()),
+        job_record.part("reduction", "options", lambda r: r.given.reduction or model.ReductionOptions()),
         READINGS,
         REDUCED_PLATES,
     ),
@@ -179,7 +171,7 @@ def sections(statistics: Statistics) -> list[Section]:
     reduced = statistics.solution.reduced
     if reduced is None:
         return []
-    options = reduced.given.reduction or ReductionOptions()
+    options = reduced.given.reduction or model.ReductionOptions()
     tables = [
         *(report.section(reduced) for report in (PLATES, MARKS, DISTANCES)),
         PARAMETERS.section(list(_parameters(reduced))),
@@ -199,14 +191,14 @@ def sections(statistics: Statistics) -> list[Section]:
 brief = None  # left out
 
 
-def _options(options: ReductionOptions) -> dict[str, str]:
+def _options(options: model.ReductionOptions) -> dict[str, str]:
     return {
         "Fiducial transformation": f"{options.transformation}  {TRANSFORMATION[options.transformation]}",
         "Limit of residuals of marks": _limit(options.residual_limit / MICROMETRE),
         "Side of the lens distortion": f"{options.side}  {SIDE[options.side]}",
         "Coefficients of the lens distortion": f"{options.polynomials}  {POLYNOMIALS[options.polynomials]}",
         "Atmosphere": f"{options.atmosphere}  {ATMOSPHERE[options.atmosphere]}",
-        "Earth curvature": "corrected" if options.curvature is Curvature.YES else "not corrected",
+        "Earth curvature": "corrected" if options.curvature is model.Curvature.YES else "not corrected",
         "Mean height of the ground": _given(options.ground_height, "m"),
         "A plate that is refused": f"{options.refused}  {REFUSED[options.refused]}",
     }

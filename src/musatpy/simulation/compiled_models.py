@@ -14,16 +14,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import SpecError
-from musatpy.model import CoordinateSystem
-from musatpy.model.compilation import (
-    Compilation,
-    ContourSpec,
-    GridSpecs,
-    ProfileSpecs,
-    SoundingDatum,
-    StageReadings,
-    StereomodelSpecs,
-)
+from musatpy.model import CoordinateSystem, compilation
 from musatpy.model.tables import empty, stacked
 from musatpy.simulation.scene_keys import CompilationKeys, SurfaceKeys
 from musatpy.simulation.terrain import Scene
@@ -43,7 +34,7 @@ class CompiledTruth:
     depth (k,) is below the water of the photos, their mean, NaN of dry points. soundings is the text of a file.
     """
 
-    deck: Compilation
+    deck: compilation.Compilation
     position: FloatArray
     depth: FloatArray
     soundings: str
@@ -96,9 +87,9 @@ class _Models:
         for _, more in read[1:]:
             places = places.with_more(more)
         names, ids = np.array([f"M{number}" for number in range(1, len(pair) + 1)]), np.array(self.scene.flight.ids)
-        deck = Compilation(
+        deck = compilation.Compilation(
             titles=self.scene.spec.title,
-            models=StereomodelSpecs(
+            models=compilation.StereomodelSpecs(
                 ids=names,
                 left=ids[pair[:, 0]],
                 right=ids[pair[:, 1]],
@@ -106,9 +97,9 @@ class _Models:
             ),
             stages=stages,
             profiles=self._profiles(len(pair)),
-            datum=SoundingDatum(name="LEVEL", height=self.water.level),
-            contours=ContourSpec(interval=_CONTOURS),
-            grids=empty(GridSpecs),
+            datum=compilation.SoundingDatum(name="LEVEL", height=self.water.level),
+            contours=compilation.ContourSpec(interval=_CONTOURS),
+            grids=empty(compilation.GridSpecs),
         )
         tide = self.scene.flight.tide[pair].mean(axis=1)[stages.model]
         return CompiledTruth(
@@ -125,7 +116,7 @@ class _Models:
         phase = 2.0 * np.pi * plan / self.keys.wavelength
         return np.asarray(self.water.level - 0.5 * (low + high) - 0.25 * (high - low) * np.sin(phase).sum(axis=1))
 
-    def _model(self, number: int, pair: IntArray) -> tuple[StageReadings, TruePlaces]:
+    def _model(self, number: int, pair: IntArray) -> tuple[compilation.StageReadings, TruePlaces]:
         """Return the readings of a model with the errors of the operator, and their true places."""
         keys, generated = self.keys, self.keys.points + self.keys.dry
         plan = [self._shown(number, pair, keys.points, wet=True), self._shown(number, pair, keys.dry, wet=False)]
@@ -138,7 +129,7 @@ class _Models:
         submerged[keys.points : generated] = False
         places = self._places(np.concatenate(plan), submerged)
         error = keys.pointing * MICROMETRE * self.scene.draws.normal(f"{_STREAM}{number} pointing", len(ids), 4)
-        readings = StageReadings(
+        readings = compilation.StageReadings(
             model=np.full(len(ids), number),
             ids=np.array(ids),
             kind=np.array(kinds),
@@ -183,12 +174,12 @@ class _Models:
         scene = replace(self.scene, ground=ground)
         return np.stack([project(scene, np.full(len(point), photo), point).xy for photo in pair], axis=1)
 
-    def _profiles(self, models: int) -> ProfileSpecs:
+    def _profiles(self, models: int) -> compilation.ProfileSpecs:
         count = self.keys.profiles
         if not count:
-            return empty(ProfileSpecs)
+            return empty(compilation.ProfileSpecs)
         lines = [(model, line + 1) for model in range(models) for line in range(count)]
-        return ProfileSpecs(
+        return compilation.ProfileSpecs(
             ids=np.array([f"P{line}" for _, line in lines]),
             model=np.array([model for model, _ in lines]),
             start=np.array([f"A{line}" for _, line in lines]),

@@ -9,36 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from musatpy import model
 from musatpy.errors import SpecError
 from musatpy.files import real_path
-from musatpy.model import (
-    CoordinateSystem,
-    Datum,
-    Editing,
-    Initial,
-    Program,
-    Refraction,
-    Treatment,
-    WaterLevel,
-    Weights,
-)
-from musatpy.simulation.scene_keys import (
-    AREA,
-    AntennaKeys,
-    CameraKeys,
-    CompilationKeys,
-    FlightKeys,
-    GivenPoint,
-    JobKeys,
-    LensKeys,
-    PointKeys,
-    PortKeys,
-    ShoalKeys,
-    SurfaceKeys,
-    TerrainKeys,
-    WaveTrain,
-    require_positive,
-)
+from musatpy.simulation import scene_keys
 from musatpy.specs import Area, Pair, Triple, key, require, spec_of, spec_table
 
 
@@ -57,7 +31,7 @@ class ControlKeys:
     )
     fixed: bool = key(False, "held without error")
     bathymetric: bool = key(False, "number and ids take submerged points, else points on land")
-    area: Area | None = key(None, AREA, unit="m")
+    area: Area | None = key(None, scene_keys.AREA, unit="m")
 
     def __post_init__(self) -> None:
         if (self.number is not None) + bool(self.ids) + bool(self.points) != 1:
@@ -67,7 +41,7 @@ class ControlKeys:
             raise ValueError("control that is neither fixed nor a check point needs a sigma above zero")
         if self.correlation:
             require(self.kind == "full" and not self.fixed, "correlation is for full control that is not fixed")
-            require_positive(self.correlation)
+            scene_keys.require_positive(self.correlation)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +97,7 @@ class ShoreKeys:
     level: float | None = key(None, "height; default the highest tide, else terrain.level", unit="m")
     sigma: float = key(0.1, "on the card", unit="m", low=0.0001)
     error: float = key(0.0, "actual scatter about the level, 1 sigma", unit="m", low=0.0)
-    area: Area | None = key(None, AREA, unit="m")
+    area: Area | None = key(None, scene_keys.AREA, unit="m")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,22 +186,22 @@ class OptionKeys:
     """[options]: the option card; what is absent takes the program's default."""
 
     refraction: str | None = key(
-        None, "refraction mode; WATPT, or RIGOROUS for IIIA, where not given", choices=tuple(Refraction)
+        None, "refraction mode; WATPT, or RIGOROUS for IIIA, where not given", choices=tuple(model.Refraction)
     )
-    weights: str = key("FULL", "weights of the conditions", choices=tuple(Weights))
+    weights: str = key("FULL", "weights of the conditions", choices=tuple(model.Weights))
     max_iterations: int | None = key(None, "of one triangulation", low=1, high=999)
     max_passes: int | None = key(None, "of WATPT", low=1, high=999)
     rotation_limit: float | None = key(None, "convergence", unit="arcsec", low=0.001)
     translation_limit: float | None = key(None, "convergence", unit="m", low=0.00001)
     water_limit: float | None = key(None, "convergence of WATPT", unit="m", low=0.00001)
-    program: str | None = key(None, "program to run", choices=tuple(Program))
-    initial: str | None = key(None, "initial values of the stations", choices=tuple(Initial))
+    program: str | None = key(None, "program to run", choices=tuple(model.Program))
+    initial: str | None = key(None, "initial values of the stations", choices=tuple(model.Initial))
     submerged_factor: float | None = key(None, "on the plate sigmas of submerged points", low=1.0, high=99.0)
-    water_level: str | None = key(None, "whose tides share an unknown", choices=tuple(WaterLevel))
-    water_tilt: str | None = key(None, "tilt of the water", choices=tuple(Treatment))
-    water_index: str | None = key(None, "refractive index", choices=tuple(Treatment))
-    datum: str | None = key(None, "what holds the block", choices=tuple(Datum))
-    editing: str | None = key(None, "what is done about blunders", choices=tuple(Editing))
+    water_level: str | None = key(None, "whose tides share an unknown", choices=tuple(model.WaterLevel))
+    water_tilt: str | None = key(None, "tilt of the water", choices=tuple(model.Treatment))
+    water_index: str | None = key(None, "refractive index", choices=tuple(model.Treatment))
+    datum: str | None = key(None, "what holds the block", choices=tuple(model.Datum))
+    editing: str | None = key(None, "what is done about blunders", choices=tuple(model.Editing))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,17 +210,17 @@ class SimulationSpec:
 
     title: tuple[str, ...] = key(("SIMULATED BLOCK",), "title cards", longest=68)
     seed: int = key(1, "of every random number", low=0)
-    job: JobKeys = key(JobKeys)
-    camera: CameraKeys = key(CameraKeys)
-    lens: LensKeys | None = key(None)
-    port: PortKeys | None = key(None, quiet=True)
-    flight: FlightKeys = key(FlightKeys)
-    terrain: TerrainKeys = key(TerrainKeys)
-    water: SurfaceKeys | None = key(None)
-    wave: tuple[WaveTrain, ...] = key((), quiet=True)
-    shoal: tuple[ShoalKeys, ...] = key(())
-    points: PointKeys = key(PointKeys)
-    point: tuple[GivenPoint, ...] = key(())
+    job: scene_keys.JobKeys = key(scene_keys.JobKeys)
+    camera: scene_keys.CameraKeys = key(scene_keys.CameraKeys)
+    lens: scene_keys.LensKeys | None = key(None)
+    port: scene_keys.PortKeys | None = key(None, quiet=True)
+    flight: scene_keys.FlightKeys = key(scene_keys.FlightKeys)
+    terrain: scene_keys.TerrainKeys = key(scene_keys.TerrainKeys)
+    water: scene_keys.SurfaceKeys | None = key(None)
+    wave: tuple[scene_keys.WaveTrain, ...] = key((), quiet=True)
+    shoal: tuple[scene_keys.ShoalKeys, ...] = key(())
+    points: scene_keys.PointKeys = key(scene_keys.PointKeys)
+    point: tuple[scene_keys.GivenPoint, ...] = key(())
     control: tuple[ControlKeys, ...] = key(())
     stations: StationKeys = key(StationKeys)
     inertial: InertialKeys | None = key(None, quiet=True)
@@ -258,9 +232,9 @@ class SimulationSpec:
     air_base: tuple[AirBaseKeys, ...] = key(())
     distance: tuple[DistanceKeys, ...] = key((), quiet=True)
     height_difference: tuple[HeightDifferenceKeys, ...] = key((), quiet=True)
-    antenna: AntennaKeys | None = key(None, quiet=True)
+    antenna: scene_keys.AntennaKeys | None = key(None, quiet=True)
     options: OptionKeys = key(OptionKeys)
-    compilation: CompilationKeys | None = key(None, quiet=True)
+    compilation: scene_keys.CompilationKeys | None = key(None, quiet=True)
 
     def __post_init__(self) -> None:
         submerged = bool(self.shoal) or any(point.bathymetric for point in self.point)
@@ -274,9 +248,9 @@ class SimulationSpec:
             raise ValueError("waves need a [water] table, and level water: no tilt")
         if len({train.id for train in self.wave}) < len(self.wave):
             raise ValueError("two waves have the same id")
-        here = "local" if self.job.system == CoordinateSystem.LOCAL else "geographic or geocentric"
+        here = "local" if self.job.system == model.CoordinateSystem.LOCAL else "geographic or geocentric"
         for point in self.point:
-            if (point.local is not None) != (self.job.system == CoordinateSystem.LOCAL):
+            if (point.local is not None) != (self.job.system == model.CoordinateSystem.LOCAL):
                 raise ValueError(f"point {point.id}: a {self.job.system} job needs {here} coordinates")
 
 

@@ -10,17 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from musatpy import model
 from musatpy.arrays import FloatArray
 from musatpy.draws import Draws
 from musatpy.errors import SpecError
-from musatpy.model import (
-    LENS_PARAMETERS,
-    DistortionSide,
-    LensUnknowns,
-    ObservationKind,
-    Polynomials,
-    ReductionOptions,
-)
 from musatpy.model.tables import empty
 from musatpy.simulation.scene_keys import LensKeys, LensParameterKeys, PortUnknownKeys
 from musatpy.simulation.simulation_spec import SimulationSpec
@@ -34,7 +27,7 @@ _STEPS, _REST = 100, 1e-11  # mm
 class TrueParameter:
     """The truth of a parameter that a run may adjust, by the names of its record (`adjusted_parameters`)."""
 
-    kind: ObservationKind
+    kind: model.ObservationKind
     owner: str
     name: str
     value: float
@@ -43,7 +36,7 @@ class TrueParameter:
 def true_lens(spec: SimulationSpec) -> dict[str, float]:
     """Return the true parameters of the camera of a spec by their names on CAL cards."""
     camera = spec.camera
-    values = dict.fromkeys(LENS_PARAMETERS, 0.0)
+    values = dict.fromkeys(model.LENS_PARAMETERS, 0.0)
     values |= {"F": camera.focal_length, "XP": camera.principal_point[0], "YP": camera.principal_point[1]}
     for given in spec.lens.parameter if spec.lens else ():
         values[given.name] += given.change
@@ -54,7 +47,7 @@ def true_parameters(spec: SimulationSpec) -> tuple[TrueParameter, ...]:
     """Return the truth of a lens, nothing where the spec has none."""
     values, owner = true_lens(spec) if spec.lens else {}, spec.camera.id
     return tuple(
-        TrueParameter(kind=ObservationKind.LENS, owner=owner, name=name, value=value)
+        TrueParameter(kind=model.ObservationKind.LENS, owner=owner, name=name, value=value)
         for name, value in values.items()
     )
 
@@ -65,7 +58,7 @@ def through_lens(spec: SimulationSpec, ideal: FloatArray) -> FloatArray:
     Raises `SpecError` where the distortion is no small part of a place.
     """
     values, lens = true_lens(spec), spec.lens or LensKeys()
-    sign = -1.0 if lens.polynomials == Polynomials.CORRECTION else 1.0
+    sign = -1.0 if lens.polynomials == model.Polynomials.CORRECTION else 1.0
     k1, k2, k3, p1, p2 = (sign * values[name] for name in ("K1", "K2", "K3", "P1", "P2"))
     reach = np.hypot(*ideal.T)
     ideal = np.where((reach <= _REACH * np.hypot(*spec.camera.format) / 2.0)[:, None], ideal, np.nan)
@@ -83,7 +76,7 @@ def through_lens(spec: SimulationSpec, ideal: FloatArray) -> FloatArray:
 
     b1, b2 = 1.0 + values["B1"], values["B2"]
     principal = [values["XP"], values["YP"]]
-    if lens.side == DistortionSide.IDEAL:
+    if lens.side == model.DistortionSide.IDEAL:
         x, y = displaced(ideal).T
         return np.column_stack([b1 * x + b2 * y, y]) + principal
     place = ideal
@@ -95,19 +88,19 @@ def through_lens(spec: SimulationSpec, ideal: FloatArray) -> FloatArray:
     return np.column_stack([(x - b2 * y) / b1, y]) + principal
 
 
-def state_lens(spec: SimulationSpec, draws: Draws) -> tuple[LensUnknowns, ReductionOptions | None]:
+def state_lens(spec: SimulationSpec, draws: Draws) -> tuple[model.LensUnknowns, model.ReductionOptions | None]:
     """Return what CAL and RED cards of the deck say."""
     if spec.lens is None:
-        return empty(LensUnknowns), None
+        return empty(model.LensUnknowns), None
     unknown = [given for given in spec.lens.parameter if given.unknown]
     cards = state_unknowns(true_lens(spec), unknown, draws.normal("lens", len(unknown)))
-    side, polynomials = DistortionSide(spec.lens.side), Polynomials(spec.lens.polynomials)
-    return cards, ReductionOptions(side=side, polynomials=polynomials)
+    side, polynomials = model.DistortionSide(spec.lens.side), model.Polynomials(spec.lens.polynomials)
+    return cards, model.ReductionOptions(side=side, polynomials=polynomials)
 
 
 def state_unknowns(
     true: Mapping[str, float], unknown: Sequence[LensParameterKeys | PortUnknownKeys], deviate: FloatArray
-) -> LensUnknowns:
+) -> model.LensUnknowns:
     """Return what CAL cards say of true parameters that are unknown (k); `deviate` (k,) are normal deviates."""
     value, sigma = (np.full(len(unknown), np.nan) for _ in range(2))
     for row, given in enumerate(unknown):
@@ -115,7 +108,7 @@ def state_unknowns(
         if error is not None:
             value[row] = float(f"{true[given.name] + error * deviate[row]:.9e}")
         sigma[row] = np.nan if given.sigma is None else given.sigma
-    return LensUnknowns(
+    return model.LensUnknowns(
         camera=np.zeros(len(unknown), dtype=int),
         parameter=np.array([given.name for given in unknown], dtype=np.str_),
         value=value,

@@ -11,20 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.collinearity import attitude_apart, wrapped
-from musatpy.model import (
-    Block,
-    ControlKind,
-    CoordinateSystem,
-    Program,
-    Refraction,
-    Solution,
-    SystemSpec,
-    Treatment,
-    Verdict,
-    WaterLevel,
-)
 from musatpy.model.solution import WAVE_VALUES
 from musatpy.model.tables import largest
 from musatpy.model.water import WAVE_SIGMAS
@@ -67,7 +56,7 @@ class Ellipses:
 class Words:
     """A statement, with what a SYS card says of it."""
 
-    spec: SystemSpec
+    spec: model.SystemSpec
     statement: Statement
     names: tuple[str, str, str]  # of the coordinates
     units: tuple[str, str, str]
@@ -79,7 +68,7 @@ class Statistics(Quality):
     """Every statistic of one solution, each computed when it is first asked for."""
 
     @property
-    def read(self) -> Block:
+    def read(self) -> model.Block:
         """The block with its plates as they were read, where they have been reduced."""
         reduced = self.solution.reduced
         return self.block if reduced is None else reduced.given
@@ -89,7 +78,7 @@ class Statistics(Quality):
         """Camera Station Position Analysis: adjusted minus initial."""
         photos = self.block.photos
         difference = self.solution.stations.position - photos.position
-        if self.block.options.system is CoordinateSystem.GEOGRAPHIC:
+        if self.block.options.system is model.CoordinateSystem.GEOGRAPHIC:
             difference[:, 1] = wrapped(difference[:, 1])
         return analysis_of(position_components(self.block), photos.ids, difference)
 
@@ -110,7 +99,7 @@ class Statistics(Quality):
         """
         block = self.block
         ids = block.points.ids[block.control.point]
-        if block.options.system is CoordinateSystem.GEOGRAPHIC:
+        if block.options.system is model.CoordinateSystem.GEOGRAPHIC:
             components = position_components(block)
             difference = self.solution.points.position[block.control.point] - block.control.position
             difference[:, 1] = wrapped(difference[:, 1])
@@ -123,12 +112,12 @@ class Statistics(Quality):
     def check_points(self) -> Analysis:
         """Adjusted minus given of check points, metres along east, north, up (X, Y, Z in local jobs)."""
         block = self.block
-        check = block.control.kind == ControlKind.CHECK
+        check = block.control.kind == model.ControlKind.CHECK
         ids = block.points.ids[block.control.point[check]]
         return analysis_of(metric_components(block), ids, self.control_difference[check])
 
     @cached_property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> model.Verdict:
         """What the solution is worth."""
         return verdict_of(self)
 
@@ -199,7 +188,7 @@ class Statistics(Quality):
         """Given heights (s,) m of the submerged points, NaN of those without, and their kinds of control (s,)."""
         control, p = self.block.control, len(self.block.points.ids)
         given, kind = np.full(p, np.nan), np.full(p, NOT_GIVEN)
-        rows = control.kind != ControlKind.HORIZONTAL
+        rows = control.kind != model.ControlKind.HORIZONTAL
         given[control.point[rows]] = elevations(self.block, control.position[rows])
         kind[control.point[rows]] = control.kind[rows]
         return given[self.solution.bathymetric.point], kind[self.solution.bathymetric.point]
@@ -219,7 +208,7 @@ class Statistics(Quality):
         return np.stack([rectangular(solution.block, position) for position in positions], axis=1)
 
 
-def _plate_statistics(solution: Solution) -> PlateStatistics:
+def _plate_statistics(solution: model.Solution) -> PlateStatistics:
     photo, n = solution.block.plates.photo, len(solution.block.photos.ids)
     residual = solution.plates.residual
     determined = ~np.isnan(residual).any(axis=1)
@@ -253,7 +242,7 @@ def _largest(rms: FloatArray) -> int:
     return largest(size) if (~np.isnan(size)).any() else -1
 
 
-def words_of(spec: SystemSpec | None, block: Block) -> Words | None:
+def words_of(spec: model.SystemSpec | None, block: model.Block) -> Words | None:
     """Return the words of a statement of a block, None of none. Raises `SystemsError` where it is no statement."""
     if spec is None:
         return None
@@ -283,7 +272,7 @@ def ellipses(covariance: FloatArray) -> Ellipses:
     )
 
 
-def exact_water(block: Block) -> tuple[str, ...]:
+def exact_water(block: model.Block) -> tuple[str, ...]:
     """Return, in words, what of the water is neither adjusted nor has a sigma; nothing without submerged points.
 
     A run without refraction knows of the water its level only.
@@ -294,13 +283,13 @@ def exact_water(block: Block) -> tuple[str, ...]:
     tides = _exact_tides(block)
     exact = []
     if tides.any():
-        every = not (block.photos.tide_sigma > 0.0).any() and options.water_level is WaterLevel.KNOWN
+        every = not (block.photos.tide_sigma > 0.0).any() and options.water_level is model.WaterLevel.KNOWN
         exact.append("all tides" if every else f"the tides of photos {_named(block.photos.ids[tides].tolist())}")
-    if options.program is Program.IIA and options.refraction is Refraction.NONE:
+    if options.program is model.Program.IIA and options.refraction is model.Refraction.NONE:
         return tuple(exact)
-    if options.water_index is not Treatment.ADJUST and not water.sigma:
+    if options.water_index is not model.Treatment.ADJUST and not water.sigma:
         exact.append("the refractive index")
-    if options.water_tilt is not Treatment.ADJUST and not water.tilt_sigma:
+    if options.water_tilt is not model.Treatment.ADJUST and not water.tilt_sigma:
         exact.append("the tilt of the surface")
     waves = block.waves
     for row, name in enumerate(waves.ids.tolist()):
@@ -314,14 +303,14 @@ def exact_water(block: Block) -> tuple[str, ...]:
     return tuple(exact)
 
 
-def _exact_tides(block: Block) -> BoolArray:
+def _exact_tides(block: model.Block) -> BoolArray:
     """Return (n,) the photos that show submerged points and whose tide has neither a sigma nor a correction."""
     photos, level = block.photos, block.options.water_level
     shown = np.zeros(len(photos.ids), dtype=bool)
     shown[block.plates.photo[block.points.bathymetric[block.plates.point]]] = True
     adjusted = np.zeros(len(photos.ids), dtype=bool)
-    if block.options.program is Program.IIIA and level is not WaterLevel.KNOWN:
-        labels = {WaterLevel.GROUP: photos.tide_group, WaterLevel.DAY: photos.tide_day}.get(level)
+    if block.options.program is model.Program.IIIA and level is not model.WaterLevel.KNOWN:
+        labels = {model.WaterLevel.GROUP: photos.tide_group, model.WaterLevel.DAY: photos.tide_day}.get(level)
         adjusted = np.ones_like(adjusted) if labels is None else labels != ""
     return shown & np.isfinite(photos.tide) & ~adjusted & ~(photos.tide_sigma > 0.0)
 

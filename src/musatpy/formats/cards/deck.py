@@ -13,13 +13,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, ByteArray, IntArray
 from musatpy.errors import DeckError, Problem, in_order
-from musatpy.formats.cards.codec import (
-    Column,
-    decode_column,
-    empty_column,
-    encode_cards,
-    strays,
-)
+from musatpy.formats.cards import codec
 from musatpy.formats.cards.foreign import foreign, of_survey
 from musatpy.formats.cards.letters import LATIN_1, text_of
 from musatpy.formats.cards.slips import readings
@@ -33,7 +27,7 @@ _LETTER = "'{}' is not ASCII: only titles and the names of liquids may have such
 _CONTROL = "control character (byte {:#04x})"
 _TRIED = 200  # cards that a slip must explain one of, before all are tried
 _SUBSTITUTE = ord("?")  # in place of characters that no card has
-Columns = Mapping[str, Column]  # field -> (k,) float64, NaN for no value; or text without outer blanks
+Columns = Mapping[str, codec.Column]  # field -> (k,) float64, NaN for no value; or text without outer blanks
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -166,11 +160,11 @@ def read_cards(source: Path | str | bytes, family: Family, name: str | None = No
     )
 
 
-def _reads(spec: CardSpec, cards: ByteArray, columns: dict[str, Column] | None = None) -> BoolArray:
+def _reads(spec: CardSpec, cards: ByteArray, columns: dict[str, codec.Column] | None = None) -> BoolArray:
     """Return (k,) whether all of a card (k, 80) reads; its columns (k,) are filled."""
-    read = columns or {field.name: empty_column(field, len(cards)) for field in spec.fields}
-    bad = {row for field in spec.fields for row, _ in decode_column(field, cards, read[field.name])}
-    bad |= {row for row, _, _ in strays(spec, cards)}
+    read = columns or {field.name: codec.empty_column(field, len(cards)) for field in spec.fields}
+    bad = {row for field in spec.fields for row, _ in codec.decode_column(field, cards, read[field.name])}
+    bad |= {row for row, _, _ in codec.strays(spec, cards)}
     return ~np.isin(np.arange(len(cards)), list(bad))
 
 
@@ -204,17 +198,17 @@ class _DeckReader:
     def columns(self, spec: CardSpec) -> Columns:
         """Return the columns of the cards of `spec`, decoded in chunks."""
         rows = self.rows[spec.mnemonic]
-        columns = {field.name: empty_column(field, rows.size) for field in spec.fields}
+        columns = {field.name: codec.empty_column(field, rows.size) for field in spec.fields}
         for start in range(0, rows.size, _CHUNK):
             lines = rows[start : start + _CHUNK]
             cards = self.images.cards[lines]
             for field in spec.fields:
-                for row, error in decode_column(field, cards, columns[field.name][start : start + _CHUNK]):
+                for row, error in codec.decode_column(field, cards, columns[field.name][start : start + _CHUNK]):
                     line = int(lines[row]) + 1
                     if line not in self.unreadable:
                         card = {"file": self.file, "card": spec.mnemonic, "text": self.images.text(line)}
                         self.problems.append(field.problem(error, line=line, **card))
-            for row, column, found in strays(spec, cards):
+            for row, column, found in codec.strays(spec, cards):
                 line = int(lines[row]) + 1
                 if line not in self.unreadable:
                     name, why = None, " stands in columns of no field"
@@ -253,7 +247,7 @@ class _DeckReader:
             tried = np.flatnonzero(left & possible)
             if not _reads(spec, mended[tried[:_TRIED]]).any():
                 continue
-            read = {field.name: empty_column(field, len(tried)) for field in spec.fields}
+            read = {field.name: codec.empty_column(field, len(tried)) for field in spec.fields}
             good = tried[_reads(spec, mended[tried], read)]
             known = dict(zip(lines[good].tolist(), good.tolist(), strict=True))
             self.problems = [problem for problem in self.problems if problem.line not in known]
@@ -340,7 +334,7 @@ def write_cards(tables: Iterable[tuple[CardSpec, Columns]]) -> bytes:
     number = 1
     for spec, columns in tables:
         count = len(columns[spec.fields[0].name]) if spec.fields else 1
-        block, unwritten = encode_cards(spec, columns, count, number)
+        block, unwritten = codec.encode_cards(spec, columns, count, number)
         blocks.append(block)
         problems += unwritten
         number += count

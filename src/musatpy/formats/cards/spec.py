@@ -13,15 +13,8 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 import musatpy
+from musatpy import fortran
 from musatpy.errors import CardFormatError, Problem
-from musatpy.fortran import (
-    Blank,
-    Edit,
-    FieldError,
-    fit_number,
-    parse_edit,
-    read_number,
-)
 from musatpy.specs import Reader, key, read_toml, require
 
 CARD_WIDTH = 80
@@ -45,9 +38,9 @@ _mnemonic = _matching(re.compile(r"[A-Z][A-Z0-9]{2}", re.ASCII), "{} is not thre
 _identifier = _matching(re.compile(r"[a-z][a-z0-9_]*", re.ASCII), "{} is not a lower case identifier")
 
 
-def _edit(text: Any) -> Edit:
+def _edit(text: Any) -> fortran.Edit:
     require(isinstance(text, str), f"{text!r} is not a str")
-    return parse_edit(text)
+    return fortran.parse_edit(text)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +53,7 @@ class FieldSpec:
 
     name: str = key(doc="lower case identifier, unique on the card", convert=_identifier)
     columns: tuple[int, int] = key(doc="`[first, last]`, counted from 1, within 4-72, of no other field")
-    edit: Edit = key(
+    edit: fortran.Edit = key(
         doc="FORTRAN edit descriptor (`Iw`, `Fw.d`, `Ew.d`, `Dw.d`, `Aw`) as wide as the columns", convert=_edit
     )
     unit: str = key(
@@ -74,7 +67,9 @@ class FieldSpec:
         "the attribute of the block that holds the value; `:deg`, `:min`, `:sec` of an angle",
         required=True,
     )
-    blank: Blank = key("error", "a blank field is an `error` (so without the key), `missing` (no value) or `zero`")
+    blank: fortran.Blank = key(
+        "error", "a blank field is an `error` (so without the key), `missing` (no value) or `zero`"
+    )
     asterisks: bool = key(False, "whether asterisks, a FORTRAN overflow, read as no value; numbers only")
     allowed: tuple[str, ...] = key((), "the values that a text may have")
     letters: bool = key(False, "whether a text may have letters beyond ASCII, as titles have")
@@ -125,14 +120,14 @@ class FieldSpec:
         Raises `FieldError`.
         """
         if self.edit.is_number:
-            return read_number(text, self.edit, blank=self.blank, asterisks=self.asterisks)
+            return fortran.read_number(text, self.edit, blank=self.blank, asterisks=self.asterisks)
         value = text[: self.edit.width].strip(" ")
         if not value:
             if self.blank == "error":
-                raise FieldError(text, self.expected)
+                raise fortran.FieldError(text, self.expected)
             return ""
         if self.allowed and value not in self.allowed:
-            raise FieldError(value, self.expected)
+            raise fortran.FieldError(value, self.expected)
         return value
 
     def encode(self, value: float | str) -> str:
@@ -144,24 +139,24 @@ class FieldSpec:
         if isinstance(value, str):
             width = self.edit.width
             if not value and self.blank == "error":
-                raise FieldError(value, self.expected)
+                raise fortran.FieldError(value, self.expected)
             known = (self.letters or value.isascii()) and value.isprintable()
             if len(value) > width or value != value.strip(" ") or not known:
                 characters = "characters" if self.letters else "ASCII characters"
-                raise FieldError(value, f"{self.edit} (up to {width} {characters}, no outer blanks)")
+                raise fortran.FieldError(value, f"{self.edit} (up to {width} {characters}, no outer blanks)")
             if value and self.allowed and value not in self.allowed:
-                raise FieldError(value, self.expected)
+                raise fortran.FieldError(value, self.expected)
             return value.ljust(width)
         if math.isnan(value) and self.blank != "missing":
-            raise FieldError("nan", f"a value of {self.edit}")
-        return fit_number(value, self.edit, all_digits=self.is_sigma)
+            raise fortran.FieldError("nan", f"a value of {self.edit}")
+        return fortran.fit_number(value, self.edit, all_digits=self.is_sigma)
 
     @property
     def is_sigma(self) -> bool:
         """Whether it is a standard deviation: one is written with all digits that the columns hold."""
         return self.edit.letter == "F" and bool(_SIGMA.search(self.target))
 
-    def problem(self, error: FieldError, message: str = "", **place: Any) -> Problem:
+    def problem(self, error: fortran.FieldError, message: str = "", **place: Any) -> Problem:
         """Return the problem of a text that does not decode, or of a value that does not fit, at some place."""
         columns, found = self.columns, error.found
         if not message:  # a text

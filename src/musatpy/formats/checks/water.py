@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from musatpy import model
 from musatpy.arrays import IntArray
 from musatpy.errors import Problem
 from musatpy.formats import mapping
@@ -14,17 +15,6 @@ from musatpy.formats.checks.check import check
 from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import POINT_FLAGS
-from musatpy.model import (
-    ControlKind,
-    CoordinateSystem,
-    Datum,
-    Program,
-    Refraction,
-    Treatment,
-    WaterConditions,
-    WaterLevel,
-    Weights,
-)
 from musatpy.model.water import USUAL_INDICES, index_fault
 
 _FLAGS = ("", "bathymetric", "dry")  # of a point
@@ -60,7 +50,7 @@ def conditions(draft: Draft) -> Iterator[Problem]:
     values = {name: draft.rows[role][f"{role}.{name}"][0].item() for name in mapping.names_of(role)}
     if values["formula"] in FORMULAS:
         given: dict[str, Any] = {name: None if value != value else value for name, value in values.items()}
-        for name, message in faults(WaterConditions(**given)):
+        for name, message in faults(model.WaterConditions(**given)):
             yield draft.problem(role, 0, message, path=f"{role}.{name}")
 
 
@@ -130,7 +120,7 @@ def tides(draft: Draft) -> Iterator[Problem]:
 @check(of_job=True)
 def levels(draft: Draft) -> Iterator[Problem]:
     """Yield the tides that are not below their exposure station (geographic and local jobs)."""
-    if draft.system is CoordinateSystem.GEOCENTRIC or not fits_system(draft, "stations").all():
+    if draft.system is model.CoordinateSystem.GEOCENTRIC or not fits_system(draft, "stations").all():
         return
     height = np.append(draft.by_photo("stations", "photos.position")[:, 2], np.nan)
     tide = draft.rows["tides"]["photos.tide"]
@@ -140,7 +130,7 @@ def levels(draft: Draft) -> Iterator[Problem]:
 
 def _submerged(draft: Draft) -> IntArray:
     """Return the rows of plate measurements of submerged points that refraction has to correct."""
-    if draft.options.refraction is Refraction.NONE and draft.options.program is Program.IIA:
+    if draft.options.refraction is model.Refraction.NONE and draft.options.program is model.Program.IIA:
         return np.zeros(0, dtype=np.int64)
     point = draft.point["plates"]
     return np.flatnonzero((point >= 0) & np.append(draft.bathymetric, False)[point])
@@ -150,7 +140,11 @@ def _submerged(draft: Draft) -> IntArray:
 def tides_without_flags(draft: Draft) -> Iterator[Problem]:
     """Yield the first tide of a deck in which no point is flagged as submerged, unless refraction is NONE."""
     number = len(draft.rows["tides"])
-    if not len(draft.rows["plates"]) or draft.options.refraction is Refraction.NONE or draft.bathymetric.any():
+    if (
+        not len(draft.rows["plates"])
+        or draft.options.refraction is model.Refraction.NONE
+        or draft.bathymetric.any()
+    ):
         return
     cards = f"{number} {draft.card('tides') if number == 1 else draft.cards('tides') + ' cards'}"
     message = f"{cards}, and no point is flagged as submerged: nothing is refracted (run --submerged)"
@@ -165,15 +159,15 @@ def flags_of_control(draft: Draft) -> Iterator[Problem]:
     the level of a photo is unknown; waves may be as high as all their crests together.
     """
     options = draft.options
-    if draft.system is CoordinateSystem.GEOCENTRIC or not fits_system(draft, "control").all():
+    if draft.system is model.CoordinateSystem.GEOCENTRIC or not fits_system(draft, "control").all():
         return
     tilts = [draft.rows["water"][f"water.tilt_{axis}"] for axis in ("east", "north")]
-    if options.water_tilt is not Treatment.KNOWN or np.nan_to_num(tilts).any():
+    if options.water_tilt is not model.Treatment.KNOWN or np.nan_to_num(tilts).any():
         return
-    if options.program is Program.IIA and options.refraction is Refraction.NONE:
+    if options.program is model.Program.IIA and options.refraction is model.Refraction.NONE:
         return
     tide, tide_sigma = (draft.by_photo("tides", f"photos.{name}") for name in ("tide", "tide_sigma"))
-    if options.water_level is WaterLevel.KNOWN:
+    if options.water_level is model.WaterLevel.KNOWN:
         tide_sigma = np.nan_to_num(tide_sigma)
     photo, point = draft.photo["plates"], draft.point["plates"]
     seen = np.flatnonzero((photo >= 0) & (point >= 0))
@@ -186,7 +180,7 @@ def flags_of_control(draft: Draft) -> Iterator[Problem]:
     lowest, highest, sigma = (np.append(bound, np.nan)[of] for bound in (lowest, highest, sigma))
     height, kind = rows["control.position"][:, 2], rows["control.kind"]
     given = np.where(rows["control.fixed"].astype(bool), 0.0, rows["control.sigma"][:, 2])
-    given[(kind == ControlKind.HORIZONTAL) | dry] = np.nan  # an approximate height, and one that says nothing
+    given[(kind == model.ControlKind.HORIZONTAL) | dry] = np.nan  # an approximate height, and one that says nothing
     beyond = np.where(wet, height - highest, lowest - height) - waves
     tested = np.isfinite(beyond) & np.isfinite(given) & np.isfinite(sigma)
     if not (beyond[tested] > 0.0).any():
@@ -209,13 +203,13 @@ def flags_of_control(draft: Draft) -> Iterator[Problem]:
 def only_simultaneous(draft: Draft) -> Iterator[Problem]:
     """Yield what a job of program IIA asks for and only IIIA has."""
     options = draft.options
-    if options.program is not Program.IIA:
+    if options.program is not model.Program.IIA:
         return
     for name, only in (
-        ("water_level", WaterLevel.KNOWN),
-        ("water_tilt", Treatment.KNOWN),
-        ("water_index", Treatment.KNOWN),
-        ("datum", Datum.CONTROL),
+        ("water_level", model.WaterLevel.KNOWN),
+        ("water_tilt", model.Treatment.KNOWN),
+        ("water_index", model.Treatment.KNOWN),
+        ("datum", model.Datum.CONTROL),
     ):
         if getattr(options, name) is not only:
             message = f"'{getattr(options, name)}' needs program IIIA"
@@ -229,9 +223,9 @@ def only_simultaneous(draft: Draft) -> Iterator[Problem]:
 @check(needs="options")
 def only_rigorous(draft: Draft) -> Iterator[Problem]:
     """Yield options of IIA that a job of program IIIA gives in vain."""
-    for name, fixed in (("refraction", Refraction.RIGOROUS), ("weights", Weights.FULL)):
+    for name, fixed in (("refraction", model.Refraction.RIGOROUS), ("weights", model.Weights.FULL)):
         text = str(draft.rows["options"][f"options.{name}"][0])
-        if draft.options.program is Program.IIIA and text and text != fixed:
+        if draft.options.program is model.Program.IIIA and text and text != fixed:
             message = f"'{text}' is not for program IIIA: it has {fixed} only, and uses that"
             yield draft.problem("options", 0, message, path=f"options.{name}", severity="warning")
 
@@ -239,8 +233,8 @@ def only_rigorous(draft: Draft) -> Iterator[Problem]:
 @check()
 def tide_labels(draft: Draft) -> Iterator[Problem]:
     """Yield the tide cards that do not say whose correction their photo shares, where there are groups or days."""
-    name = {WaterLevel.GROUP: "group", WaterLevel.DAY: "day"}.get(draft.options.water_level)
-    if name is not None and draft.options.program is Program.IIIA:
+    name = {model.WaterLevel.GROUP: "group", model.WaterLevel.DAY: "day"}.get(draft.options.water_level)
+    if name is not None and draft.options.program is model.Program.IIIA:
         path = f"photos.tide_{name}"
         message = f"blank, and the unknown corrections of the tides go by {name}"
         yield from draft.problems("tides", draft.rows["tides"][path] == "", message, path=path)
@@ -252,11 +246,11 @@ def priors_of_the_water(draft: Draft) -> Iterator[Problem]:
     options = draft.options
     message = "no sigma: the measurements alone have to determine this unknown"
     for role, path, unknown in (
-        ("tides", "photos.tide_sigma", options.water_level is not WaterLevel.KNOWN),
-        ("water", "water.tilt_sigma", options.water_tilt is Treatment.ADJUST),
-        ("water", "water.sigma", options.water_index is Treatment.ADJUST),
+        ("tides", "photos.tide_sigma", options.water_level is not model.WaterLevel.KNOWN),
+        ("water", "water.tilt_sigma", options.water_tilt is model.Treatment.ADJUST),
+        ("water", "water.sigma", options.water_index is model.Treatment.ADJUST),
     ):
-        if not unknown or options.program is not Program.IIIA:
+        if not unknown or options.program is not model.Program.IIIA:
             continue
         if len(draft.rows[role]) and np.isnan(draft.rows[role][path]).all():
             yield draft.problem(role, 0, message, path=path, severity="warning")

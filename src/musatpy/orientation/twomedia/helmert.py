@@ -14,15 +14,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.collinearity import attitude_matrix, attitude_matrix_partials
-from musatpy.orientation.twomedia.rays import (
-    IMAGE,
-    PHOTO,
-    WATER,
-    ConditionGroup,
-    ImageRays,
-    Orientation,
-    image_rays,
-)
+from musatpy.orientation.twomedia import rays
 
 _STEPS = 60  # of Levenberg and Marquardt
 _LAST_STEPS = 200  # at the adjusted values; from the air each may leave .8 of what the one before has left
@@ -54,12 +46,12 @@ class HelmertProblem:
     rise: FloatArray
     control: FloatArray
     control_sigma: FloatArray
-    groups: tuple[ConditionGroup, ...]
+    groups: tuple[rays.ConditionGroup, ...]
     unknown: BoolArray
     centre: FloatArray
     prior: FloatArray
     bottom: FloatArray | None = None
-    approach: tuple[ConditionGroup, ...] = ()
+    approach: tuple[rays.ConditionGroup, ...] = ()
     equal: bool = False
 
 
@@ -107,7 +99,7 @@ class Adjusted:
     these values.
     """
 
-    at: Orientation
+    at: rays.Orientation
     squares: FloatArray
     converged: BoolArray
     normals: FloatArray
@@ -123,19 +115,19 @@ class Adjusted:
         return type(self)(**values, linear=tuple(part[kept] for part in self.linear))
 
 
-def adjust(problem: HelmertProblem, starts: Orientation) -> Adjusted:
+def adjust(problem: HelmertProblem, starts: rays.Orientation) -> Adjusted:
     """Return the adjusted orientations of starts (s,)."""
     return refined(problem, sampled(problem, starts))
 
 
-def sampled(problem: HelmertProblem, starts: Orientation, trust: FloatArray | None = None) -> Orientation:
+def sampled(problem: HelmertProblem, starts: rays.Orientation, trust: FloatArray | None = None) -> rays.Orientation:
     """Return where starts (s,) lead, near a minimum, when each counts points (p,) by its `trust` (s, p), 0 or 1."""
     if problem.approach:
         starts = _descended(replace(problem, groups=problem.approach, approach=()), starts, trust, _NEAR)
     return _descended(problem, starts, trust)
 
 
-def misfits(problem: HelmertProblem, at: Orientation) -> FloatArray:
+def misfits(problem: HelmertProblem, at: rays.Orientation) -> FloatArray:
     """Return the misclosures (s, k) of all points at the measured values, in their sigmas; infinite if unreal."""
     linear, real = linearised(problem, at, *_measured(problem, len(at.level)))
     squares = [part.full.squares / part.misclosure.shape[-1] for part in linear]
@@ -145,19 +137,19 @@ def misfits(problem: HelmertProblem, at: Orientation) -> FloatArray:
 
 
 def linearised(
-    problem: HelmertProblem, at: Orientation, image: FloatArray, control: FloatArray
+    problem: HelmertProblem, at: rays.Orientation, image: FloatArray, control: FloatArray
 ) -> tuple[list[Linear], BoolArray]:
     """Return the conditions of all groups at images (s, n, 2) and control (s, c, 3), and which (s,) are real."""
-    bundle = image_rays(at, problem.photo, image, problem.wet, problem.rise)
+    bundle = rays.image_rays(at, problem.photo, image, problem.wet, problem.rise)
     linear = [_linear(problem, group, bundle, at, image, control) for group in problem.groups]
     return linear, np.asarray(bundle.real.all(axis=-1))
 
 
 def _linear(
     problem: HelmertProblem,
-    group: ConditionGroup,
-    bundle: ImageRays,
-    at: Orientation,
+    group: rays.ConditionGroup,
+    bundle: rays.ImageRays,
+    at: rays.Orientation,
     image: FloatArray,
     control: FloatArray,
 ) -> Linear:
@@ -166,11 +158,11 @@ def _linear(
     conditions = group.condition(bundle[group.images], points, at)
     by_rays = conditions.by_rays
     shape = conditions.value.shape
-    B = np.zeros((*shape, PHOTO * at.photos + WATER))
+    B = np.zeros((*shape, rays.PHOTO * at.photos + rays.WATER))
     for ray, photo in enumerate(group.photos):
-        B[..., PHOTO * photo : PHOTO * (photo + 1)] = by_rays[..., ray, :PHOTO]
-        B[..., -WATER:] += by_rays[..., ray, PHOTO : PHOTO + WATER]
-    A = by_rays[..., IMAGE].reshape(*shape, 2 * r)
+        B[..., rays.PHOTO * photo : rays.PHOTO * (photo + 1)] = by_rays[..., ray, : rays.PHOTO]
+        B[..., -rays.WATER :] += by_rays[..., ray, rays.PHOTO : rays.PHOTO + rays.WATER]
+    A = by_rays[..., rays.IMAGE].reshape(*shape, 2 * r)
     off = (problem.image - image)[:, group.images].reshape(s, k, 2 * r)
     variance = np.square(problem.image_sigma[group.images]).reshape(k, 2 * r)
     free = None
@@ -213,8 +205,8 @@ def _inverse(spread: FloatArray) -> FloatArray:
 
 
 def _descended(
-    problem: HelmertProblem, starts: Orientation, trust: FloatArray | None, least_gain: float = _GAIN
-) -> Orientation:
+    problem: HelmertProblem, starts: rays.Orientation, trust: FloatArray | None, least_gain: float = _GAIN
+) -> rays.Orientation:
     """Return where steps of Levenberg and Marquardt lead starts (s,) at the measured values; unreal ones stay.
 
     `trust` (s, p) in the points, None for 1. Steps end where the squares decrease by less than `least_gain`.
@@ -232,7 +224,7 @@ def _descended(
         added = damping[active, None] * np.where(diagonal > 0.0, diagonal, 1.0)
         change = np.linalg.solve(N + np.eye(N.shape[-1]) * added[:, None], rhs[..., None])
         trial = x[active] + (T @ change)[..., 0]
-        at = Orientation.of(trial)
+        at = rays.Orientation.of(trial)
         linear, value = _evaluated(problem, at, trust[active])
         lower = value < squares[active]
         # of a step that leads nowhere what it should have gained: the weights change with the orientation
@@ -248,17 +240,17 @@ def _descended(
         )
         kept = ~ended & (damping[active] < _MOST_DAMPING)
         active, N, rhs, T = active[kept], N[kept], rhs[kept], T[kept]
-    return Orientation.of(x)
+    return rays.Orientation.of(x)
 
 
-def refined(problem: HelmertProblem, near: Orientation) -> Adjusted:
+def refined(problem: HelmertProblem, near: rays.Orientation) -> Adjusted:
     """Return the minima to which steps at the adjusted values lead from starts (s,) near them."""
     x = near.vector.copy()
     plain = _trust(problem, len(x))
     image, control = (values.copy() for values in _measured(problem, len(x)))
     converged, active = np.zeros(len(x), dtype=bool), np.arange(len(x))
     for _ in range(_LAST_STEPS):
-        at = Orientation.of(x[active])
+        at = rays.Orientation.of(x[active])
         linear, real = linearised(problem, at, image[active], control[active])
         N, rhs, T = _normals(problem, at, linear, plain[active])
         usable = real & np.isfinite(N).all(axis=(1, 2))
@@ -275,7 +267,7 @@ def refined(problem: HelmertProblem, near: Orientation) -> Adjusted:
         active = active[usable & ~converged[active]]
         if not len(active):
             break
-    at = Orientation.of(x)
+    at = rays.Orientation.of(x)
     linear, real = linearised(problem, at, image, control)
     full = [part.full for part in linear]
     N, _, T = _normals(problem, at, full, plain)
@@ -297,13 +289,13 @@ def _measured(problem: HelmertProblem, starts: int) -> tuple[FloatArray, FloatAr
     return np.broadcast_to(image, (starts, *image.shape)), np.broadcast_to(control, (starts, *control.shape))
 
 
-def _evaluated(problem: HelmertProblem, at: Orientation, trust: FloatArray) -> tuple[list[Linear], FloatArray]:
+def _evaluated(problem: HelmertProblem, at: rays.Orientation, trust: FloatArray) -> tuple[list[Linear], FloatArray]:
     """Return the conditions at the measured values, and the squares (s,), infinite where they are not real."""
     linear, real = linearised(problem, at, *_measured(problem, len(at.level)))
     return linear, np.where(real, _squares(problem, at, linear, trust), np.inf)
 
 
-def _squares(problem: HelmertProblem, at: Orientation, linear: list[Linear], trust: FloatArray) -> FloatArray:
+def _squares(problem: HelmertProblem, at: rays.Orientation, linear: list[Linear], trust: FloatArray) -> FloatArray:
     """Return the weighted squares (s,) of misclosures and priors."""
     total = np.sum(np.square((at.vector - problem.centre) / problem.prior), axis=-1)
     for group, part in zip(problem.groups, linear, strict=True):
@@ -311,7 +303,7 @@ def _squares(problem: HelmertProblem, at: Orientation, linear: list[Linear], tru
     return total
 
 
-def precision(problem: HelmertProblem, at: Orientation, image: FloatArray, control: FloatArray) -> FloatArray:
+def precision(problem: HelmertProblem, at: rays.Orientation, image: FloatArray, control: FloatArray) -> FloatArray:
     """Return covariances (s, 6 m + 4, 6 m + 4) for unit weight, at images (s, n, 2) and control (s, c, 3)."""
     linear, _ = linearised(problem, at, image, control)
     N, _, T = _normals(problem, at, linear, _trust(problem, len(image)))
@@ -324,7 +316,7 @@ def _trust(problem: HelmertProblem, starts: int) -> FloatArray:
 
 
 def _normals(
-    problem: HelmertProblem, at: Orientation, linear: list[Linear], trust: FloatArray
+    problem: HelmertProblem, at: rays.Orientation, linear: list[Linear], trust: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return normals (s, u, u) and right sides (s, u) along the directions, and these, (s, 6 m + 4, u)."""
     T = directions(at, problem.unknown, _bottom(problem, at))
@@ -341,7 +333,7 @@ def _normals(
     return N, rhs, T
 
 
-def _bottom(problem: HelmertProblem, at: Orientation) -> FloatArray:
+def _bottom(problem: HelmertProblem, at: rays.Orientation) -> FloatArray:
     """Return the middle of the points (s, 3): as given, or where the axes of the photos meet the water."""
     if problem.bottom is not None:
         return np.broadcast_to(problem.bottom, (len(at.level), 3))
@@ -371,7 +363,7 @@ def _corrected(
     return image, control
 
 
-def directions(at: Orientation, unknown: BoolArray, bottom: FloatArray) -> FloatArray:
+def directions(at: rays.Orientation, unknown: BoolArray, bottom: FloatArray) -> FloatArray:
     """Return directions (s, 6 m + 4, u) of the u unknowns: changes of the vector of orientations (s,).
 
     `bottom` (s, 3) is the middle of the points. The level is that over it. The apparent bottom rises with the
@@ -379,9 +371,9 @@ def directions(at: Orientation, unknown: BoolArray, bottom: FloatArray) -> Float
     stays on the apparent bottom; and over shallow water a tilt turns rays as a prism does, by 1 - 1/n, which phi
     and omega follow.
     """
-    size = PHOTO * at.photos + WATER
+    size = rays.PHOTO * at.photos + rays.WATER
     T = np.broadcast_to(np.eye(size), (len(at.level), size, size)).copy()
-    slope, level = slice(size - WATER, size - WATER + 2), size - WATER + 2
+    slope, level = slice(size - rays.WATER, size - rays.WATER + 2), size - rays.WATER + 2
     bend = 1.0 - 1.0 / at.index
     M, dM = attitude_matrix(at.attitude), attitude_matrix_partials(at.attitude)
     axis, axis_by = -M[..., 2, :], -dM[..., 2, :]  # (s, m, 3), and by the angles (s, m, angles, 3)
@@ -393,7 +385,7 @@ def directions(at: Orientation, unknown: BoolArray, bottom: FloatArray) -> Float
     prism = np.where(shallow, bend, 0.0)
     T[:, level, slope] = -bottom[:, :2]
     for photo in range(at.photos):
-        angles = slice(PHOTO * photo, PHOTO * photo + 3)
+        angles = slice(rays.PHOTO * photo, rays.PHOTO * photo + 3)
         omega, phi, Z = angles.start, angles.start + 1, angles.stop + 2
         T[:, phi, slope.start], T[:, omega, slope.start + 1] = -prism, prism
         T[:, Z, level] = bend

@@ -15,6 +15,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import CollocationError
+from musatpy.sea.interpolation import prediction
 from musatpy.sea.interpolation.correlation import SignalKind
 from musatpy.sea.interpolation.estimation import (
     Empirical,
@@ -26,14 +27,6 @@ from musatpy.sea.interpolation.estimation import (
     spacing,
 )
 from musatpy.sea.interpolation.likelihood import Uncertain, uncertain
-from musatpy.sea.interpolation.prediction import (
-    Collocation,
-    CrossValidation,
-    Observed,
-    Prediction,
-    Trend,
-    check_count,
-)
 
 GROUPS = 5  # of control points that are left out together in the verdict
 _RISK = 0.05  # of calling any of all good control points an outlier
@@ -56,7 +49,7 @@ class InterpolationOptions:
     `reach` (m) is how far from control points is predicted, None for that of the covariance.
     """
 
-    trend: Trend = Trend.CONSTANT
+    trend: prediction.Trend = prediction.Trend.CONSTANT
     families: tuple[SignalKind, ...] = tuple(SignalKind)
     free_noise: bool = True
     reject: bool = True
@@ -68,7 +61,7 @@ class Candidate:
     """The estimate of one family, and its cross-validation."""
 
     estimate: Estimate
-    validation: CrossValidation
+    validation: prediction.CrossValidation
 
     @property
     def family(self) -> SignalKind:
@@ -92,7 +85,7 @@ class Interpolation:
     `grouped` are the errors of control points (u,) that were left out in groups, covariance and all.
     """
 
-    observed: Observed
+    observed: prediction.Observed
     used: BoolArray  # (n,)
     outliers: tuple[Outlier, ...]
     critical: float  # standardised error from which a point is an outlier
@@ -101,9 +94,9 @@ class Interpolation:
     spacing: float  # m
     reach: float  # m
     options: InterpolationOptions
-    collocation: Collocation
+    collocation: prediction.Collocation
     uncertain: Uncertain
-    grouped: CrossValidation
+    grouped: prediction.CrossValidation
 
     @property
     def best(self) -> Candidate:
@@ -125,7 +118,7 @@ class Interpolation:
         """By which sigmas are larger than the covariance has them: as at control left out in groups, at least 1."""
         return max(1.0, self.grouped.standardised_rms)
 
-    def sigma(self, predicted: Prediction) -> FloatArray:
+    def sigma(self, predicted: prediction.Prediction) -> FloatArray:
         """Return the sigmas (m,) m of heights corrected by a prediction, noise and factor included.
 
         The estimated noise counts: it is what no function explains and what mapping by itself errs by, at these
@@ -142,11 +135,11 @@ class Interpolation:
         return Benefit.HELPS if self.removed >= 0.2 else Benefit.LITTLE
 
 
-def interpolate(observed: Observed, options: InterpolationOptions | None = None) -> Interpolation:
+def interpolate(observed: prediction.Observed, options: InterpolationOptions | None = None) -> Interpolation:
     """Return the interpolation between control points. Raises `CollocationError`."""
     options = options or InterpolationOptions()
     count = len(observed.value)
-    check_count(count, options.trend, GROUPS)
+    prediction.check_count(count, options.trend, GROUPS)
     if not np.ptp(observed.place, axis=0).any():
         raise CollocationError.of("all control points stand at one place")
     used = np.ones(count, dtype=bool)
@@ -162,7 +155,7 @@ def interpolate(observed: Observed, options: InterpolationOptions | None = None)
         candidates = _candidates(observed.rows(used), options)
     kept = observed.rows(used)
     best = candidates[0].estimate
-    collocation = Collocation(kept, best.covariance, options.trend)
+    collocation = prediction.Collocation(kept, best.covariance, options.trend)
     gap, wide = spacing(kept.place), extent(kept.place)
     return Interpolation(
         observed=observed,
@@ -194,16 +187,16 @@ def _reach(options: InterpolationOptions, best: Candidate, wide: float) -> float
     return min(best.estimate.covariance.correlation.reach(), wide / 2.0)
 
 
-def _candidates(observed: Observed, options: InterpolationOptions) -> tuple[Candidate, ...]:
+def _candidates(observed: prediction.Observed, options: InterpolationOptions) -> tuple[Candidate, ...]:
     candidates = []
     for family in options.families:
         estimated = estimate(observed, options.trend, family, free_noise=options.free_noise)
-        validation = Collocation(observed, estimated.covariance, options.trend).cross_validation
+        validation = prediction.Collocation(observed, estimated.covariance, options.trend).cross_validation
         candidates.append(Candidate(estimate=estimated, validation=validation))
     return tuple(sorted(candidates, key=lambda candidate: candidate.estimate.criterion))
 
 
-def _worst(observed: Observed, used: BoolArray, best: Candidate, critical: float) -> Outlier | None:
+def _worst(observed: prediction.Observed, used: BoolArray, best: Candidate, critical: float) -> Outlier | None:
     size = np.abs(best.validation.standardised)
     row = int(np.argmax(size))
     if size[row] <= critical:
@@ -213,8 +206,8 @@ def _worst(observed: Observed, used: BoolArray, best: Candidate, critical: float
 
 
 def grouped(
-    observed: Observed, options: InterpolationOptions, family: SignalKind, groups: int = GROUPS
-) -> CrossValidation:
+    observed: prediction.Observed, options: InterpolationOptions, family: SignalKind, groups: int = GROUPS
+) -> prediction.CrossValidation:
     """Return the validation by groups of control points, the covariance of a family estimated without each."""
     count = len(observed.value)
     member = np.random.default_rng(count).permutation(count) % min(groups, count)
@@ -223,7 +216,7 @@ def grouped(
         out = member == group
         rest = observed.rows(~out)
         covariance = estimate(rest, options.trend, family, free_noise=options.free_noise).covariance
-        predicted = Collocation(rest, covariance, options.trend).predict(observed.place[out])
+        predicted = prediction.Collocation(rest, covariance, options.trend).predict(observed.place[out])
         error[out] = observed.value[out] - predicted.value
         sigma[out] = np.sqrt(predicted.sigma**2 + covariance.noise + observed.sigma[out] ** 2)
-    return CrossValidation(error=error, sigma=sigma)
+    return prediction.CrossValidation(error=error, sigma=sigma)
