@@ -294,18 +294,20 @@ def test_a_coordinate_that_is_missing_is_a_reason_of_its_point(tmp_path: Path) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["las", "laz"])
-def test_a_las_file_has_its_own_system_and_keeps_it(tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize(("kind", "stated", "words"), [("las", 32620, ()), ("laz", 32619, ("--crs", "EPSG:32620"))])
+def test_a_las_file_keeps_its_own_system_or_gets_that_which_is_named(
+    tmp_path: Path, kind: str, stated: int, words: tuple[str, ...]
+) -> None:
     import laspy
 
     header = laspy.LasHeader(version="1.4", point_format=6)
-    header.add_crs(pyproj.CRS("EPSG:32620"))
+    header.add_crs(pyproj.CRS(stated))
     header.scales, header.offsets = np.full(3, 1e-4), apparent("EPSG:32620").mean(axis=0).round()
     las = laspy.LasData(header)
     las.x, las.y, las.z = apparent("EPSG:32620").T
     source = tmp_path / f"points.{kind}"
     las.write(source)
-    result = correct(source, written(tmp_path, run_on_the_ellipsoid()))
+    result = correct(source, written(tmp_path, run_on_the_ellipsoid()), *words)
     assert result.exit_code == 0, result.output
     found = laspy.read(tmp_path / f"true.{kind}")
     good = np.asarray(found.reason) == 0

@@ -5,13 +5,16 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pyproj
+import pytest
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation.triangulation import of_stations
 from musatpy.compilation.true_points import images_of
 from musatpy.correction.file_cameras import ByFileCameras
+from musatpy.correction.files import correct_file
 from musatpy.correction.methods import CorrectedPoints, Tally
 from musatpy.errors import Problem
 from musatpy.geometry.crs import LongitudeLatitude
@@ -88,7 +91,9 @@ def test_errors_near_the_water_are_within_sigmas_that_cover_wet_and_dry() -> Non
     beyond = np.median(values["sigma_z"][ground[:, 2] < -0.1])  # of wet points, the larger one
     assert (values["sigma_z"][undecided] > 0.8 * beyond).all()
     tally = Tally.of(points, method.reasons)
-    assert method.lines(tally) == ["600 points, 600 corrected", f"{np.count_nonzero(undecided)} undecided"]
+    near = np.count_nonzero(undecided)
+    assert method.lines(tally)[:2] == ["600 points, 600 corrected", f"{near} undecided"]
+    assert f"{near} points undecided by height" in method.lines(tally)[2:] and tally.taken.total() == COUNT
     assert tally.corrected == COUNT and np.isfinite(tally.rms("sigma_z"))
 
 
@@ -111,6 +116,44 @@ def test_what_is_outside_of_the_water_is_dry_though_it_is_low(tmp_path: Path) ->
     assert {order[row] for row in np.flatnonzero(low & ~land)} == {"Exclusive"}
     assert {order[row] for row in np.flatnonzero(low & land)} == {""}
     assert REASONS[Fault.UNDECIDED] in method.in_words("reason", points)
+
+
+@pytest.mark.parametrize("suffix", [".las", ".csv"])
+def test_classes_of_a_cloud_say_what_is_on_the_water_and_below(tmp_path: Path, suffix: str) -> None:
+    """Those of the surface are no ground: straight rays, whatever their heights, and decided. Areas go first."""
+    method, _, cloud = shore()
+    cloud = cloud.round(4)
+    everywhere, undecided = corrected(method, cloud)
+    ring = [[-50.0, -50.0], [50.0, -50.0], [50.0, 0.0], [-50.0, 0.0], [-50.0, -50.0]]
+    (tmp_path / "water.json").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    method = replace(method, water=read_water(tmp_path / "water.json", geographic=False))
+    near_shore, south = np.abs(cloud[:, 1]) < 2.0, cloud[:, 1] < 0.0
+    classes = np.where(np.arange(COUNT) % 3 == 0, 41, 40)
+    with (tmp_path / "cloud.las").open("wb") as file:
+        header = laspy.LasHeader(version="1.4", point_format=6)
+        header.scales = np.full(3, 1e-4)
+        record = laspy.ScaleAwarePointRecord.zeros(COUNT, header=header)
+        record.x, record.y, record.z = cloud.T
+        record.classification = classes
+        with laspy.open(file, mode="w", header=header, closefd=False) as writer:
+            writer.write_points(record)
+    of, tally = correct_file(tmp_path / "cloud.las", tmp_path / f"true{suffix}", method)
+    if suffix == ".las":
+        written = laspy.read(tmp_path / "true.las")
+        values = {name: np.array(written[name]) for name in ("z", "reason")}
+    else:
+        columns = np.genfromtxt(tmp_path / "true.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+        values = {name: columns[name] for name in ("z", "reason")}
+    surface = near_shore & (classes == 41)
+    open_now = np.isin(values["reason"].astype(str), (str(int(Fault.UNDECIDED)), "undecided"))
+    assert not open_now[surface].any() and open_now[undecided & ~surface & south].all()
+    np.testing.assert_allclose(values["z"][surface], cloud[surface, 2], atol=0.02)
+    wet = (everywhere.true[:, 2] < -0.15) & (classes == 40) & (near_shore | south)
+    np.testing.assert_allclose(values["z"][wet], everywhere.true[wet, 2], atol=1e-3)
+    assert tally.taken["surface by class"] == surface.sum() and tally.taken["wet by class"] > 0
+    assert tally.taken["wet or dry against their heights"] > 0
+    assert {words.rpartition(" ")[2] for words in tally.taken} == {"class", "area", "heights"}
+    assert f"{surface.sum()} points surface by class" in of.lines(tally)
 
 
 def test_points_that_are_not_of_the_job_have_no_place() -> None:

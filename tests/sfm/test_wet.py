@@ -20,10 +20,10 @@ def test_heights_decide_beyond_three_sigmas_of_both() -> None:
     assert of.code.tolist() == [DRY, DRY, UNDECIDED, UNDECIDED, WET, UNDECIDED]
     assert of.source.tolist() == [4, 4, 4, 4, 4, 0] and not of.against.any()
     assert of.counts() == {
-        ("dry", "height"): 2,
-        ("wet", "height"): 1,
-        ("undecided", ""): 1,
-        ("undecided", "height"): 2,
+        "dry by height": 2,
+        "wet by height": 1,
+        "undecided by nothing": 1,
+        "undecided by height": 2,
     }
 
 

@@ -10,8 +10,10 @@ do not, nor do residuals: such a point is undecided, and its sigmas cover where 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import ClassVar, Self
 
@@ -41,7 +43,7 @@ from musatpy.refraction.apparent import Fault
 from musatpy.sfm.export import adjusted_lenses
 from musatpy.sfm.model import links
 from musatpy.sfm.source import FileCameras, cameras_of_job, spread_over
-from musatpy.sfm.wet import LIMIT, WaterArea, Wet, read_water
+from musatpy.sfm.wet import NOTHING, WaterArea, Wet, Wetness, read_water, wetness
 from musatpy.soundings.s44 import order_names, orders_met
 from musatpy.units import DEGREE, MICROMETRE
 
@@ -96,6 +98,10 @@ class ByFileCameras(Method):
             "no point is corrected: are they in the system of the job? Those of the model itself need --crs model"
         )
 
+    def lines(self, tally: Tally) -> list[str]:
+        """Return what has come of points in words, and what said that they are wet or dry."""
+        return [*super().lines(tally), *(f"{number} points {words}" for words, number in tally.taken.items())]
+
     def in_words(self, name: str, points: CorrectedPoints) -> Sequence[str]:
         """Return the texts (n,) of a column in a table: of S-44 the name of the order."""
         if name != "s44":
@@ -103,8 +109,8 @@ class ByFileCameras(Method):
         names = ["", *order_names()]
         return [names[int(number)] for number in np.nan_to_num(points.values[name]).tolist()]
 
-    def corrected(self, points: FloatArray, covariance: FloatArray) -> CorrectedPoints:
-        """Return what comes of finite points (n, 3); their own covariances have no part in it."""
+    def corrected(self, points: FloatArray, covariance: FloatArray, classes: IntArray) -> CorrectedPoints:
+        """Return what comes of finite points (n, 3) of `classes` (n,); their covariances have no part in it."""
         level, x = self._placed(points)
         count = len(points)
         true, values = np.full((count, 3), np.nan), {name: np.full(count, np.nan) for name in _COLUMNS}
@@ -124,13 +130,14 @@ class ByFileCameras(Method):
 
         photo, xy = photo[rays], xy[rays]
         fault[some] = Fault.NO_CONVERGENCE
+        taken = Counter[str]()
 
-        flagged = np.ones(count, dtype=bool)
+        areas = np.full(count, NOTHING)
         if self.water is not None:
             plan, metre = level[:, :2], 1.0
             if self.cameras.placement.ellipsoid is not None:
                 plan, metre = np.degrees(level[:, 1::-1]), float(np.degrees(1.0 / EARTH_RADIUS))
-            flagged = self.water.codes(plan, _SHORE * metre) != Wet.DRY
+            areas = self.water.codes(plan, _SHORE * metre)
 
         every = PlateMeasurements(
             photo=photo,
@@ -142,7 +149,8 @@ class ByFileCameras(Method):
 
         def meet(part: IntArray) -> bool:
             at = some[part]
-            self._meet(at, _of_points(every, part), flagged[at], seen[at], level, true, fault, values)
+            stated = partial(wetness, areas=areas[at], classes=classes[at])
+            taken.update(self._meet(at, _of_points(every, part), stated, seen[at], level, true, fault, values))
             return True
 
         for _ in in_parts(meet, np.arange(len(some)), AdjustmentError):
@@ -150,7 +158,7 @@ class ByFileCameras(Method):
         corrected = np.isin(fault, (Fault.NONE, Fault.UNDECIDED))
         values["dz"][corrected] = true[corrected, 2] - level[corrected, 2]
         true[corrected] = self.system.coordinates(true[corrected])
-        return CorrectedPoints(true=true, fault=fault, values=values)
+        return CorrectedPoints(true=true, fault=fault, values=values, taken=taken)
 
     def _placed(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points (n, 3) in level coordinates, and in those of the model."""
@@ -164,20 +172,26 @@ class ByFileCameras(Method):
         self,
         rows: IntArray,
         plates: PlateMeasurements,
-        flagged: BoolArray,
+        stated: Callable[..., Wetness],
         seen: IntArray,
         level: FloatArray,
         true: FloatArray,
         fault: IntArray,
         values: dict[str, FloatArray],
-    ) -> None:
-        """Set where rays of points (k,) meet, which are dry unless they are `flagged` (k,) and below the water."""
+    ) -> Counter[str]:
+        """Set where rays of points (k,) meet, and return how many were taken as what, by what.
+
+        They are dry unless they are below the water, and nothing that is `stated` of them speaks against it.
+        """
+        zeros = np.zeros(len(rows))
+        flagged = stated(zeros - np.inf, zeros, zeros, zeros).code == Wet.WET
         network, state, groups = self._at_rest(plates, flagged)
         state = self._near_cloud(network, state, groups, network.frame.from_level(level[rows]))
         known = finite_rows(state.ground)
         sigma = self._sigmas(network, state, groups, seen)
         self._describe(network, state, groups, known, rows, values)
-        near = known & ~(np.abs(values["depth"][rows]) > LIMIT * sigma[:, 2])
+        taken = stated(-values["depth"][rows], sigma[:, 2], zeros, zeros)
+        near = known & (taken.code == Wet.UNDECIDED)
         if near.any():
             some, height = _of_points(plates, np.flatnonzero(near)), network.frame.height(state.ground[near])
             others = [self._at_rest(some, every, held=True) for every in np.array([[False], [True]]) & near[near]]
@@ -193,6 +207,8 @@ class ByFileCameras(Method):
         square = np.square(sigma[wet])  # that of both directions in plan for the larger one
         covariance = square[:, [0, 0, 1], None] * np.eye(3)
         values["s44"][rows[wet]] = 1 + orders_met(values["depth"][rows[wet]], covariance)
+        against = Counter({"wet or dry against their heights": int(np.count_nonzero(taken.against & known))})
+        return taken.counts(known) + against
 
     def _at_rest(
         self, plates: PlateMeasurements, flagged: BoolArray, held: bool = False

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pyproj
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.correction.layers import BARE, correct_layers, kind_of
 from musatpy.correction.methods import APPARENT, TRUE, Method, Tally
 from musatpy.correction.rasters import band_of, correct_raster, only_band
@@ -25,7 +25,7 @@ from musatpy.interchange import geotiff
 from musatpy.interchange.any_file import RASTERS, read_layers, write_layers
 from musatpy.interchange.layers import LOCAL, Grid, placed
 from musatpy.pointfiles.columns import AXES, Wanted, place_columns
-from musatpy.pointfiles.las_files import SUFFIXES, coordinates, rewritten
+from musatpy.pointfiles.las_files import SUFFIXES, chunks, classes, coordinates, opened, rewritten
 from musatpy.pointfiles.point_tables import ENCODING, Layout, quoted, read_chunks
 from musatpy.records.json_files import read_record
 from musatpy.records.run_tables import SYSTEM, level_positions
@@ -79,7 +79,7 @@ def correct_file(
             tally = correct_raster(raster, target, wanted, method, surface=surface, jobs=jobs, progress=progress)
     elif kind == SUFFIXES:
         method = work(None)
-        tally = correct_cloud(source, target, method, jobs=jobs, progress=progress)
+        tally = correct_cloud(source, target, method, crs=placed(stand_in), jobs=jobs, progress=progress)
     elif kind:
         method = work(None)
         tally = correct_table(source, target, method, columns, only=only, jobs=jobs, progress=progress)
@@ -97,7 +97,11 @@ def correct_file(
             written = pyproj.CRS.from_user_input(f"+proj=longlat {system.ellipsoid.definition} +type=crs")
         layers = {name: replace(part, crs=written) for name, part in layers.items()}
         numbered = target.suffix.lower() in (*SUFFIXES, *BARE)
-        true, tally = correct_layers(layers, method, source, numbered=numbered, jobs=jobs)
+        of_cloud = None
+        if source.suffix.lower() in SUFFIXES:
+            with opened(source) as cloud:
+                of_cloud = np.concatenate([classes(points) for points in chunks(cloud, source)])
+        true, tally = correct_layers(layers, method, source, classes=of_cloud, numbered=numbered, jobs=jobs)
         write_layers(target, true)
     return method, tally
 
@@ -158,18 +162,26 @@ def _corrected_rows(method: Method, task: _Task) -> tuple[str, Tally, int] | Pro
 
 
 def correct_cloud(
-    source: Path, target: Path, method: Method, *, jobs: int = 1, progress: Progress | None = None
+    source: Path,
+    target: Path,
+    method: Method,
+    *,
+    crs: pyproj.CRS | None = None,
+    jobs: int = 1,
+    progress: Progress | None = None,
 ) -> Tally:
     """Correct the points of a LAS or LAZ file; `progress` is told of points. Raises as `correct_file`.
 
+    The result states the `crs` that was named, else what the file does.
     A point that is not corrected keeps its coordinates, and has the number of the reason (`Fault`).
     """
     added = dict.fromkeys(APPARENT, ("f8", "before the correction"))
     added |= {name: (column.kind, column.meaning) for name, column in method.columns.items()}
     tally, some = Tally(), np.empty((0, 3))
-    with rewritten(source, target, added) as (chunks, write):
-        given, waiting = tee(chunks)  # these stay in this process
-        work = in_order(partial(_corrected_values, method, str(source)), map(coordinates, waiting), jobs)
+    with rewritten(source, target, added, crs) as (parts, write):
+        given, waiting = tee(parts)  # these stay in this process
+        tasks = ((coordinates(points), classes(points)) for points in waiting)
+        work = in_order(partial(_corrected_values, method, str(source)), tasks, jobs)
         for points, done in zip(given, work, strict=True):
             if isinstance(done, Problem):
                 raise method.error([done])
@@ -183,12 +195,18 @@ def correct_cloud(
     return tally
 
 
-def _corrected_values(method: Method, source: str, apparent: FloatArray) -> tuple[dict[str, Any], Tally] | Problem:
+def _corrected_values(
+    method: Method, source: str, given: tuple[FloatArray, IntArray]
+) -> tuple[dict[str, Any], Tally] | Problem:
     """Return coordinates and dimensions of some points; a function of the module: other processes call it."""
-    points = method(source, apparent)
+    apparent, of_cloud = given
+    points = method(source, apparent, classes=of_cloud)
     if isinstance(points, Problem):
         return points
-    values = {name: points.values[name] for name in method.columns}
+    values = {  # zero of what integers have none
+        name: np.nan_to_num(points.values[name]) if column.kind[0] == "u" else points.values[name]
+        for name, column in method.columns.items()
+    }
     return {**dict(zip(AXES, points.kept(apparent).T, strict=True)), **values}, Tally.of(points, method.reasons)
 
 

@@ -7,13 +7,14 @@ where another vertex has no true place.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.correction.methods import APPARENT, CorrectedPoints, Method, Tally
 from musatpy.depth.correction import in_order
 from musatpy.errors import Problem
@@ -34,18 +35,25 @@ def kind_of(source: Path, target: Path) -> tuple[str, ...]:
 
 
 def correct_layers(
-    layers: Layers, method: Method, source: Path, *, numbered: bool = False, jobs: int = 1
+    layers: Layers,
+    method: Method,
+    source: Path,
+    *,
+    classes: IntArray | None = None,
+    numbered: bool = False,
+    jobs: int = 1,
 ) -> tuple[Layers, Tally]:
     """Return layers with the true places, and what came of their points; reasons are `numbered`, or texts.
 
-    The posts of a grid become points, by its only band. Raises the error of the method.
+    `classes` are those of the points of a cloud. The posts of a grid become points, by its only band. Raises the
+    error of the method.
     """
     true: Layers = {}
     tally, apparent = Tally(), np.empty((0, 3))
     for name, layer in layers.items():
         part = _posts(layer) if isinstance(layer, Grid) else layer
         apparent = part.xyz if isinstance(part, Points) else np.concatenate(part.vertices)
-        points = _corrected(method, str(source), apparent, jobs)
+        points = _corrected(method, str(source), apparent, classes, jobs)
         tally = tally + Tally.of(points, method.reasons)
         place = points.kept(apparent)
         if isinstance(part, Points):
@@ -69,10 +77,14 @@ def _posts(grid: Grid) -> Points:
     return Points(xyz=xyz[np.isfinite(xyz[:, 2])], crs=grid.crs, heights=grid.heights)
 
 
-def _corrected(method: Method, source: str, apparent: FloatArray, jobs: int) -> CorrectedPoints:
-    chunks = np.array_split(apparent, max(1, -(-len(apparent) // _CHUNK)))
+def _corrected(
+    method: Method, source: str, apparent: FloatArray, classes: IntArray | None, jobs: int
+) -> CorrectedPoints:
+    number = max(1, -(-len(apparent) // _CHUNK))
+    given = np.zeros(len(apparent), dtype=np.int64) if classes is None else classes
+    chunks = zip(np.array_split(apparent, number), np.array_split(given, number), strict=True)
     parts = []
-    for done in in_order(partial(method, source), chunks, jobs if len(chunks) > 1 else 1):
+    for done in in_order(partial(_of_chunk, method, source), chunks, jobs if number > 1 else 1):
         if isinstance(done, Problem):
             raise method.error([done])
         parts.append(done)
@@ -82,7 +94,12 @@ def _corrected(method: Method, source: str, apparent: FloatArray, jobs: int) -> 
         values={name: np.concatenate([part.values[name] for part in parts]) for name in parts[0].values},
         seen=None if parts[0].seen is None else np.concatenate([part.seen for part in parts]),
         lacking=sum(part.lacking for part in parts),
+        taken=sum((part.taken for part in parts), Counter()),
     )
+
+
+def _of_chunk(method: Method, source: str, chunk: tuple[FloatArray, IntArray]) -> CorrectedPoints | Problem:
+    return method(source, chunk[0], classes=chunk[1])
 
 
 def _cut(lines: Lines, place: FloatArray, kept: BoolArray) -> Lines:

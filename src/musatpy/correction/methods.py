@@ -46,7 +46,7 @@ SIGMAS = dict.fromkeys(("sigma_east", "sigma_north", "sigma_height"), ResultColu
 class CorrectedPoints:
     """What comes of n points: true places (n, 3), NaN where lost, why (n,), values (n,) by columns, NaN where lost.
 
-    seen (n, k): which cameras see them; lacking: how many have no sigmas of their own.
+    seen (n, k): which cameras see them; lacking: how many have no sigmas of their own; taken: how many as what.
     """
 
     true: FloatArray
@@ -54,6 +54,7 @@ class CorrectedPoints:
     values: Mapping[str, FloatArray | IntArray]
     seen: BoolArray | None = None
     lacking: int = 0
+    taken: Counter[str] = field(default_factory=Counter)
 
     @property
     def good(self) -> BoolArray:
@@ -75,6 +76,7 @@ class Tally:
     counts: Counter[str] = field(default_factory=Counter)
     seen: int = 0
     lacking: int = 0
+    taken: Counter[str] = field(default_factory=Counter)
     sums: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @classmethod
@@ -88,6 +90,7 @@ class Tally:
             ),
             seen=0 if points.seen is None else int(np.count_nonzero(points.seen.any(axis=1))),
             lacking=points.lacking,
+            taken=points.taken,
             sums={name: np.array([v.sum(), np.square(v).sum(), v.max()]) for name, v in good.items() if len(v)},
         )
 
@@ -100,6 +103,7 @@ class Tally:
             counts=self.counts + other.counts,
             seen=self.seen + other.seen,
             lacking=self.lacking + other.lacking,
+            taken=self.taken + other.taken,
             sums=sums,
         )
 
@@ -151,18 +155,26 @@ class Method:
         """Why points are not corrected."""
         return REASONS
 
-    def corrected(self, points: FloatArray, covariance: FloatArray) -> CorrectedPoints:
-        """Return what comes of finite points (n, 3) with covariances (n, 3, 3) m2, NaN where there are none."""
+    def corrected(self, points: FloatArray, covariance: FloatArray, classes: IntArray) -> CorrectedPoints:
+        """Return what comes of finite points (n, 3) with covariances (n, 3, 3) m2, NaN where there are none.
+
+        `classes` (n,) are those of LAS, 0 where there are none.
+        """
         raise NotImplementedError
 
     def __call__(
-        self, source: str, points: FloatArray, covariance: FloatArray | None = None
+        self,
+        source: str,
+        points: FloatArray,
+        covariance: FloatArray | None = None,
+        classes: IntArray | None = None,
     ) -> CorrectedPoints | Problem:
         """Return what comes of points (n, 3) of a file, or the problem of a file with points out of reach."""
         n, known = len(points), np.isfinite(points).all(axis=1)
         covariance = np.full((n, 3, 3), np.nan) if covariance is None else covariance
+        classes = np.zeros(n, dtype=np.int64) if classes is None else classes
         try:
-            some = self.corrected(points[known], covariance[known])
+            some = self.corrected(points[known], covariance[known], classes[known])
         except SystemsError as error:  # errors do not leave a process
             return Problem(file=source, message=f"{error}: are the points in this system?")
         true, fault = np.full((n, 3), np.nan), np.full(n, Fault.NOT_FINITE, dtype=np.int64)
@@ -170,7 +182,7 @@ class Method:
         values: dict[str, FloatArray | IntArray] = {name: np.full(n, np.nan) for name in some.values}
         for name, column in some.values.items():
             values[name][known] = column
-        return CorrectedPoints(true=true, fault=fault, values=values | {"reason": fault}, lacking=some.lacking)
+        return replace(some, true=true, fault=fault, values=values | {"reason": fault})
 
     def without_sigmas(self, source: str, points: FloatArray) -> CorrectedPoints | Problem:
         """Return what comes of points (n, 3), of sigmas nothing."""

@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 import pyproj
 
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.triangulation import of_record, of_stations
 from musatpy.compilation.true_points import PointSigmas, ThroughWaves
 from musatpy.correction.methods import REASON, SIGMAS, CorrectedPoints, Method, ResultColumn, Tally
@@ -128,9 +128,13 @@ class ByPhotographs(Method):
         return replace(self, system=system_of_points(source, self.photographs.cameras.system, named, geoid))
 
     def __call__(
-        self, source: str, points: FloatArray, covariance: FloatArray | None = None
+        self,
+        source: str,
+        points: FloatArray,
+        covariance: FloatArray | None = None,
+        classes: IntArray | None = None,
     ) -> CorrectedPoints | Problem:
-        """Return what comes of points (n, 3); their own covariances have no part in it."""
+        """Return what comes of points (n, 3); their own covariances and classes have no part in it."""
         done = attempted(self.correction, source, points)
         if isinstance(done, Problem):
             return done

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.correction.methods import REASON, SIGMAS, CorrectedPoints, Method, ResultColumn, Tally
 from musatpy.errors import CollocationError, Problem, ProblemsError, SeaError
 from musatpy.geometry.crs import MapPlan
@@ -50,7 +50,7 @@ class ThroughSurface(Method):
             message = "all points of the file have sigmas of their own, so none can be given"
             raise SeaError([Problem(file=str(source), message=message)])
 
-    def corrected(self, points: FloatArray, covariance: FloatArray) -> CorrectedPoints:
+    def corrected(self, points: FloatArray, covariance: FloatArray, classes: IntArray) -> CorrectedPoints:
         """Return true places, depths, parallaxes and sigmas; without a covariance by the precision."""
         plan = None if self.map is None else MapPlan(system=self.system, map=self.map)
         apparent = points if plan is None else plan.places(points)
@@ -93,7 +93,7 @@ class ByControl(Method):
         """Why points are not corrected."""
         return {**REASONS, Fault.NO_CONTROL: f"no control within {self.interpolation.reach:.1f} m"}
 
-    def corrected(self, points: FloatArray, covariance: FloatArray) -> CorrectedPoints:
+    def corrected(self, points: FloatArray, covariance: FloatArray, classes: IntArray) -> CorrectedPoints:
         """Return true places, corrections of heights and their sigmas."""
         places = points if self.plan is None else self.plan.places(points)
         predicted = self.interpolation.uncertain.predict(places[:, :2])

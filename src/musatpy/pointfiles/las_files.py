@@ -10,7 +10,7 @@ import os
 import struct
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -18,13 +18,14 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from musatpy import extras
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import InterchangeError, MissingPackageError
 from musatpy.files import whole_file
 
 SUFFIXES = (".las", ".laz")
 CHUNK = 16384  # points at a time
 _OCTREE = "copc"  # user of the records of cloud-optimised files: where the points were
+_SYSTEM = "LASF_Projection"  # user of those of coordinate systems
 # The length of a record before the points, and behind them
 _RECORD, _RECORD_BEHIND = struct.Struct("<20xH32x"), struct.Struct("<20xQ32x")
 _COMPRESSED = 0xC0  # bits of the point format
@@ -66,6 +67,11 @@ def coordinates(points: Any) -> FloatArray:
     return np.column_stack([points.x, points.y, points.z])
 
 
+def classes(points: Any) -> IntArray:
+    """Return the classes (n,) of points."""
+    return np.array(points.classification, dtype=np.int64)
+
+
 def point_count(source: Path) -> int:
     """Return the number of points of a file. Raises as `opened`."""
     with opened(source) as reader:
@@ -81,17 +87,21 @@ def crs_definition(source: Path) -> str:
 
 @contextmanager
 def rewritten(
-    source: Path, target: Path, added: Mapping[str, tuple[str, str]]
+    source: Path, target: Path, added: Mapping[str, tuple[str, str]], crs: Any = None
 ) -> Iterator[tuple[Iterator[Any], Callable[[Any, Mapping[str, Any]], None]]]:
     """Give the points of a file by chunks, and what writes them into `target` with other values by their names.
 
-    These are x, y, z and the dimensions `added`: name -> type, description (32 characters). Raises
-    `InterchangeError` without laspy, for a file that is none, has such a dimension already or cannot hold the
-    coordinates; `OSError`. Then there is no target.
+    These are x, y, z and the dimensions `added`: name -> type, description (32 characters). A `crs` of pyproj
+    stands instead of what the file states; before LAS 1.4 one without a code cannot, then the target states none.
+    Raises `InterchangeError` without laspy, for a file that is none, has such a dimension already or cannot hold
+    the coordinates; `OSError`. Then there is no target.
     """
     laspy = package()
     with opened(source) as reader, whole_file(target) as file:
         header = _extended(reader.header, added, source)
+        if crs is not None:
+            with suppress(RuntimeError):
+                header.add_crs(crs)
         with written(file, header, target) as writer:
 
             def write(given: Any, values: Mapping[str, Any]) -> None:
@@ -106,7 +116,8 @@ def rewritten(
 
             yield chunks(reader, source), write
             if reader.evlrs:
-                kept = [record for record in reader.evlrs if record.user_id != _OCTREE]
+                left = (_OCTREE,) if crs is None else (_OCTREE, _SYSTEM)
+                kept = [record for record in reader.evlrs if record.user_id not in left]
                 writer.write_evlrs(laspy.vlrs.vlrlist.VLRList(kept))
 
 

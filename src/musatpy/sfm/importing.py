@@ -129,7 +129,7 @@ def imported(asked: Asked, title: str) -> Imported:
             lines.append(f"{flat} photos have positions without heights of use: --heights takes them, with 10 m")
         warnings += clock_offset(exposures).warnings()
     wet = _wetness(asked, model, geo, levels)
-    lines += [f"{count} points {code} by {source}" for (code, source), count in wet.counts().items()]
+    lines += [f"{count} points {words}" for words, count in wet.counts().items()]
     if wet.against.any():
         names = ", ".join(model.points[wet.against][:5].tolist())
         warnings.append(f"{np.count_nonzero(wet.against)} points are wet or dry against their heights: {names}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
@@ -21,7 +22,7 @@ from musatpy.sfm.model import ModelError, links
 
 LIMIT = 3.0  # sigmas within which a height says nothing
 NOTHING = -1  # of a flag
-SOURCES = ("", "flag", "area", "class", "height")
+SOURCES = ("nothing", "flag", "area", "class", "height")
 _CLASSES = {40: 1, 41: 3, 42: 3}  # LAS 1.4 R15: bathymetric point, water surface, derived water surface
 _DRY, _WET = ("dry", "0", "d", "no", "false"), ("wet", "1", "b", "yes", "true")
 _WORDS = {"": NOTHING} | dict.fromkeys(_DRY, 0) | dict.fromkeys(_WET, 1)
@@ -49,11 +50,11 @@ class Wetness:
     source: IntArray  # (p,)
     against: BoolArray  # (p,) heights say the contrary by more than three sigmas
 
-    def counts(self) -> dict[tuple[str, str], int]:
-        """Return the number of points by code and source, those there are."""
-        pairs, number = np.unique(np.stack([self.code, self.source]), axis=1, return_counts=True)
-        names = [(Wet(code).name.lower(), SOURCES[source]) for code, source in pairs.T.tolist()]
-        return dict(zip(names, number.tolist(), strict=True))
+    def counts(self, rows: BoolArray | slice = slice(None)) -> Counter[str]:
+        """Return how many of some points are what by which source: "wet by area"."""
+        pairs, number = np.unique(np.stack([self.code, self.source])[:, rows], axis=1, return_counts=True)
+        names = [f"{Wet(code).name.lower()} by {SOURCES[source]}" for code, source in pairs.T.tolist()]
+        return Counter(dict(zip(names, number.tolist(), strict=True)))
 
 
 def wetness(
