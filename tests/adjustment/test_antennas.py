@@ -180,6 +180,16 @@ def test_a_free_network_gives_no_numbers_for_free_shifts() -> None:
     assert solution.sigma0 == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.parametrize(("number", "grade"), [(2, Grade.DOUBTFUL), (3, Grade.ACCEPTED)])
+def test_little_control_does_not_determine_free_shifts(number: int, grade: Grade) -> None:
+    """By two points two lines are known to metres, by three to decimetres."""
+    free = {"shift_sigma": None, "shift_free": True, "drift_sigma": None, "drift_free": True}
+    control = [{"kind": "full", "number": number, "sigma": 0.03, "error": 0.03}]
+    solution = converged(flown(4, free, control=control).block)
+    assert musatpy.verdict(solution).grade is grade and solution.parameters is not None
+    assert np.isnan(solution.parameters.sigma).any() == (grade is Grade.DOUBTFUL)
+
+
 @pytest.mark.parametrize("system", ["LOCL", "GEOG", "GEOC"])
 def test_decks_of_every_system_give_the_same(system: str) -> None:
     block = flown(6, job={"system": system, "centre": [18.0, -65.0] if system != "LOCL" else [0.0, 0.0]}).block

@@ -225,12 +225,16 @@ def test_a_wrong_record_is_found_and_dropped() -> None:
 
 
 def test_a_strip_of_one_heading_does_not_determine_a_roll() -> None:
-    """Observed stations of a straight strip hold everything but its roll, which a free misalignment takes up."""
+    """Observed stations of a straight strip hold everything but its roll, which a free misalignment takes up.
+
+    Even where residuals are nil, which by themselves would make all sigmas small.
+    """
     block = flown(
         9,
+        noise=0.0,
         flight={"strips": 1, "photos": 5, "attitude_scatter": 0.0},
         control=[],
-        stations={"position_error": 0.02, "position_sigma": 0.02, "attitude_error": 0.05},
+        stations={"position_error": 0.0, "position_sigma": 0.02, "attitude_error": 0.05},
         terrain={"relief": 0.0},
     ).block
     held = converged(altered(block, misalignments={"free": np.array([False])}))

@@ -128,7 +128,7 @@ def test_all_wet_with_level_and_focal_length_free() -> None:
     )
     verdict, parameters = musatpy.verdict(solution), solution.parameters
     assert verdict.grade is Grade.DOUBTFUL and parameters is not None and np.isnan(parameters.sigma).all()
-    text = "F of camera CAM1 (correlation -0.998 with water level; a sigma of 3 mm would do): not determined"
+    text = "F of camera CAM1 (correlation -0.998 with water level; a sigma of 0.6 mm would do): not determined"
     assert text in " ".join(reason.text for reason in verdict.reasons)
     listing = musatpy.listing(solution)
     (row,) = [line for line in listing.splitlines() if line.startswith("CAM1      F ") and "not determined" in line]

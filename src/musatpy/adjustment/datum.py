@@ -20,6 +20,7 @@ from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.network import Network, PointGroup, kept_axes, unknown_name
 from musatpy.adjustment.normals import Cofactors, Factor, NormalMatrix, weak_directions
+from musatpy.adjustment.parameters import Effect
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.collinearity import attitude_from_matrix, skew, wrapped
 from musatpy.geometry.similarity import Similarity
@@ -290,7 +291,7 @@ def _name_parameters(
     columns = [
         network.pattern.order + network.border.numbers(kind)
         for kind, known in network.parameters.items()
-        if known.in_images
+        if known.effect_in is Effect.IMAGE
     ]
     if not columns:
         return [], weak

@@ -18,7 +18,7 @@ from typing import Any, Self
 import numpy as np
 
 from musatpy.adjustment.network import inverse_squares
-from musatpy.adjustment.parameters import CameraParameters
+from musatpy.adjustment.parameters import CameraParameters, Effect
 from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.model import (
     GRID_PLACES,
@@ -37,7 +37,6 @@ from musatpy.reduction.refined_block import lens_of
 _F, _XP, _YP, _B1, _B2 = (LENS_PARAMETERS.index(name) for name in ("F", "XP", "YP", "B1", "B2"))
 _COEFFICIENTS = slice(3, 8)  # k1, k2, k3, p1, p2
 _REST = 1e-5  # mm of an image in the corner of the plate
-_MOST = 0.02  # of the distance of an image from the principal point: beyond such a sigma, nothing is determined
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,9 +78,8 @@ class CameraLenses(CameraParameters):
             given=given[unknown],
             weight=inverse_squares(sigma[unknown]),
             effect=_effect(reach, given[:, _F])[unknown],
+            effect_in=Effect.IMAGE,
             rest=_REST,
-            most=_MOST * reach[owner],
-            in_images=True,
             camera=block.photos.camera,
             lenses=tuple(lenses),
             sign=sign,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -20,14 +21,23 @@ if TYPE_CHECKING:
 _DECIMALS = 6  # of correlations, beyond which rounding errors order them
 
 _MOVED = 1e-6  # of the largest change of an unknown by a free motion
+_MOST = 50.0  # sigmas of an image, by which the sigma of what is determined turns rays at most
+_INFORMATIVE = 0.1  # rad, by which the sigma of a prior that says something turns rays at most: 0.1 of the height
+
+
+class Effect(Enum):
+    """In what the effect of a parameter is stated."""
+
+    IMAGE = "mm in an image"
+    ANGLE = "rad"
+    PLACE = "m at a station"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Parameters:
     """What is known beforehand of the x unknown parameters of one kind, in the order of their columns.
 
-    The iteration ends when none of their changes has more `effect` than `rest`; a sigma of more effect than `most`
-    is none. Both are of what the parameters do: millimetres in an image, metres at a station, ...
+    The iteration ends when none of their changes has more `effect` than `rest`.
     """
 
     noun: str  # of what they are: `camera`
@@ -37,9 +47,8 @@ class Parameters:
     given: FloatArray  # (x,)
     weight: FloatArray  # (x,) of what is given, 0 of what is free
     effect: FloatArray  # (x,) of one unit
+    effect_in: Effect
     rest: float
-    most: FloatArray  # (x,)
-    in_images: bool = False  # the effect is that on an image, in mm
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -74,11 +83,16 @@ def adjusted_parameters(
     name: Callable[[int], str],
     mean_depth: FloatArray | None,
     motions: FloatArray,
+    camera: tuple[float, float, float],
 ) -> AdjustedParameters | None:
     """Return the further parameters of a solution, None where there are none.
 
     `name` names the unknowns of the normal equations; `mean_depth` (u + 1,) has their cofactors with the mean depth
-    of submerged points, then its own. What the free `motions` (u, d) of a block change is not determined.
+    of submerged points, then its own. `camera`: the sigma of images and the focal length in mm, the flying height.
+
+    What the free `motions` (u, d) of a block change is not determined. All else is judged by how far a sigma, with
+    the a priori unit weight, turns rays and so moves the ground, be it of lenses, angles or places. Up to `_MOST`
+    sigmas of an image the observations determine it; beyond, a prior with a sigma up to `_INFORMATIVE` knows it.
     """
     kinds = [kind for kind in network.parameters if network.border.count(kind)]
     if not kinds:
@@ -92,10 +106,15 @@ def adjusted_parameters(
         known.unknowns.corner[np.ix_(columns, columns)],
     )
     inflation = cofactor * known.diagonal.border[columns]
+    plate_sigma, f, height = camera
+    turn = {Effect.IMAGE: 1.0 / f, Effect.ANGLE: 1.0, Effect.PLACE: 1.0 / height}
+    angle = effect * np.repeat([turn[of.effect_in] for of in every], counts)
     moved = np.abs(motions[network.pattern.order + columns]) > _MOVED * np.abs(motions).max(axis=0, initial=0.0)
     tied, correlation = _ties(network, known.cofactors, columns, name, mean_depth)
     with np.errstate(divide="ignore"):
         prior_sigma = np.where(weight > 0.0, 1.0 / np.sqrt(weight), np.nan)
+    most = _MOST * plate_sigma / f / angle
+    determined = (np.sqrt(cofactor) <= most) | (prior_sigma * angle <= _INFORMATIVE)
     return AdjustedParameters(
         kind=np.repeat([int(kind) for kind in kinds], counts),
         noun=np.repeat([of.noun for of in every], counts),
@@ -108,8 +127,9 @@ def adjusted_parameters(
         spread=np.where(moved.any(axis=1), np.inf, np.sqrt(np.diagonal(covariance))),
         kept=np.sqrt(cofactor) / prior_sigma,
         inflation=np.where(inflation > 0.0, inflation, np.nan),
-        most=np.concatenate([of.most for of in every]) / effect,
-        effect=np.where(np.repeat([of.in_images for of in every], counts), effect, np.nan),
+        determined=determined & ~moved.any(axis=1),
+        most=most,
+        effect=np.where(np.repeat([of.effect_in is Effect.IMAGE for of in every], counts), effect, np.nan),
         tied=tied,
         correlation=correlation,
         products=covariance.reshape(-1),

@@ -12,7 +12,7 @@ import numpy as np
 
 from musatpy.adjustment.lenses import image_reach
 from musatpy.adjustment.network import inverse_squares
-from musatpy.adjustment.parameters import CameraParameters
+from musatpy.adjustment.parameters import CameraParameters, Effect
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.model import PORT_PARAMETERS, PORT_SIZES, PORT_UNITS, Block
@@ -23,7 +23,6 @@ _NO_PORT = (1.0, 0.0, 1.0, 1.0, 0.0, 0.0)
 _INSIDE = np.array([1e-3, 1e-3, 1.0, 1.0, DEGREE, DEGREE])  # m, 1, rad
 _REST = 1e-5  # mm of an image in the corner of the plate, of a point at
 _RANGE = 1.0  # m from the glass
-_MOST = 0.02  # of the distance of an image from the principal point: beyond such a sigma, nothing is determined
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,9 +49,8 @@ class CameraPorts(CameraParameters):
             given=held[unknown],
             weight=inverse_squares(sigma[unknown]),
             effect=_effect(held, reach, cameras.focal_length)[unknown],
+            effect_in=Effect.IMAGE,
             rest=_REST,
-            most=_MOST * reach[owner],
-            in_images=True,
             camera=block.photos.camera,
             held=held,
             unknown=unknown,

@@ -130,7 +130,7 @@ def solution(
         considered=known.considered,
         kernels=kernels.name_of(network.photos),
         dependence=dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name),
-        **_parameters(block, refracted, state, known, name, free),
+        **_parameters(block, refracted, state, known, name, free, reach.height),
         held=None if reason else held_parameters(block, refracted, state, part, known, free),
     )
     return found if refracted is network else with_departure(found, refracted, line, factor, state)
@@ -185,13 +185,16 @@ def _parameters(
     known: Covariances,
     name: Callable[[int], str],
     free: Freedom | None,
+    height: float,
 ) -> dict[str, Any]:
     """Return the further parameters that were unknown, and what those of lenses do; nothing without any."""
     if not network.parameters:
         return {}
     depth = None if free and free.count else mean_depth(block, network, state, known)
     motions = free.directions if free and free.count else np.zeros((network.pattern.order + network.border.size, 0))
-    parameters = adjusted_parameters(network, state, known, name, depth, motions)
+    f = float(np.median(block.cameras.focal_length[block.photos.camera]))
+    camera = float(np.median(block.plate_sigmas)), f, height
+    parameters = adjusted_parameters(network, state, known, name, depth, motions, camera)
     return {"parameters": parameters, "grid": network.lenses and parameters and network.lenses.grid(parameters)}
 
 

@@ -33,7 +33,8 @@ class AdjustedParameters(Table):
     spread: FloatArray = per_row()  # (x,) a posteriori sigma, whatever it is worth
     kept: FloatArray = per_row()  # (x,) a priori sigma after the adjustment over that given; NaN: free
     inflation: FloatArray = per_row()  # (x,) variance inflation factor
-    most: FloatArray = per_row()  # (x,) sigma beyond which nothing is determined
+    determined: BoolArray = per_row()  # (x,) whether anything determines it, be it only what was given
+    most: FloatArray = per_row()  # (x,) sigma up to which observations alone determine it
     effect: FloatArray = per_row()  # (x,) mm that one unit does to an image in the corner; NaN: not to images
     tied: TextArray = per_row(4)  # (x, 4) of each of the first `TIES` the unknown with the strongest correlation
     correlation: FloatArray = per_row(5)  # (x, 5) with these and with the mean depth of submerged points; NaN: none
@@ -48,11 +49,6 @@ class AdjustedParameters(Table):
     def correlations(self) -> FloatArray:
         """(x, x) among the parameters."""
         return np.clip(self.covariance / np.outer(self.spread, self.spread), -1.0, 1.0)
-
-    @property
-    def determined(self) -> BoolArray:
-        """(x,) whether anything determines a parameter, be it only what was given."""
-        return np.asarray(self.spread <= self.most)
 
     @property
     def sigma(self) -> FloatArray:

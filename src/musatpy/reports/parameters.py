@@ -103,9 +103,9 @@ def sections(statistics: Statistics) -> list[Section]:
         return []
     note = (
         "A parameter is determined where its sigma is at most half of that given, only by its prior where it keeps "
-        "0.95 of it, and not where its sigma is beyond anything that a user could believe: one of a camera would "
-        "move an image by 2 % of its distance from the principal point. The test value says whether a parameter "
-        "differs from what was given."
+        "0.95 of it. It is not determined where a sigma of it, by the given sigmas of the observations, turns rays "
+        "by more than 50 plate sigmas, unless its prior knows it to a tenth of a radian, or of the flying height. "
+        "The test value says whether a parameter differs from what was given."
     )
     about = (
         "Beside each parameter the unknowns with which it has the strongest correlation, and that with the mean "

@@ -18,15 +18,14 @@ import numpy as np
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds.parameter import ParameterUnknown
 from musatpy.adjustment.kinds.photo_vectors import Deviations, PhotoVector
-from musatpy.adjustment.network import NOTHING, MeasuredTies, Network, job_frame
-from musatpy.adjustment.parameters import Parameters
+from musatpy.adjustment.network import NOTHING, MeasuredTies, Network
+from musatpy.adjustment.parameters import Effect, Parameters
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, ObservationKind
 from musatpy.model.gnss import AXES, DIRECTIONS
 
 _REST = 1e-4  # m at an antenna
-_MOST = 0.01  # of the extent of the antenna positions: beyond such a sigma nothing is determined
 _NAMES = ("east", "north", "up")
 _UNKNOWN = (ObservationKind.LEVER_ARM, ObservationKind.ANTENNA_SHIFT, ObservationKind.ANTENNA_DRIFT)
 
@@ -200,7 +199,7 @@ class LeverArm(AntennaParameter):
         """Return the unknown components of LVR cards, of cameras with antenna positions."""
         arms = block.lever_arms
         ids, unknown = block.cameras.ids[arms.camera], unknown_arms(block)
-        return _parameters("camera", ids, "ARM", AXES, "m", unknown, arms.offset, arms.sigma, block)
+        return _parameters("camera", ids, "ARM", AXES, "m", unknown, arms.offset, arms.sigma)
 
 
 class AntennaShift(AntennaParameter):
@@ -212,7 +211,7 @@ class AntennaShift(AntennaParameter):
         """Return the unknown components of GNL cards, of lines with antenna positions."""
         lines, unknown = block.antenna_lines, unknown_shifts(block)
         zero = np.zeros(unknown.shape)
-        return _parameters("line", lines.line, "SHIFT", DIRECTIONS, "m", unknown, zero, lines.shift_sigma, block)
+        return _parameters("line", lines.line, "SHIFT", DIRECTIONS, "m", unknown, zero, lines.shift_sigma)
 
 
 class AntennaDrift(AntennaParameter):
@@ -224,13 +223,13 @@ class AntennaDrift(AntennaParameter):
         """Return the unknown components of GNL cards, of lines with times."""
         lines, (unknown, span) = block.antenna_lines, unknown_drifts(block)
         zero = np.zeros(unknown.shape)
-        known = _parameters("line", lines.line, "DRIFT", DIRECTIONS, "m/s", unknown, zero, lines.drift_sigma, block)
+        known = _parameters("line", lines.line, "DRIFT", DIRECTIONS, "m/s", unknown, zero, lines.drift_sigma)
         return known and replace(known, effect=np.repeat(span, unknown.sum(axis=1)))
 
 
 def _parameters(
     noun: str, owners: object, what: str, names: tuple[str, ...], unit: str, unknown: BoolArray, given: FloatArray,
-    sigma: FloatArray, block: Block,
+    sigma: FloatArray,
 ) -> Parameters | None:  # fmt: skip
     """Return the unknown ones of components (k, 3), None without any."""
     if not unknown.any():
@@ -247,15 +246,9 @@ def _parameters(
         given=given[unknown],
         weight=weight,
         effect=np.ones(x),
+        effect_in=Effect.PLACE,
         rest=_REST,
-        most=np.full(x, _MOST * _extent(block)),
     )
-
-
-def _extent(block: Block) -> float:
-    """Return the distance, m, of the farthest antenna position from their middle."""
-    places = job_frame(block).working(block.antenna_positions.position)
-    return float(np.linalg.norm(places - places.mean(axis=0), axis=1).max()) or 1.0
 
 
 def _numbers(unknown: BoolArray, row: IntArray) -> IntArray:

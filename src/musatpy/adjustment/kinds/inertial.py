@@ -21,7 +21,7 @@ from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds.parameter import ParameterUnknown
 from musatpy.adjustment.kinds.photo_vectors import Deviations, PhotoVector
 from musatpy.adjustment.network import NOTHING, MeasuredTies, Network, inverse_squares
-from musatpy.adjustment.parameters import Parameters
+from musatpy.adjustment.parameters import Effect, Parameters
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.body import BodyAngles, body_matrix, inverse_right_jacobian, rotation_vector
 from musatpy.geometry.collinearity import AngleForm, angle_rates, attitude_matrix
@@ -31,7 +31,6 @@ from musatpy.units import ARC_SECOND, DEGREE
 
 _INERTIAL, _MISALIGNMENT = ObservationKind.INERTIAL_ATTITUDE, ObservationKind.MISALIGNMENT
 _REST = 0.1 * ARC_SECOND
-_MOST = 5.0 * DEGREE  # beyond such a sigma nothing is determined
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,8 +131,8 @@ class Misalignment(ParameterUnknown):
             given=given[camera, angle],
             weight=inverse_squares(sigma[camera, angle]),
             effect=np.full(len(camera), DEGREE),
+            effect_in=Effect.ANGLE,
             rest=_REST,
-            most=np.full(len(camera), _MOST),
         )
 
     def transformed(self, network: Network, state: State, centre: FloatArray, move: Similarity) -> State:

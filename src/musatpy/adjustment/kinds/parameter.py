@@ -11,7 +11,7 @@ import numpy as np
 from musatpy.adjustment.iteration import State, WaterKnowledge
 from musatpy.adjustment.kinds.kind import OfImages, Rows, Unknown, in_digits, of_unknowns
 from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.parameters import CameraParameters, Parameters
+from musatpy.adjustment.parameters import CameraParameters, Effect, Parameters
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Block
@@ -78,7 +78,7 @@ class ParameterUnknown(Unknown):
         size = change * known.effect / known.rest
         row = int(size.argmax())
         name = network.border.columns[self.observed][row]
-        if known.in_images:
+        if known.effect_in is Effect.IMAGE:
             moved = in_digits(change[row] * known.effect[row] / MICROMETRE, 2)
             return float(size[row]), f"the {name} still moves images by {moved} um"
         return float(size[row]), f"the {name} still changes by {in_digits(change[row], 4)} {known.unit[row]}"
