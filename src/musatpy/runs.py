@@ -14,7 +14,7 @@ from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError, nume
 from musatpy.files import real_path, write_files
 from musatpy.formats.cards.settings import deck_with
 from musatpy.formats.job_tables import card_family
-from musatpy.formats.musat import CheckedDeck, checked_deck, deck_bytes, read_deck
+from musatpy.formats.musat import CheckedDeck, checked_deck, deck_files, read_deck
 from musatpy.jobs.point_flags import PointFlags, flags_set
 from musatpy.memory import give_back
 from musatpy.model import Block, CauseSearch, Grade, RecordContent, Solution, Verdict
@@ -209,10 +209,12 @@ def _edited_deck(
     from musatpy.formats.edited_deck import edited_deck
 
     place = listing.with_suffix(".edited.crd")
+    if deck.is_dir():  # a job
+        return deck_files(solution.edited, place, family), ()
     data = edited_deck(deck_with(deck.read_bytes(), settings), solution.edited, family or card_family())
     if data is None:
         note = "the edited deck has all its cards anew: not all of the edits are changes of single cards"
-        return {place: deck_bytes(solution.edited, family)}, (note,)
+        return deck_files(solution.edited, place, family), (note,)
     return {place: data}, ()
 
 
@@ -228,7 +230,7 @@ def _punched(
     notes = tuple(f"punched deck: {note}" for note in lines)
     try:
         if other is None:
-            return {place: deck_bytes(block, family)}, notes
+            return deck_files(block, place, family), notes
         from musatpy.formats.parts import parts_of
 
         rendered = other.render(parts_of(block), place, place.stem)

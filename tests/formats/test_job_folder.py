@@ -1,7 +1,7 @@
 """Job folders: the same job to the last bit, bad folders with their places, and every command that reads decks."""
 
 import io
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -125,6 +125,57 @@ def test_commands_take_a_job_for_a_deck(tmp_path: Path) -> None:
     assert run(main, ["convert", str(folder), str(back)]).exit_code == 0
     assert run(main, ["convert", str(back), str(tmp_path / "again.job")]).exit_code == 0
     same(musatpy.read_deck(back), musatpy.read_deck(tmp_path / "again.job"))
+
+
+@pytest.fixture
+def long_job(tmp_path: Path) -> Path:
+    """A job with names that do not go into cards, and something of another program."""
+    block = musatpy.read_deck(FIXTURES / "st_thomas" / "st_thomas.crd")
+    long = {"photos": "flight/DJI_{}.JPG", "points": "pt_{}_of_the_model", "cameras": "FC6310, {}"}
+    tables = {
+        name: replace(table, ids=np.array([words.format(of) for of in table.ids.tolist()]))
+        for name, words in long.items()
+        for table in (getattr(block, name),)
+    }
+    folder = tmp_path / "long.job"
+    write_files(job_files(replace(block, **tables), folder, {"pixel": np.array([0.0024])}, {"cameras.xml": "ab"}))
+    return folder
+
+
+def musat(*words: object) -> str:
+    result = CliRunner().invoke(main, [str(word) for word in words])
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_photos_of_a_job_with_long_names_become_a_job_or_a_deck(long_job: Path, tmp_path: Path) -> None:
+    photos = musatpy.read_deck(long_job).photos.ids.tolist()
+    part, rest, whole = (tmp_path / name for name in ("part.job", "rest.job", "whole.crd"))
+    assert "3 photos" in musat("extract", long_job, "--photos", ",".join(photos[:3]), "-o", part)
+    assert musatpy.read_deck(part).photos.ids.tolist() == photos[:3]
+    assert read_job(part).source["pixel"] == 0.0024 and read_job(part).inputs == {"cameras.xml": "ab"}
+    musat("extract", long_job, "--photos", ",".join(photos[2:]), "-o", rest)
+    musat("merge", part, rest, "--join-photos", "-o", whole)
+    short, names = musatpy.read_deck(whole), whole.with_suffix(".ids.csv").read_text()
+    assert np.array_equal(short.plates.xy.round(5), musatpy.read_deck(long_job).plates.xy.round(5))
+    assert all(f'photos,{new},"{old}"' in names for old, new in zip(photos, short.photos.ids, strict=True))
+    assert f'cameras,{short.cameras.ids[0]},"FC6310, ' in names
+    stream = CliRunner().invoke(main, ["extract", str(long_job), "--photos", photos[0], "-o", "-"])
+    assert stream.exit_code == 1 and "is not A8" in stream.output  # nowhere to put the names
+
+
+def test_what_is_punched_of_a_job_with_long_names_is_a_job_or_has_them_beside_it(
+    long_job: Path, tmp_path: Path
+) -> None:
+    out, punch = tmp_path / "out", ("--punch", "restart", "--punch-family", "job")
+    musat("run", "-q", long_job, "-o", out, *punch, "--set", "OP2.editing=EDIT", "--punch-edits")
+    photos, again, short = (
+        musatpy.read_deck(path).photos.ids.tolist()
+        for path in (long_job, out / "long.job", out / "long.edited.crd")
+    )
+    assert photos == again
+    names = (out / "long.edited.ids.csv").read_text()
+    assert all(f'photos,{new},"{old}"' in names for old, new in zip(photos, short, strict=True))
 
 
 @pytest.mark.parametrize(

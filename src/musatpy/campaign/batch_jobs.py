@@ -146,7 +146,7 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
         if options.punch_family not in known:
             raise MusatError(f"punch_family: no family '{options.punch_family}'; there are {', '.join(known)}")
         punched = known[options.punch_family]
-        other = None if isinstance(punched, DeckFamily) else punched
+        other = None if type(punched) is DeckFamily else punched
         own = options.formats is not None and other is not None and punched.name == real_path(options.formats).name
     family = card_family(None if own else options.formats)
     return {

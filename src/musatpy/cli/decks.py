@@ -20,6 +20,7 @@ from musatpy.errors import DeckError, Problem, of_each_kind, printable
 
 if TYPE_CHECKING:
     from musatpy.formats.cards.spec import Family
+    from musatpy.formats.job_tables import Tables
     from musatpy.geometry.areas import Area
     from musatpy.jobs.agreement import Part
     from musatpy.jobs.naming import NamedKind
@@ -202,7 +203,7 @@ def merge_command(
     ]
     job = merged(parts, chosen)
     report = merge_text(parts, names, job) + ("" if near is None else _near_text(parts, near))
-    _write_edited(job.block, titles, out, family, report)
+    _write_edited(job.block, titles, decks, out, family, report)
 
 
 def _by_deck(option: str, given: Sequence[str], files: list[str]) -> dict[int, str]:
@@ -293,7 +294,7 @@ def extract_command(
         else:
             chosen |= photos_showing(block, polygon, ground_level(block) if height is None else height)
     part = extracted(block, chosen, drop_single=drop_single)
-    _write_edited(part.block, titles, out, family, extract_text(part))
+    _write_edited(part.block, titles, [deck], out, family, extract_text(part))
 
 
 def _areas(block: Block, box: str | None, area: Path | None) -> list[Area]:
@@ -315,20 +316,36 @@ def _areas(block: Block, box: str | None, area: Path | None) -> list[Area]:
     return areas
 
 
-def _write_edited(block: Block, titles: tuple[str, ...], path: Path, family: Family, report: str) -> None:
+def _write_edited(
+    block: Block, titles: tuple[str, ...], decks: Sequence[Path], path: Path, family: Family, report: str
+) -> None:
     """Write the deck of a block, and print the report of the editing, what is in the deck, and what it lacks.
+
+    `decks`: what it was made of. Where `path` is called NAME.job, a job is written; else long names of jobs become
+    short ones, as by `musat convert`.
 
     The deck has `titles` where there are any, else those of the block; `-` goes to stdout, and what is said to
     stderr. Raises `DeckError` where it cannot be written or would contradict itself; nothing is written and printed
     then.
     """
-    from musatpy.formats.musat import check_deck, deck_bytes
+    from musatpy.files import write_files
+    from musatpy.formats.job_folder import SUFFIX, files_of_tables, is_job, read_job, tables_of_job
+    from musatpy.formats.musat import check_deck, deck_bytes, deck_files
 
     def of_deck(problems: Iterable[Problem]) -> list[Problem]:
         return [replace(problem, file=str(path)) for problem in problems]
 
+    block, of_job = replace(block, titles=titles or block.titles), any(map(is_job, decks))
+    data: Tables | bytes
     try:
-        data = deck_bytes(replace(block, titles=titles or block.titles), family)
+        if path.suffix.lower() == SUFFIX:
+            data = tables_of_job(block)
+            whole = read_job(decks[0]) if of_job and len(decks) == 1 else None
+            files = files_of_tables(data, path, *((whole.source, whole.inputs) if whole else ()))
+        else:
+            shorten = of_job and path != STREAM
+            files = deck_files(block, path, family) if shorten else {path: deck_bytes(block, family)}
+            data = files[path]
     except DeckError as error:
         first: dict[str | None, Problem] = {}  # of each value that does not fit, however many cards have it
         for problem in error.problems:
@@ -337,7 +354,10 @@ def _write_edited(block: Block, titles: tuple[str, ...], path: Path, family: Fam
     again, problems = check_deck(data, family, for_run=False)
     if again is None:
         raise DeckError(of_deck(problems))
-    write_deck(path, data)
+    if path == STREAM:
+        tell_as_is(files[path])
+    else:
+        write_files(files)
     about = partial(tell, err=path == STREAM)  # of what stands on stdout itself
     about(report, nl=False)
     _, of_a_run = check_deck(data, family)

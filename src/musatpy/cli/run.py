@@ -63,7 +63,7 @@ _punch_options = options_of(
     ),
     option(
         "--punch-family FAMILY",
-        "Punch the files of this family and not a deck: giant, patb, bingo, jfk, or that of --formats.",
+        "Punch the files of this family and not a deck: giant, patb, bingo, jfk, job, or that of --formats.",
     ),
     option(
         "--punch-points",

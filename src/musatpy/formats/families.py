@@ -126,7 +126,8 @@ class JobFamily(DeckFamily):
 
     def targets(self, path: Path, stem: str) -> dict[Any, Path]:
         """Return the folder that is written."""
-        return {self.name: path if self.matches(path) else path / f"{stem}{SUFFIX}"}
+        folder = path.parent if path.suffix else path
+        return {self.name: path if self.matches(path) else folder / f"{stem}{SUFFIX}"}
 
     def render(self, given: Tables, path: Path, stem: str) -> Rendered:
         """Return the files of a job, and what keeps it from running as it stands."""

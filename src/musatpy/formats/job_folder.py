@@ -70,13 +70,19 @@ def is_job(path: object) -> bool:
 def job_files(
     block: Block, folder: Path, source: Mapping[str, Array] | None = None, inputs: Mapping[str, str] | None = None
 ) -> dict[Path, bytes]:
-    """Return the two files of the job folder of a block, for `files.write_files`.
+    """Return the two files of the job folder of a block, for `files.write_files`."""
+    return files_of_tables(tables_of_job(block), folder, source, inputs)
+
+
+def tables_of_job(block: Block) -> Tables:
+    """Return the tables of the job folder of a block.
 
     Coordinates stay as the adjustment knows them: a job that a deck states in another system is answered in it.
     """
     block = replace(block, given_in=None, stated_in=block.answer_in)
     stating = system_rows.values_of({system_rows.IN: None, system_rows.OUT: block.stated_in})
-    return files_of_tables(assembly.tables_of(block, card_family()) | stating, folder, source, inputs)
+    tables = assembly.tables_of(block, card_family()) | stating
+    return {role: table for role, table in tables.items() if size(table)}
 
 
 def files_of_tables(
@@ -128,11 +134,6 @@ def read_job(path: Path) -> JobFolder:
     if problems:
         raise DeckError(problems)
     return JobFolder(path=path, tables=read | many, source=source, inputs=text.get("inputs", {}))
-
-
-def job_draft(path: Path, family: Family, settings: Sequence[Setting] = (), flags: Flags | None = None) -> Draft:
-    """Return the draft of a job folder, whatever is wrong between its rows. Raises `DeckError` as `read_job`."""
-    return draft_of_tables(read_job(path).tables, str(path), family, settings, flags)
 
 
 def draft_of_tables(

@@ -18,8 +18,9 @@ from musatpy.formats.cards.settings import Setting, deck_with
 from musatpy.formats.cards.spec import Family
 from musatpy.formats.checks import check_entered, cross_check
 from musatpy.formats.draft import Draft, draft_of
-from musatpy.formats.job_folder import is_job, job_draft, placed
-from musatpy.formats.job_tables import Flags, card_family
+from musatpy.formats.job_folder import draft_of_tables, is_job, placed, read_job
+from musatpy.formats.job_tables import Flags, Tables, card_family
+from musatpy.formats.short_ids import names_csv, short_block
 from musatpy.formats.statements import answer_problems, entered_draft
 
 PATTERNS = ("*.crd",)
@@ -80,7 +81,7 @@ class CheckedDeck:
 
 
 def check_deck(
-    source: Path | str | bytes,
+    source: Path | str | bytes | Tables,
     family: Family | None = None,
     *,
     for_run: bool = True,
@@ -92,7 +93,7 @@ def check_deck(
 
 
 def checked_deck(
-    source: Path | str | bytes,
+    source: Path | str | bytes | Tables,
     family: Family | None = None,
     *,
     for_run: bool = True,
@@ -101,17 +102,19 @@ def checked_deck(
 ) -> CheckedDeck:
     """Return a deck with every problem of its cards and between them.
 
-    `source` is a path, or the bytes of a deck. A file that cannot be read is a problem like any other. A deck that
-    is not to be run as it is may lack measurements and a datum. `settings` stand in place of what its cards say,
-    `flags` beside those of its cards.
+    `source` is a path, the bytes of a deck, or the tables of a job. A file that cannot be read is a problem
+    like any other. A deck that is not to be run as it is may lack measurements and a datum. `settings` stand in
+    place of what its cards say, `flags` beside those of its cards.
     """
     family = family or card_family()
     try:
-        if isinstance(source, str | Path) and is_job(source):
-            draft = job_draft(Path(source), family, settings, flags)
+        name = None if isinstance(source, bytes | dict) else str(source)
+        if name is not None and is_job(source):
+            source = read_job(Path(name)).tables
+        if isinstance(source, dict):
+            draft = draft_of_tables(source, name or "", family, settings, flags)
             checked = _between_cards(draft, [], settings, for_run)
             return replace(checked, problems=tuple(placed(problem, draft) for problem in checked.problems))
-        name = None if isinstance(source, bytes) else str(source)
         if settings:
             source = deck_with(source if isinstance(source, bytes) else Path(source).read_bytes(), settings)
         deck = read_cards(source, family, name)
@@ -164,6 +167,13 @@ def deck_bytes(block: model.Block, family: Family | None = None) -> bytes:
     Raises `SystemsError` where a block cannot be stated as its deck is to be.
     """
     return write_cards(assembly.cards_of(block, family or card_family()))
+
+
+def deck_files(block: model.Block, place: Path, family: Family | None = None) -> dict[Path, bytes]:
+    """Return the deck of a block, and NAME.ids.csv where its names do not go into cards. Raises as `deck_bytes`."""
+    block, renamed = short_block(block)
+    names = {place.with_suffix(".ids.csv"): names_csv(renamed)} if renamed else {}
+    return {place: deck_bytes(block, family), **names}
 
 
 def write_deck(block: model.Block, path: Path | str, family: Family | None = None) -> None:

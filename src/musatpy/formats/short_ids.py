@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from musatpy.formats import mapping
 from musatpy.formats.job_tables import Tables, card_family, naming, roles_of
+from musatpy.model import Block
 
 _PREFIX = {"cameras": "C", "photos": "P", "points": "T"}
 _PART = re.compile(r"[\W_]+")
@@ -52,6 +54,20 @@ def for_cards(tables: Tables) -> tuple[Tables, list[tuple[str, str, str]]]:
             new = np.array([of[name] for name in np.ravel(column).tolist()], dtype=np.str_).reshape(column.shape)
             tables[role] = tables[role] | {path: new}
     return tables, renamed
+
+
+def short_block(block: Block, tables: Iterable[str] = _PREFIX) -> tuple[Block, list[tuple[str, str, str]]]:
+    """Return a block with names that cards hold, as `for_cards` does of tables."""
+    renamed: list[tuple[str, str, str]] = []
+    for table in tables:
+        rows = getattr(block, table)
+        names = rows.ids.tolist()
+        width = min(_width(role, path) for role, path in naming(table).items())
+        short = short_names(names, width, _PREFIX[table])
+        if short != names:
+            renamed += [(table, new, old) for old, new in zip(names, short, strict=True)]
+            block = replace(block, **{table: replace(rows, ids=np.array(short))})
+    return block, renamed
 
 
 def names_csv(renamed: Iterable[tuple[str, str, str]]) -> bytes:
