@@ -7,7 +7,7 @@ seventh is the level of the water at the photo, where each photo has its own as 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -55,10 +55,12 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
 
     Without `stations` there are no partials by these, nor by the water: (..., 2, 0) and None.
     """
-    photo, wet = network.photo[rays], np.nonzero(network.refracted[rays])
+    photo, refracted = network.photo[rays], network.refracted[rays]
+    every = network.sea is None and refracted.all()
+    wet: Any = ... if every else np.nonzero(refracted)  # all are taken without a copy
     camera, M, f, pp = _of_photos(network, state, photo)
     v, bent, by_lens, by_port = ground - camera, None, None, None
-    if len(wet[0]):
+    if refracted.any():
         over, bent = _incidence(network, state, photo[wet], camera[wet], ground[wet])
         v[wet] = bent.v
     if network.ports is not None:
@@ -223,6 +225,20 @@ def straight_rays(network: Network, state: State, rays: IntArray) -> tuple[Float
     if network.ports is None:
         return camera, direction
     return network.ports.rays(state.parameters[ObservationKind.PORT], photo, camera, direction, M)
+
+
+def rays_to(network: Network, state: State, rays: IntArray, ground: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return origins and unit directions (..., 3) of the measured rays where they come to `ground` (..., 3).
+
+    Refracted ones start at the water, taken as level: waves shift them by little.
+    """
+    origin, direction = straight_rays(network, state, rays)
+    wet = network.refracted[rays]
+    if wet.any():
+        camera, over = origin[wet], _surface(network, state, network.photo[rays][wet], ground[wet])
+        height = np.einsum("ri,ri->r", over.normal, camera - ground[wet]) - over.depth
+        origin[wet], direction[wet] = flat.ray_below(camera, direction[wet], over.normal, height, state.index)
+    return origin, direction
 
 
 def condition_rays(network: Network, state: State, rays: IntArray, xy: FloatArray, ground: FloatArray) -> BentRays:

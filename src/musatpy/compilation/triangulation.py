@@ -17,7 +17,7 @@ from musatpy.adjustment.network import job_frame, participation
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.wavy_water import Sea, sea_of
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, CompilationError, Problem
 from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame
@@ -317,19 +317,21 @@ def covariances_in(run: AdjustedRun, pattern: Pattern, size: int) -> Cofactors:
     q = pattern.size
     blocks = np.zeros((len(pattern.pairs), q, q))
     blocks[pattern.diagonal, :6, :6] = run.covariance
-    place = {pair: row for row, pair in enumerate(map(tuple, pattern.pairs.tolist()))}
-    for pair, covariance in zip(map(tuple, run.pairs.photo.tolist()), run.pairs.covariance, strict=True):
-        if pair in place:
-            blocks[place[pair], :6, :6] = covariance
+    row, at = _where(pattern, run.pairs.photo)
+    blocks[at, :6, :6] = run.pairs.covariance[row]
     if run.levels is not None and q > LEVEL:
-        levels = run.levels
-        known = [(place[pair], row) for row, pair in enumerate(map(tuple, levels.photo.tolist())) if pair in place]
-        at, row = np.array(known, dtype=np.int64).reshape(-1, 2).T
-        blocks[at, :6, LEVEL], blocks[at, LEVEL, :6] = levels.of_first[row], levels.of_second[row]
-        blocks[at, LEVEL, LEVEL] = levels.level[row]
+        row, at = _where(pattern, run.levels.photo)
+        blocks[at, :6, LEVEL], blocks[at, LEVEL, :6] = run.levels.of_first[row], run.levels.of_second[row]
+        blocks[at, LEVEL, LEVEL] = run.levels.level[row]
     border, corner = np.zeros((pattern.count, q, size)), np.zeros((size, size))
     if run.water is not None:
         border[:, :6], corner[:] = run.water.stations, run.water.covariance
         if q > LEVEL and len(run.water.levels):
             border[:, LEVEL] = run.water.levels
     return Cofactors(pattern=pattern, blocks=blocks, border=border.reshape(pattern.order, size), corner=corner)
+
+
+def _where(pattern: Pattern, pairs: IntArray) -> tuple[IntArray, IntArray]:
+    """Return which pairs (k, 2) of photos a pattern has, and where."""
+    row = np.flatnonzero(np.isin(pairs[:, 0] * pattern.count + pairs[:, 1], pattern.keys))
+    return row, pattern.find(*pairs[row].T)

@@ -14,18 +14,24 @@ import numpy as np
 
 from musatpy.adjustment import propagation
 from musatpy.adjustment.considered import extended
-from musatpy.adjustment.ground import PARALLEL, intersect_freely, settle_group
+from musatpy.adjustment.ground import PARALLEL, settle_group
 from musatpy.adjustment.iteration import State, initial_state
 from musatpy.adjustment.job import build_network
 from musatpy.adjustment.network import Network, PointGroup, group_points, participation
 from musatpy.adjustment.result import bathymetric_points
-from musatpy.adjustment.sightings import image_coordinates, residuals, straight_rays
+from musatpy.adjustment.sightings import image_coordinates, rays_to, residuals, straight_rays
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
 from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, in_parts
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in
 from musatpy.errors import AdjustmentError
-from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, in_front, widest_angle
+from musatpy.geometry.collinearity import (
+    attitude_from_matrix,
+    attitude_matrix,
+    in_front,
+    nearest_point,
+    widest_angle,
+)
 from musatpy.geometry.geodesy import surface
 from musatpy.model import (
     Block,
@@ -217,11 +223,12 @@ def images_of(run: AdjustedRun, photos: tuple[int, int], ground: FloatArray, sub
 
 
 def at_rest(
-    measured: Network, state: State, groups: Iterable[PointGroup], submerged: BoolArray
+    measured: Network, state: State, groups: Sequence[PointGroup], submerged: BoolArray
 ) -> tuple[WaterLine, State]:
     """Return which rays are wet, and the state with the points where these rays meet."""
-    state = intersect_freely(measured, state, groups)
+    state = nearest_to_rays(measured, state, groups)
     line = water_line(measured, state, submerged)
+    state = nearest_to_rays(*refracted(measured, line, state), groups)
     for _ in range(_TURNS):
         state = settled(measured, line, state, groups)
         new = best_line(measured, line, state, submerged)
@@ -229,6 +236,16 @@ def at_rest(
             break
         line = new
     return line, state
+
+
+def nearest_to_rays(network: Network, state: State, groups: Iterable[PointGroup]) -> State:
+    """Return the state with points nearest to their rays, refracted or not: within centimetres of their best."""
+    ground = state.ground.copy()
+    for group in groups:
+        X = ground[group.point]
+        nearest = nearest_point(*rays_to(network, state, group.rays, np.repeat(X[:, None], group.rays.shape[1], 1)))
+        ground[group.point] = np.where(np.isfinite(nearest), nearest, X)
+    return replace(state, ground=ground)
 
 
 def settled(measured: Network, line: WaterLine, state: State, groups: Iterable[PointGroup]) -> State:

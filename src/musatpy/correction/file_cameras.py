@@ -20,15 +20,14 @@ from typing import ClassVar, Self
 import numpy as np
 import pyproj
 
-from musatpy.adjustment.ground import intersect_freely
 from musatpy.adjustment.iteration import State
-from musatpy.adjustment.network import Network, PointGroup, group_points
+from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of
 from musatpy.adjustment.propagation import covariances_with_depths, pieces
 from musatpy.adjustment.sightings import residuals, straight_rays
 from musatpy.adjustment.waterline import every_ray_wet
 from musatpy.arrays import BoolArray, FloatArray, IntArray, in_parts
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in, of_record
-from musatpy.compilation.true_points import at_rest, network_of_plates, settled
+from musatpy.compilation.true_points import at_rest, nearest_to_rays, network_of_plates, settled
 from musatpy.correction.methods import REASON, CorrectedPoints, Method, ResultColumn, Tally
 from musatpy.depth.cameras import system_of_points
 from musatpy.errors import AdjustmentError, DepthError, Problem, ProblemsError
@@ -216,11 +215,13 @@ class ByFileCameras(Method):
         """Return rays and points where these meet; `held`: all rays of those `flagged` (k,) are wet, wherever."""
         ids = np.arange(len(flagged)).astype(np.str_)
         _, measured, state = network_of_plates(self.run, Points(ids=ids, bathymetric=flagged), plates)
-        groups = group_points(measured.photo, measured.point, ~plates.triangulated, np.ones(len(flagged), bool))
+        keys = ((*measured.photo[group.rays].T, flagged[group.point]) for group in measured.left_out)
+        order = map(np.lexsort, keys)  # wet ones together, and of these those in the same photos
+        groups = parts_of(map(PointGroup.part, measured.left_out, order), RAYS)
         ideal = replace(measured, parameters={})  # lenses are adjusted: their errors count in the sigmas alone
         if held:
             line = every_ray_wet(ideal, flagged)
-            state = settled(ideal, line, intersect_freely(ideal, state, groups), groups)
+            state = settled(ideal, line, nearest_to_rays(ideal, state, groups), groups)
         else:
             line, state = at_rest(ideal, state, groups, flagged)
         return measured.with_plates(measured.xy, line.wet), state, groups

@@ -219,14 +219,20 @@ class GeocentricFrame(Frame):
         return self.ellipsoid.frame(level)
 
     def vertical(self, working: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return the same; the longitude is where the place is, which saves its sine and cosine."""
-        place = np.asarray(working) + self.origin
-        latitude, height = np.moveaxis(self.ellipsoid.geographic(place)[..., [0, 2]], -1, 0)
-        up, off_axis = np.empty(place.shape), np.hypot(place[..., 0], place[..., 1])
+        """Return the same, once for all rays to a point, which follow each other.
+
+        The longitude is where the place is, which saves its sine and cosine.
+        """
+        place = (np.asarray(working, dtype=float) + self.origin).reshape(-1, 3)
+        other = np.append(True, (place[1:] != place[:-1]).any(axis=1))[: len(place)]
+        place = place[other]
+        latitude, height = self.ellipsoid.geographic(place)[:, [0, 2]].T
+        up, off_axis = np.empty(place.shape), np.hypot(place[:, 0], place[:, 1])
         scale = np.cos(latitude) / np.where(off_axis > 0.0, off_axis, 1.0)
-        np.multiply(place[..., :2], scale[..., None], out=up[..., :2])
-        up[..., 2] = np.sin(latitude)
-        return up, height
+        np.multiply(place[:, :2], scale[:, None], out=up[:, :2])
+        up[:, 2] = np.sin(latitude)
+        row, shape = np.cumsum(other) - 1, np.shape(working)
+        return up.take(row, axis=0).reshape(shape), height.take(row).reshape(shape[:-1])
 
 
 class GeographicFrame(GeocentricFrame):

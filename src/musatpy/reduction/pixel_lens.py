@@ -23,7 +23,9 @@ from numpy.typing import NDArray
 
 from musatpy.arrays import FloatArray
 
-_STEPS, _AT_REST = 30, 1e-13  # of the inverse, in units of the focal length
+_STEPS, _AT_REST = 30, 1e-8  # of the inverse, in units of the focal length: one step more ends at rounding
+_PIECE = 8192  # rays at a time, whose arrays stay in fast memory
+_Radial = tuple[FloatArray, FloatArray]  # the factor g of rays, and its derivative by r^2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,34 +51,39 @@ class PixelLens:
 
         By Newton's method from the ray that has no distortion, to 1e-13 focal lengths.
         """
-        image = (pixels - self._centre) @ np.linalg.inv(self._A).T
+        image = ((pixels - self._centre) @ np.linalg.inv(self._A).T).reshape(-1, 2)
+        pieces = [self._undistorted(image[first : first + _PIECE]) for first in range(0, len(image), _PIECE)]
+        return np.concatenate(pieces or [image]).reshape(pixels.shape)
+
+    def _undistorted(self, image: FloatArray) -> FloatArray:
+        """Return the rays (r, 2) of images (r, 2) on a plane one focal length off."""
         xy = self._first(image)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             for _ in range(_STEPS):
-                at, slope = self.distorted(xy), self.partials(xy)
-                (a, b), (c, d) = np.moveaxis(slope, (-2, -1), (0, 1))
-                u, v = np.moveaxis(image - at, -1, 0)
-                step = np.stack([d * u - b * v, a * v - c * u], axis=-1) / (a * d - b * c)[..., None]
+                radial = self._radial(xy)
+                u, v = (image - self.distorted(xy, radial)).T
+                (a, b), (c, d) = self.partials(xy, radial).transpose(1, 2, 0)
+                step = np.column_stack([d * u - b * v, a * v - c * u]) / (a * d - b * c)[:, None]
                 xy = xy + step
                 if not np.nanmax(np.abs(step), initial=0.0) > _AT_REST:
                     break
             off = np.abs(self.distorted(xy) - image).max(axis=-1)
-            lost = ~(off < 1e3 * _AT_REST) | (np.linalg.norm(xy, axis=-1) > self.reach)
+            lost = ~(off < 1e-2 * _AT_REST) | (np.linalg.norm(xy, axis=-1) > self.reach)
         return np.where(lost[..., None], np.nan, xy)
 
-    def distorted(self, xy: FloatArray) -> FloatArray:
+    def distorted(self, xy: FloatArray, radial: _Radial | None = None) -> FloatArray:
         """Return the images (..., 2) of rays (..., 2) on a plane one focal length off."""
-        g, _ = self._radial(xy)
-        if self.fisheye:
-            return xy * g[..., None]
-        (x, y), (p1, p2) = np.moveaxis(xy, -1, 0), self.p
-        q = x * x + y * y
-        across = [2.0 * p1 * x * y + p2 * (q + 2.0 * x * x), p1 * (q + 2.0 * y * y) + 2.0 * p2 * x * y]
-        return xy * g[..., None] + np.stack(across, axis=-1)
+        out = xy * (radial or self._radial(xy))[0][..., None]
+        if any(self.p) and not self.fisheye:
+            (x, y), (p1, p2) = np.moveaxis(xy, -1, 0), self.p
+            q = x * x + y * y
+            out[..., 0] += 2.0 * p1 * x * y + p2 * (q + 2.0 * x * x)
+            out[..., 1] += p1 * (q + 2.0 * y * y) + 2.0 * p2 * x * y
+        return out
 
-    def partials(self, xy: FloatArray) -> FloatArray:
+    def partials(self, xy: FloatArray, radial: _Radial | None = None) -> FloatArray:
         """Return the partials (..., 2, 2) of `distorted`."""
-        g, slope = self._radial(xy)
+        g, slope = radial or self._radial(xy)
         x, y = np.moveaxis(xy, -1, 0)
         p1, p2 = (0.0, 0.0) if self.fisheye else self.p
         mixed = 2.0 * slope * x * y + 2.0 * (p1 * x + p2 * y)
@@ -84,7 +91,7 @@ class PixelLens:
             [g + 2.0 * slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x, mixed],
             [mixed, g + 2.0 * slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x],
         ]
-        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+        return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
     @cached_property
     def reach(self) -> float:
@@ -116,14 +123,13 @@ class PixelLens:
         out[1], out[3::2] = 1.0, self.k
         return out
 
-    def _radial(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _radial(self, xy: FloatArray) -> _Radial:
         """Return the factor g (...) of rays (..., 2), and its derivative by r^2."""
         q = np.sum(xy * xy, axis=-1)
         if not self.fisheye:
-            up, down = np.array([1.0, *self.k]), np.array([1.0, *self.d])
-            U, D = polynomial.polyval(q, up), polynomial.polyval(q, down)
-            dU, dD = polynomial.polyval(q, polynomial.polyder(up)), polynomial.polyval(q, polynomial.polyder(down))
-            return U / D, (dU * D - U * dD) / (D * D)
+            U, dU = _polynomial(q, self.k)
+            D, dD = _polynomial(q, self.d)
+            return (U / D, (dU * D - U * dD) / (D * D)) if self.d else (U, dU)
         r = np.sqrt(q)
         t = np.arctan(r)
         at, slope = polynomial.polyval(t, self._of_angle), polynomial.polyval(t, polynomial.polyder(self._of_angle))
@@ -139,6 +145,15 @@ class PixelLens:
             return image
         r = np.linalg.norm(image, axis=-1, keepdims=True)
         return image * np.where(r > 0.0, np.tan(np.minimum(r, 1.5)) / np.where(r > 0.0, r, 1.0), 1.0)
+
+
+def _polynomial(q: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    """Return 1 + k1 q + k2 q^2 + ... and its derivative."""
+    at, slope = np.zeros_like(q), np.zeros_like(q)
+    for coefficient in (*k[::-1], 1.0):
+        slope = slope * q + at
+        at = at * q + coefficient
+    return at, slope
 
 
 def _positive(coefficients: NDArray[np.floating]) -> list[float]:

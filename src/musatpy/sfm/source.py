@@ -18,7 +18,7 @@ from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.block import Placement, ideal_coordinates, lens_of, lens_parameters
 from musatpy.sfm.model import Model, ModelError
 
-_PAIRS = 2**21  # of points and photos at a time
+_PAIRS = 2**20  # of points and photos at a time
 _LENS = ("width", "height", "fx", "fy", "cx", "cy", "shear", "k1", "k2", "k3", "k4", "d1", "d2", "d3", "p1", "p2")
 
 
@@ -119,11 +119,11 @@ class FileCameras:
         # products with these rows: distances along the axis, and squares of all distances, less in a wide format
         along = np.column_stack([axis, -np.einsum("ni,ni->n", axis, C)])
         square = np.column_stack([-2.0 * C, np.square(C).sum(axis=1), np.ones(len(C))]) * self._cosines[:, None]
-        X = np.column_stack([X, np.ones(len(X)), np.square(X).sum(axis=1)])
+        X = np.vstack([X.T, np.ones(len(X)), np.square(X).sum(axis=1)])
         parts = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 2)))]
-        for photos in np.array_split(np.arange(len(C)), 1 + len(C) * len(X) // _PAIRS):
-            depth = along[photos] @ X[:, :4].T
-            near, row = np.nonzero(np.abs(depth) * depth >= square[photos] @ X.T)
+        for photos in np.array_split(np.arange(len(C)), 1 + len(C) * len(x) // _PAIRS):
+            depth = along[photos] @ X[:4]
+            near, row = np.nonzero(np.abs(depth) * depth >= square[photos] @ X)
             photo = photos[near]
             for number, lens in enumerate(self.lenses):
                 of = np.flatnonzero(self.camera[photo] == number)
@@ -163,10 +163,10 @@ def cameras_of_job(job: Path) -> FileCameras:
 
 def spread_over(rows: IntArray, photo: IntArray, azimuth: FloatArray, most: int) -> BoolArray:
     """Return at most so many rays (r,) of each of `rows`, evenly around it by the azimuths of their photos."""
-    order = np.lexsort((photo, azimuth, rows))
-    sorted_rows = rows[order]
-    start = np.searchsorted(sorted_rows, sorted_rows)
-    count = np.searchsorted(sorted_rows, sorted_rows, side="right") - start
+    order = np.argsort(rows + 0.1 * azimuth)  # these are within half a turn
+    count = np.bincount(rows)
+    start = np.repeat(np.cumsum(count) - count, count)
+    count = np.repeat(count, count)
     rank = np.arange(len(rows)) - start
     kept = np.zeros(len(rows), dtype=bool)
     kept[order] = (count <= most) | (rank * most // count != (rank - 1) * most // count)
