@@ -1,4 +1,4 @@
-"""Cameras under water behind flat ports: partials, recovery, errors against sigmas, what is not determined."""
+"""Cameras behind flat ports, under or over water: partials, recovery, errors against sigmas, what is held."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 import musatpy
-from altered import with_options
+from altered import altered, with_options
 from blocks import converged, simulation
 from musatpy.adjustment import sightings
+from musatpy.adjustment.iteration import State
 from musatpy.adjustment.job import prepared
+from musatpy.adjustment.network import Network
 from musatpy.errors import AdjustmentError
 from musatpy.model import (
     PORT_PARAMETERS,
@@ -21,9 +23,10 @@ from musatpy.model import (
     Initial,
     LensUnknowns,
     ObservationKind,
+    Ports,
     Program,
 )
-from musatpy.model.tables import stacked
+from musatpy.model.tables import empty, stacked
 from musatpy.probability import chi_square_limit
 from musatpy.simulation import Simulation
 
@@ -62,6 +65,30 @@ def tank(seed: int, *unknown: dict[str, Any], noise: float = 1.5, **tables: Any)
     return simulation(seed, **(spec | tables))
 
 
+OPTIONS = {"program": "IIIA", "translation_limit": 0.00001, "rotation_limit": 0.1}
+
+
+def window(seed: int, *unknown: dict[str, Any], noise: float = 1.5, **tables: Any) -> Simulation:
+    """Eight photos from 3 m over a shore, through 25 mm of glass with air on both sides; half of the points wet."""
+    glass = {"distance": 35.0, "thickness": 25.0, "glass": 1.52, "water": 1.0, "unknown": list(unknown)}
+    spec: dict[str, Any] = {
+        "port": {**glass, "tilt": list(tables.pop("tilt", (4.0, -6.0)))},
+        "flight": {
+            "strips": 2,
+            "photos": 4,
+            "height": 3.0,
+            "forward_overlap": 0.8,
+            "side_overlap": 0.6,
+            "attitude_scatter": [5.0, 5.0, 30.0],
+        },
+        "terrain": {"level": 0.3, "relief": 0.3, "wavelength": 2.0},
+        "water": {"level": 0.0, "index": 1.34},
+        "shoal": [{"share": 0.5, "depth": [0.3, 1.5]}],
+        "points": {"extra": [{"number": 20}]},
+    }
+    return tank(seed, noise=noise, **(spec | tables))
+
+
 @lru_cache
 def first(seed: int) -> Block:
     return tank(seed, *({"name": name, "sigma": 1.0, "error": 0.0} for name in PORT_PARAMETERS)).block
@@ -90,30 +117,108 @@ def test_partials_are_those_of_differences(tilted: bool, lens: tuple[str, ...]) 
         state = replace(state, parameters={**state.parameters, LENS: np.array([28.1, 2e-5])})
     rays = np.arange(0, len(network.photo), 3)
     ground = state.ground[network.point[rays]]
+    check_partials(network, state, rays, ground)
+
+
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (4.0, -6.0)])
+def test_partials_through_port_and_water_are_those_of_differences(tilt: tuple[float, float]) -> None:
+    """The same of a window in air, wet and dry points, and by level, tilt and index of the water."""
+    water = {"water_level": "ONE", "water_tilt": "ADJUST", "water_index": "ADJUST"}
+    block = window(1, {"name": "PT", "error": 0.0}, tilt=tilt, options=OPTIONS | water).block
+    job, state = prepared(block, None)
+    network = job.network.with_plates(job.network.xy, block.points.bathymetric[job.network.point])
+    rays = np.arange(0, len(network.photo), 3)
+    assert 0 < network.refracted[rays].sum() < len(rays)
+    check_partials(network, state, rays, state.ground[network.point[rays]])
+
+
+def check_partials(network: Network, state: State, rays: np.ndarray, ground: np.ndarray) -> None:
+    """Check them by ports, points, stations and water. One port is unknown in all that it has, or only in PT."""
     images = sightings.images(network, state, rays, ground)
     np.testing.assert_allclose(images.xy, sightings.image_coordinates(network, state, rays, ground), atol=1e-12)
     half = sightings.images(network, state, rays, ground, stations=False)
     np.testing.assert_allclose(half.by_ground, images.by_ground, atol=1e-12)
-    assert images.by_port is not None
+    assert images.by_port is not None and network.ports is not None
 
-    def slope(size: float, ends: list[Any]) -> np.ndarray:
-        plus, minus = (sightings.image_coordinates(network, s, rays, g) for s, g in ends)
-        return (plus - minus) / (2.0 * size)
+    def agrees(partials: np.ndarray, size: float, *ends: tuple[Network, State, np.ndarray]) -> None:
+        plus, minus = (sightings.image_coordinates(n, s, rays, g) for n, s, g in ends)
+        expected = (plus - minus) / (2.0 * size)
+        np.testing.assert_allclose(partials, expected, atol=1e-6 * np.abs(expected).max() + 1e-12)
 
-    def agrees(partials: np.ndarray, expected: np.ndarray) -> None:
-        np.testing.assert_allclose(partials, expected, atol=1e-6 * np.abs(expected).max())
+    def at(size: float, name: str, by: np.ndarray) -> list[Any]:
+        return [(network, replace(state, **{name: getattr(state, name) + s * size * by}), ground) for s in (1, -1)]
 
+    held, nothing = network.ports.table(state.parameters[PORT]), np.zeros((1, 6), dtype=bool)
     for column, size in enumerate((1e-2, 1e-2, 1e-5, 1e-5, 1e-3, 1e-3)):
-        step = size * np.eye(6)[column]
-        at = [(replace(state, parameters={**state.parameters, PORT: values + s * step}), ground) for s in (1, -1)]
-        agrees(images.by_port[..., column], slope(size, at))
-    for axis in range(3):
-        step = 1e-5 * np.eye(3)[axis]
-        agrees(images.by_ground[..., axis], slope(1e-5, [(state, ground + s * step) for s in (1, -1)]))
-        at = [(replace(state, position=state.position + s * network.axes[:, axis] * 1e-5), ground) for s in (1, -1)]
-        agrees(images.by_station[..., axis], slope(1e-5, at))
-        at = [(replace(state, attitude=state.attitude + s * step), ground) for s in (1, -1)]
-        agrees(images.by_station[..., 3 + axis], slope(1e-5, at))
+        glass = [replace(network.ports, held=held + s * size * np.eye(6)[column], unknown=nothing) for s in (1, -1)]
+        known = replace(state, parameters={**state.parameters, PORT: np.zeros(0)})
+        agrees(
+            images.by_port[..., column], size, *((network.with_parameters({PORT: g}), known, ground) for g in glass)
+        )
+    for axis, step in enumerate(np.eye(3)):
+        agrees(images.by_ground[..., axis], 1e-5, *((network, state, ground + s * 1e-5 * step) for s in (1, -1)))
+        agrees(images.by_station[..., axis], 1e-5, *at(1e-5, "position", network.axes[:, axis]))
+        agrees(images.by_station[..., 3 + axis], 1e-5, *at(1e-5, "attitude", step))
+    if images.by_water is not None:
+        agrees(images.by_water[..., 0], 1e-4, *at(1e-4, "tide", np.ones(network.photos)))
+        agrees(images.by_water[..., 1], 1e-5, *at(1e-5, "tilt", np.eye(2)[0]))
+        agrees(images.by_water[..., 2], 1e-5, *at(1e-5, "tilt", np.eye(2)[1]))
+        agrees(images.by_water[..., 3], 1e-5, *at(1e-5, "index", np.ones(())))
+
+
+def test_images_through_port_and_water_are_those_of_the_simulation() -> None:
+    """A block without errors, of wet and dry points, is found to the digits of its cards."""
+    given = window(2, noise=0.0, job={"system": "GEOG", "centre": [18.0, -65.0]})
+    assert 0 < given.truth.refracted.sum() < len(given.truth.refracted)
+    solution = converged(given.block)
+    np.testing.assert_allclose(solution.plates.residual, 0.0, atol=2e-6)
+    np.testing.assert_allclose(solution.stations.position, given.truth.stations.job, atol=1e-6)
+    np.testing.assert_allclose(solution.stations.attitude, given.truth.attitude, atol=1e-6)
+
+
+def at_rest(block: Block, ground: np.ndarray) -> np.ndarray:
+    """The images (m, 2) of points (p, 3) about the origin, from the stations of the cards, flagged ones wet."""
+    job, state = prepared(block, None)
+    network = job.network.with_plates(job.network.xy, block.points.bathymetric[job.network.point])
+    shift = network.frame.working(np.zeros((1, 3)))
+    rays = np.arange(len(network.photo))
+    return sightings.image_coordinates(network, state, rays, (ground + shift)[network.point])
+
+
+def test_limits_of_port_and_water() -> None:
+    """Glass of air: the camera over the water without port. Water of air: the port alone, all points dry."""
+    given = window(3)
+    block, ground = given.block, given.truth.points.xyz
+    through = at_rest(block, ground)
+    air = replace(block, ports=replace(block.ports, glass_index=np.ones(1), thickness=np.zeros(1)))
+    without = replace(block, ports=empty(Ports))
+    np.testing.assert_allclose(at_rest(air, ground), at_rest(without, ground), atol=1e-9)
+    assert block.water is not None
+    of_air = replace(block, water=replace(block.water, index=1.0))
+    dry = altered(block, points={"bathymetric": np.zeros(len(block.points.ids), dtype=bool)})
+    np.testing.assert_allclose(at_rest(of_air, ground), at_rest(dry, ground), atol=1e-9)
+    assert np.abs(through - at_rest(without, ground)).max() > 0.01
+
+
+def test_a_window_that_looks_straight_down_by_scalars() -> None:
+    """Air, glass, air and water, one below the other: the tangent in air by bisection, images to 1e-10 mm."""
+    given = window(4, tilt=(0.0, 0.0))
+    block, ground = given.block, given.truth.points.xyz
+    attitude = np.zeros_like(block.photos.attitude)
+    block = altered(block, photos={"attitude": attitude})
+    away = ground[block.plates.point] - block.photos.position[block.plates.photo]
+    wet = block.points.bathymetric[block.plates.point]
+    level = np.where(wet, 0.0 - block.photos.position[block.plates.photo, 2], away[:, 2])
+    layers = [(0.035, 1.0), (0.025, 1.52), (-level - 0.060, 1.0), (level - away[:, 2], 1.34)]
+    low, high = np.zeros(len(away)), np.ones(len(away))  # sines in air
+    for _ in range(60):
+        middle = (low + high) / 2.0
+        reached = sum(depth * middle / np.sqrt(n**2 - middle**2) for depth, n in layers)
+        short = reached < np.linalg.norm(away[:, :2], axis=1)
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
+    radius = 28.0 * low / np.sqrt(1.0 - low**2)
+    xy = radius[:, None] * away[:, :2] / np.linalg.norm(away[:, :2], axis=1)[:, None]
+    np.testing.assert_allclose(at_rest(block, ground), xy, atol=1e-10)
 
 
 def test_images_are_those_of_the_simulation_and_rays_go_through_their_points() -> None:
@@ -228,7 +333,7 @@ def test_ports_are_printed_and_recorded() -> None:
 
 
 def test_iia_has_no_ports() -> None:
-    with pytest.raises(AdjustmentError, match="camera T35 is under water behind a port"):
+    with pytest.raises(AdjustmentError, match="camera T35 is behind a port"):
         musatpy.adjust(with_options(first(1), program=Program.IIA), causes=CauseSearch.NONE)
 
 

@@ -65,7 +65,7 @@ def test_cameras_behind_a_port_are_refused(tmp_path: Path) -> None:
     run = lagoon_run()
     port = {"distance": 35.0, "thickness": 10.0, "glass_index": 1.49, "water_index": 1.34, "tilt": [0.0, 0.0]}
     run["ports"] = [{"camera": "RC8", **port}]
-    with pytest.raises(RecordError, match="camera RC8 is under water behind a port"):
+    with pytest.raises(RecordError, match="camera RC8 is behind a port"):
         read_run(written(tmp_path, run))
 
 

@@ -218,6 +218,10 @@ CASES: list[Case] = [
         "55 CAL.value [0.210000000E+01] PW of a port is within 1 and 2",
     ),
     case(
+        deck(IIIA, add(CAM, port("RC9 ", 35.0, 10.0, 1.5, 1.0), port("RC8 ", 35.0, 10.0, 1.5, 1.0), "CAL RC9  PD")),
+        "52 CAL.parameter [PD] outside the port of camera RC9 is air (index 1): its distance changes no image",
+    ),
+    case(
         deck(
             drop(12, 13, 14),
             lambda lines: [text.replace("B", " ") if text[:3] == "PLT" else text for text in lines],

@@ -1,6 +1,6 @@
 """Bad decks for the checks of waves on the water, with their whole reports."""
 
-from formats.bad_deck_cases import GEOCENTRIC, Case, Expected, case, water_options
+from formats.bad_deck_cases import GEOCENTRIC, IIIA, Case, Expected, case, port, water_options
 from formats.deck_edits import Edit, add, deck, replace
 
 RIGOROUS = replace(2, "WATPT   ", "RIGOROUS")
@@ -59,6 +59,10 @@ CASES: list[Case] = [
         "49 WAV [] waves, and no WOG or WOX card with the place from which their crests count",
     ),
     case(sea(), "~49 WOG [] an origin of waves, and no WAV card: it takes no part"),
+    case(
+        deck(IIIA, timed, add(ORIGIN, wave(period=SWELL), port("RC8 ", 35.0, 10.0, 1.5, 1.0))),
+        "50 WAV [] no waves behind a flat port: its rays are traced through level or tilted water",
+    ),
     # many waves, each of them wrong in its own way
     case(
         sea(

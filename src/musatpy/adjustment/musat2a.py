@@ -42,7 +42,7 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     """
     if block.ports.count:
         cameras = ", ".join(block.cameras.ids[block.ports.camera].tolist())
-        raise AdjustmentError([Problem(message=f"camera {cameras} is under water behind a port: IIIA adjusts it")])
+        raise AdjustmentError([Problem(message=f"camera {cameras} is behind a port: IIIA adjusts it")])
     if block.lens_unknowns.count:
         from musatpy.adjustment.lenses import ideal_plates  # most jobs know their cameras without error
 

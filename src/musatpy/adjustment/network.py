@@ -193,7 +193,7 @@ class Network:
 
     @property
     def ports(self) -> CameraPorts | None:
-        """The ports of cameras under water, known or not; None where all cameras are in air."""
+        """The ports of cameras, known or not; None where no camera has any."""
         return cast("CameraPorts | None", self.parameters.get(ObservationKind.PORT))
 
     def with_parameters(self, known: Mapping[ObservationKind, Parameters]) -> Self:

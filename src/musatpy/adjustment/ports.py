@@ -1,4 +1,4 @@
-"""The flat ports of a simultaneous adjustment: cameras under water behind planes of glass, known or unknown.
+"""The flat ports of a simultaneous adjustment: cameras behind planes of glass, known or unknown.
 
 A camera without a port has one that bends nothing: all photos go through the same lines.
 """
@@ -75,10 +75,25 @@ class CameraPorts(CameraParameters):
         by_attitude = by_point @ np.einsum("...aij,...j->...ia", dM, v)
         return (back @ u[..., None])[..., 0], by_point @ M, by_attitude, back @ (by_port * _INSIDE)
 
+    def axis_points(self, values: FloatArray, photo: IntArray, v: FloatArray, M: FloatArray) -> FloatArray:
+        """Return where (..., 3), from stations, rays to points at v (..., 3) cross the axes of ports."""
+        p = np.einsum("...ij,...j->...i", M, v)
+        return np.einsum("...ji,...j->...i", M, port.axis_point(p, self._ports(values, photo)))
+
+    def axis_partials(
+        self, values: FloatArray, photo: IntArray, v: FloatArray, M: FloatArray, dM: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the partials of `axis_points` by v, by the attitude (..., 3, 3), and by the ports (..., 3, 6)."""
+        p, ports = np.einsum("...ij,...j->...i", M, v), self._ports(values, photo)
+        back, (by_point, by_port) = np.swapaxes(M, -1, -2), port.axis_partials(p, ports)
+        turned = np.einsum("...aij,...i->...ja", dM, port.axis_point(p, ports))
+        by_attitude = back @ by_point @ np.einsum("...aij,...j->...ia", dM, v) + turned
+        return back @ by_point @ M, by_attitude, back @ (by_port * _INSIDE)
+
     def rays(
         self, values: FloatArray, photo: IntArray, camera: FloatArray, direction: FloatArray, M: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return where rays of directions (..., 3) in the housing leave the glass, and directions in water."""
+        """Return where rays of directions (..., 3) in the housing leave the glass, and directions outside."""
         origin, w = port.ray(np.einsum("...ij,...j->...i", M, direction), self._ports(values, photo))
         back = np.swapaxes(M, -1, -2)
         return camera + (back @ origin[..., None])[..., 0], (back @ w[..., None])[..., 0]
@@ -88,14 +103,14 @@ class CameraPorts(CameraParameters):
 
 
 def without_ports(block: Block) -> Block:
-    """Return the block with the images of cameras that stand in the water: good enough for first values."""
+    """Return the block with the images of cameras that stand outside: good enough for first values."""
     if not block.ports.count:
         return block
     ports, plates, cameras, of = CameraPorts.of(block), block.plates, block.cameras, block.photos.camera
     camera, level = of[block.plates.photo], np.eye(3)
     f, pp = cameras.focal_length[camera], cameras.principal_point[camera]
-    in_water = ports.rays(ports.given, plates.photo, np.zeros(3), collinearity.ray(plates.xy, level, f, pp), level)
-    return replace(block, plates=replace(plates, xy=collinearity.image(in_water[1], level, f, pp)))
+    outside = ports.rays(ports.given, plates.photo, np.zeros(3), collinearity.ray(plates.xy, level, f, pp), level)
+    return replace(block, plates=replace(plates, xy=collinearity.image(outside[1], level, f, pp)))
 
 
 def _ports(table: FloatArray) -> port.Port:

@@ -6,7 +6,7 @@ seventh is the level of the water at the photo, where each photo has its own as 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +22,10 @@ from musatpy.refraction import flat
 
 if TYPE_CHECKING:
     from musatpy.adjustment.lenses import CameraLenses
+    from musatpy.adjustment.ports import CameraPorts
+
+_MOST_STEPS = 30  # of rays through port and water, until their start moves less than
+_REST = 1e-13  # m
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,11 +65,14 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
     camera, M, f, pp = _of_photos(network, state, photo)
     v, bent, by_lens, by_port = ground - camera, None, None, None
     if refracted.any():
-        over, bent = _incidence(network, state, photo[wet], camera[wet], ground[wet])
-        v[wet] = bent.v
+        start = camera[wet]
+        if network.ports is not None:
+            start, v[wet] = _through_port_and_water(network, state, photo[wet], start, M[wet], ground[wet])
+        over, bent = _incidence(network, state, photo[wet], start, ground[wet])
+        if network.ports is None:
+            v[wet] = bent.v
     if network.ports is not None:
-        dM = state.dM.take(photo, axis=0)
-        v, *port = network.ports.view(state.parameters[ObservationKind.PORT], photo, v, M, dM)
+        v, *port = _behind_ports(network.ports, state, photo, v, M, wet, bent)
     if not stations:
         xy, by_v = collinearity.image_by_vector(v, M, f, pp)
         if network.lenses is not None:
@@ -87,7 +94,7 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
         if bent is not None:
             by_camera[wet] = by_v[wet] @ bent.by_camera
         if bent is not None and by_water is not None:
-            by_water[wet] = by_v[wet] @ _by_water(network, over, bent, camera[wet], ground[wet])
+            by_water[wet] = by_v[wet] @ _by_water(network, over, bent, start, ground[wet])
         axes = np.swapaxes(network.axes.take(photo, axis=0), -1, -2)
         own_level = () if by_water is None or not network.water.per_photo else (by_water[..., :1],)
         by_station = np.concatenate([by_camera @ axes, by_attitude, *own_level], axis=-1)
@@ -104,7 +111,7 @@ def image_coordinates(network: Network, state: State, rays: IntArray, ground: Fl
     camera, M, f, pp = _of_photos(network, state, photo)
     v = ground - camera
     if wet.any():
-        v[wet] = _water_vectors(network, state, photo[wet], camera[wet], ground[wet])
+        _, v[wet] = _through_port_and_water(network, state, photo[wet], camera[wet], M[wet], ground[wet])
     if network.ports is not None:
         v = network.ports.vectors(state.parameters[ObservationKind.PORT], photo, v, M)
     xy = collinearity.image(v, M, f, pp)
@@ -146,11 +153,10 @@ def _of_photos(network: Network, state: State, photo: IntArray) -> tuple[FloatAr
 
 def index_partials(network: Network, state: State, rays: IntArray) -> FloatArray:
     """Return the partials (r, 2) mm of the images of wet `rays` (r,) by the index of the water: of `images`."""
-    photo, ground = network.photo[rays], state.ground[network.point[rays]]
-    _, bent = _incidence(network, state, photo, state.position[photo], ground)
-    _, M, f, pp = _of_photos(network, state, photo)
-    _, by_v = collinearity.image_by_vector(bent.v, M, f, pp)
-    return np.asarray((by_v @ bent.by_index[..., None])[..., 0])
+    asked = replace(network, water=replace(network.water, index_unknown=True))
+    by_water = images(asked, state, rays, state.ground[network.point[rays]]).by_water
+    assert by_water is not None, "the index is unknown"
+    return by_water[..., 3]
 
 
 def residuals(network: Network, state: State, rays: IntArray) -> FloatArray:
@@ -184,6 +190,52 @@ def _water_vectors(
     return flat.water_vector(camera, ground, over.normal, over.depth, state.index, wet=True)
 
 
+def _behind_ports(
+    ports: CameraPorts,
+    state: State,
+    photo: IntArray,
+    v: FloatArray,
+    M: FloatArray,
+    wet: Any,
+    bent: flat.Incidence | None,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return what `CameraPorts.view` does of vectors v; those of `wet` rays, an index, change with the port too.
+
+    Their v = a + w(C + a), with a on the axis of the port and w of the water (`bent`), and a follows from v again:
+    dv = (1 - (1 + w_C) a_v)^-1 [(1 + w_C) da + dw], where da and dw are what changes while v is held.
+    """
+    values, dM = state.parameters[ObservationKind.PORT], state.dM.take(photo, axis=0)
+    u, by_v, by_attitude, by_port = ports.view(values, photo, v, M, dM)
+    if bent is not None:
+        a_v, *changes = ports.axis_partials(values, photo[wet], v[wet], M[wet], dM[wet])
+        moved = np.eye(3) + bent.by_camera
+        by_v[wet] = by_v[wet] @ np.linalg.inv(np.eye(3) - moved @ a_v)
+        for partials, a in zip((by_attitude, by_port), changes, strict=True):
+            partials[wet] += by_v[wet] @ moved @ a
+    return u, by_v, by_attitude, by_port
+
+
+def _through_port_and_water(
+    network: Network, state: State, photo: IntArray, camera: FloatArray, M: FloatArray, ground: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return from where rays go to water points, and the vectors (N, 3) from cameras to these.
+
+    From the cameras, or from those points on the axes of their ports that the rays through the water agree with: a
+    few millimetres change their angles by parts of a thousand, so that each step gains digits.
+    """
+    start, v = camera, _water_vectors(network, state, photo, camera, ground)
+    if network.ports is None:
+        return start, v
+    along = np.zeros_like(camera)
+    for _ in range(_MOST_STEPS):
+        last, along = along, network.ports.axis_points(state.parameters[ObservationKind.PORT], photo, v, M)
+        start = camera + along
+        v = along + _water_vectors(network, state, photo, start, ground)
+        if not (np.abs(along - last) > _REST).any():
+            break
+    return start, v
+
+
 def _by_water(
     network: Network, over: TiltedWater, bent: flat.Incidence, camera: FloatArray, ground: FloatArray
 ) -> FloatArray:
@@ -215,7 +267,7 @@ def _refracted_ray(
 
 
 def straight_rays(network: Network, state: State, rays: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return origins and unit directions (..., 3) of the measured rays: in air, or in the water behind a port."""
+    """Return origins and unit directions (..., 3) of the measured rays: in air, or in the water outside a port."""
     photo = network.photo[rays]
     camera, M, f, pp = _of_photos(network, state, photo)
     xy = network.xy.take(rays, axis=0)

@@ -1,4 +1,4 @@
-"""Flat ports: what cards say of the planes of glass behind which cameras are under water."""
+"""Flat ports: what cards say of the planes of glass behind which cameras are, under water or in air over it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PORT_UNITS = ("mm", "mm", "", "", "deg", "deg")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ports(Table):
-    """f flat ports of cameras under water (IIIA): parallel planes, fixed to the camera.
+    """f flat ports of cameras (IIIA): parallel planes, fixed to the camera.
 
     The normal is the axis of the camera, turned about image x and then about image y, right-handed.
     """
@@ -24,5 +24,5 @@ class Ports(Table):
     distance: FloatArray = per_row(unit="mm")  # (f,) of the inner face of the glass from the projection centre
     thickness: FloatArray = per_row(unit="mm")  # (f,)
     glass_index: FloatArray = per_row()  # (f,) relative to the air in the housing
-    water_index: FloatArray = per_row()  # (f,) likewise
+    water_index: FloatArray = per_row()  # (f,) likewise; 1: a camera in air
     tilt: FloatArray = per_row(2, unit="rad", blank=0.0)  # (f, 2)

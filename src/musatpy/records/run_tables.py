@@ -113,9 +113,9 @@ def lens_fault(tables: Tables) -> str:
 
 
 def port_fault(tables: Tables) -> str:
-    """Return why images of the run are not those of cameras in air, empty where they are."""
+    """Return why images of the run are not those of cameras without port, empty where they are."""
     behind = ", ".join(texts(tables["ports"], "camera").tolist())
-    return behind and f"camera {behind} is under water behind a port: this command does not trace images through it"
+    return behind and f"camera {behind} is behind a port: this command does not trace images through it"
 
 
 def cameras_of(tables: Tables) -> model.Cameras:

@@ -1,4 +1,6 @@
-"""A flat port: a plane of glass, fixed to a camera under water; where a point is seen, and what a point of it sees.
+"""A flat port: a plane of glass, fixed to a camera; where a point is seen, and what a point of it sees.
+
+Outside is water, or air again: that of a housing or a window over water.
 
 All stands in the axes of the camera, x and y those of the image, which looks along -z. With the unit normal n of
 the glass (towards the scene), p the ground point from the projection centre, z = n.p, q = p - z n, the glass from
@@ -10,6 +12,9 @@ T = tan a, tan g = T r(T, n_g) and tan w = T r(T, n_w), r(T, n) = 1 / sqrt(n^2 +
 is the direction u of the ray in the housing, whose collinear image is that of the point. T G grows with T, ever
 slower: Newton's steps from the paraxial start rise towards the root and cannot overshoot. Implicitly, with
 F = d(T G)/dT and B = t (n_g^2 - 1) r_g^3 + h (n_w^2 - 1) r_w^3, F dG = G_x G dx - B |q| / G d|q|.
+
+Outside, the ray comes as if from s n on the axis, s = d + t - (d + t r(T, n_g)) / r(T, n_w): a water surface
+farther on refracts it as that of a camera there.
 """
 
 from __future__ import annotations
@@ -75,6 +80,40 @@ def seen(p: FloatArray, port: Port) -> tuple[FloatArray, FloatArray, FloatArray]
     by_sizes = -per_G * (np.stack(np.broadcast_arrays(*by_size), axis=-1) * (G / F)[..., None])[..., None, :]
     by_port = np.concatenate([by_sizes, by_tilt], axis=-1)
     return n + q / G[..., None], across - per_G * G_p[..., None, :], by_port
+
+
+def axis_point(p: FloatArray, port: Port) -> FloatArray:
+    """Return where (..., 3) m rays to points p (..., 3), straight on backward through the port, cross its axis."""
+    _, _, T, _ = _solved(p, port)
+    return port.normal[0] * _along_axis(T, port)[..., None]
+
+
+def axis_partials(p: FloatArray, port: Port) -> tuple[FloatArray, FloatArray]:
+    """Return the partials of `axis_point` by the points (..., 3, 3), and by the port (..., 3, 6) as in `seen`."""
+    n, dn = port.normal
+    u, by_point, by_port = seen(p, port)
+    square = np.maximum(np.sum(u * u, axis=-1), 1.0)  # 1 + T^2
+    T = np.sqrt(square - 1.0)
+    r_g, r_w = water_tangent_ratio(T, port.glass), water_tangent_ratio(T, port.water)
+    t, inside = port.thickness, port.distance + port.thickness * r_g
+    # by T^2, and by what stands in s itself
+    slope = t * (port.glass**2 - 1.0) * r_g**3 / r_w - inside * (port.water**2 - 1.0) * r_w
+    sizes = (
+        1.0 - 1.0 / r_w,
+        1.0 - r_g / r_w,
+        t * port.glass * square * r_g**3 / r_w,
+        -inside * port.water * square * r_w,
+    )
+    by_u = n[..., :, None] * (slope[..., None] * u)[..., None, :]
+    by_itself = n[..., :, None] * np.stack(np.broadcast_arrays(*sizes), axis=-1)[..., None, :]
+    turned = dn * _along_axis(T, port)[..., None, None]
+    return by_u @ by_point, by_u @ by_port + np.concatenate([by_itself, turned], axis=-1)
+
+
+def _along_axis(T: FloatArray, port: Port) -> FloatArray:
+    """Return s (...)."""
+    inside = port.distance + port.thickness * water_tangent_ratio(T, port.glass)
+    return port.distance + port.thickness - inside / water_tangent_ratio(T, port.water)
 
 
 def ray(u: FloatArray, port: Port) -> tuple[FloatArray, FloatArray]:

@@ -93,14 +93,14 @@ class PortUnknownKeys:
 
 @dataclass(frozen=True, kw_only=True)
 class PortKeys:
-    """[port]: the camera is under water behind a flat port; its true values, which its PRT card has too."""
+    """[port]: the camera is behind a flat port; its true values, which its PRT card has too."""
 
     distance: float = key(
         doc="of the inner face of the glass from the projection centre", unit="mm", low=0.0, high=1000.0
     )
     thickness: float = key(10.0, "of the glass", unit="mm", low=0.0, high=1000.0)
     glass: float = key(1.52, "its refractive index", low=1.0, high=2.0)
-    water: float = key(1.335, "refractive index of the water", low=1.0, high=2.0)
+    water: float = key(1.335, "refractive index of the water outside; 1: air, over [water]", low=1.0, high=2.0)
     tilt: Pair = key((0.0, 0.0), "of the glass about image x, then y", unit="deg", low=-30.0, high=30.0)
     unknown: tuple[PortUnknownKeys, ...] = key(())
 

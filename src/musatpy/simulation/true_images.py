@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -11,10 +12,12 @@ from scipy.spatial import cKDTree
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import SpecError
 from musatpy.geometry.collinearity import attitude_matrix
-from musatpy.simulation.raytrace import through_port, trace
+from musatpy.simulation.raytrace import TracedRays, through_port, trace
+from musatpy.simulation.scene_keys import PortKeys
 from musatpy.simulation.terrain import Scene
 from musatpy.simulation.true_lens import through_lens, true_lens
 
+_PASSES = 8  # each gains two digits, and more
 REACH = 1.3  # times the plan's reach: room for tilts and relief in the search for candidates
 
 
@@ -70,7 +73,12 @@ def project(scene: Scene, photo: IntArray, point: IntArray) -> TrueImages:
         rise = None if waves is None else partial(waves.rise, time=time[wet])
         C, G = stations.xyz[wet], places.natural[wet]
         ellipsoid = scene.world.axes_of_ellipsoid
-        direction[wet] = trace(C, G, level[wet], water.index, ellipsoid, flight.water.slope, rise).air
+
+        def rays(start: FloatArray) -> TracedRays:
+            return trace(start, G, level[wet], water.index, ellipsoid, flight.water.slope, rise)
+
+        M = attitude_matrix(flight.attitude)[photo[wet]] @ stations.vertical[wet]
+        direction[wet] = rays(C).air if scene.spec.port is None else _behind_port(scene.spec.port, C, M, rays)
     local = np.einsum("kij,kj->ki", stations.vertical, direction)
     seen = np.einsum("kij,kj->ki", attitude_matrix(flight.attitude)[photo], local)
     if scene.spec.port is not None:
@@ -81,6 +89,24 @@ def project(scene: Scene, photo: IntArray, point: IntArray) -> TrueImages:
     xy = np.column_stack([-f * U / S, -f * V / S])
     xy = xy + camera.principal_point if scene.spec.lens is None else through_lens(scene.spec, xy)
     return TrueImages(photo=photo, point=point, xy=xy, refracted=refracted)
+
+
+def _behind_port(
+    port: PortKeys, C: FloatArray, M: FloatArray, rays: Callable[[FloatArray], TracedRays]
+) -> FloatArray:
+    """Return the vectors (k, 3) from cameras C (k, 3) to where rays go into the water that leave a port into air.
+
+    M (k, 3, 3) takes them to the axes of the image; `rays` traces those from anywhere. Glass shifts rays and does
+    not turn them: behind the water point, the ray that the port sees leads to where one without glass would start.
+    """
+    start = C
+    for _ in range(_PASSES):
+        there = rays(start).incidence - C
+        seen = through_port(np.einsum("kij,kj->ki", M, there), *port.values)
+        size = np.linalg.norm(there, axis=1) / np.linalg.norm(seen, axis=1)
+        back = size[:, None] * np.einsum("kji,kj->ki", M, seen)
+        start = np.where(np.isnan(back), C, C + there - back)  # points beside the glass stay unseen
+    return there
 
 
 def _candidates(scene: Scene) -> tuple[IntArray, IntArray]:

@@ -1,4 +1,4 @@
-"""Flat ports: cameras under water, and what their decks cannot have besides."""
+"""Flat ports: cameras behind them, and what their decks cannot have besides."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ _USUAL = {  # beyond what cannot be and what is an error, and within what is usu
     "glass_index": ("an index of {:g} is out of the ordinary for glass", 1.0, 1.4, 1.9, 2.0),
     "water_index": ("an index of {:g} is out of the ordinary for water", 1.0, *USUAL_INDICES, 2.0),
 }
+_OUTSIDE = "ports.water_index"
 _WITHIN = {  # what values on CAL cards cannot be beyond, in their units
     **dict.fromkeys(("PD", "PT"), (0.0, np.inf, "not negative")),
     **dict.fromkeys(("PG", "PW"), (1.0, 2.0, "within 1 and 2")),
@@ -48,22 +49,35 @@ def unknown_values(draft: Draft) -> Iterator[Problem]:
 
 @check()
 def unknowns_without_port(draft: Draft) -> Iterator[Problem]:
-    """Yield parameters of ports that are to be estimated of cameras without one."""
+    """Yield parameters of ports that are to be estimated of cameras without one, or change nothing in air."""
     role, path = "lens_unknowns", "lens_unknowns.parameter"
     parameter = draft.rows[role][path]
     alone = np.isin(parameter, PORT_PARAMETERS) & ~np.isin(draft.camera[role], draft.camera["ports"])
     message = f"camera {{}} has no port ({draft.card('ports')}) of which {{}} could be estimated"
     yield from draft.problems(role, alone, message, draft.names("cameras", role), parameter, path=path)
+    in_air = draft.camera["ports"][draft.rows["ports"][_OUTSIDE] == 1.0]
+    idle = (parameter == "PD") & np.isin(draft.camera[role], in_air)
+    message = "outside the port of camera {} is air (index 1): its distance changes no image"
+    yield from draft.problems(role, idle, message, draft.names("cameras", role), path=path)
 
 
 @check(needs="ports")
-def under_water(draft: Draft) -> Iterator[Problem]:
-    """Yield what cameras under water cannot have: program IIA, orientations, tides, points with flag B."""
+def surroundings(draft: Draft) -> Iterator[Problem]:
+    """Yield what no camera behind a port can have, program IIA, orientations, waves; and what none under water can.
+
+    That is a tide, or a point with flag B: those with air outside (index 1) look through the surface.
+    """
     if draft.options.program is Program.IIA or draft.to_orient:
         what = "an orientation (ORI)" if draft.to_orient else "program IIA"
         message = f"{what} has no flat ports: program IIIA adjusts cameras behind them"
         yield from draft.problems("ports", np.ones(len(draft.rows["ports"]), dtype=bool), message)
-    behind = np.append(np.isin(draft.camera_of_photo, draft.camera["ports"]), False)
+    unknowns, outside = draft.rows["lens_unknowns"]["lens_unknowns.parameter"], draft.rows["ports"][_OUTSIDE]
+    cameras = [draft.camera["ports"][outside > 1.0], draft.camera["lens_unknowns"][unknowns == "PW"]]
+    if len(draft.rows["waves"]) and (outside == 1.0).any():
+        yield draft.problem(
+            "waves", 0, "no waves behind a flat port: its rays are traced through level or tilted water"
+        )
+    behind = np.append(np.isin(draft.camera_of_photo, np.concatenate(cameras)), False)
     message = "the camera of photo {} is under water behind a port, and sees nothing through the water surface: "
     for role, seen, path, advice in (
         ("tides", np.ones(len(draft.rows["tides"]), dtype=bool), "photos.tide", "no tide is wanted"),
