@@ -399,14 +399,15 @@ def reach_of(network: Network, state: State, part: Participation) -> RayReach:
     return RayReach(nearest=nearest, height=float(np.median(rays)) if len(rays) else np.inf)
 
 
-def undetermined_points(network: Network, state: State, reach: RayReach, covariance: FloatArray) -> dict[int, str]:
-    """Return the points that their rays do not determine, with the reason: points with `covariance` (p, 3, 3) m2.
+def undetermined_points(network: Network, state: State, reach: RayReach, known: Covariances) -> dict[int, str]:
+    """Return the points that their rays do not determine, with the reason.
 
-    The largest axis of their ellipsoid is above a tenth of the flying height, and that of the one by their rays
-    and priors alone too, as if the stations were known: a weak datum is another matter.
+    The largest axis of their ellipsoid by rays and priors alone, as if the stations were known, is above a tenth of
+    the flying height: a weak datum is another matter. Residuals play no part in it.
     """
     limit = PART_OF_HEIGHT * reach.height
-    wide = np.einsum("kii->k", covariance) > limit**2  # the sum of squares of the axes; NaN is not
+    least = limit * min(known.unit_sigma, 1.0)
+    wide = np.einsum("kii->k", known.points) > least**2  # the sum of squares of the axes; NaN is not
     reasons = {}
     for number, group in enumerate((*network.groups, *network.left_out)):
         rows = wide[group.point]
@@ -416,10 +417,10 @@ def undetermined_points(network: Network, state: State, reach: RayReach, covaria
         with np.errstate(all="ignore"):
             by_rays = eliminate(network, state, inside).free_inverse
         for point, cofactor in zip(inside.point.tolist(), by_rays, strict=True):
-            sizes = [_largest_axis(of) for of in (covariance[point], cofactor)]
-            taken = number < len(network.groups)
-            if min(sizes) > limit and not (taken and reach.nearest[point] > FARTHEST * reach.height):
-                reasons[point] = f"its rays do not determine it: its ellipsoid is {sizes[0]:.0f} m long"
+            size, taken = _largest_axis(cofactor), number < len(network.groups)
+            if size > limit and not (taken and reach.nearest[point] > FARTHEST * reach.height):
+                length = max(size, _largest_axis(known.points[point]))
+                reasons[point] = f"its rays do not determine it: its ellipsoid is {length:.0f} m long"
     return reasons
 
 

@@ -62,6 +62,7 @@ from musatpy.units import DEGREE
 
 if TYPE_CHECKING:
     from musatpy.adjustment.datum import Freedom
+    from musatpy.adjustment.normals import Cofactors
     from musatpy.adjustment.wave_search import OtherCrests
 
 
@@ -214,14 +215,20 @@ def _water(
     at = border.at(ObservationKind.WATER_LEVEL)
     told = diagonal.stations[:, LEVEL] if knowledge.per_photo else diagonal.border[at]
     adjusted = knowledge.group >= 0 if knowledge.per_photo else np.ones(len(told), dtype=bool)
-    tilt, index = (
-        np.where(diagonal.border > 0.0, known.border_sigma, np.nan)[border.at(kind)]
-        for kind in (ObservationKind.WATER_TILT, ObservationKind.WATER_INDEX)
-    )
-    levels = np.where(adjusted & (told > 0.0), _level_sigmas(network, known), np.nan)
-    sigmas = {"level": levels, "tilt": tilt, "index": index}
-    limits = limits_of_water(block, height)
-    sigmas = {of: np.where(values <= limits[of], values, np.nan) for of, values in sigmas.items()}
+
+    def spread(cofactors: Cofactors) -> dict[str, FloatArray]:
+        of_border = np.where(diagonal.border > 0.0, np.sqrt(np.diagonal(cofactors.corner)), np.nan)
+        return {
+            "level": np.where(adjusted & (told > 0.0), _level_sigmas(network, cofactors), np.nan),
+            "tilt": of_border[border.at(ObservationKind.WATER_TILT)],
+            "index": of_border[border.at(ObservationKind.WATER_INDEX)],
+        }
+
+    # what is determined does not hang on residuals: small ones would make everything sure
+    limits, a_priori = limits_of_water(block, height), spread(known.cofactors)
+    sigmas = {
+        of: np.where(a_priori[of] <= limits[of], values, np.nan) for of, values in spread(known.unknowns).items()
+    }
     loose = adjusted & np.isnan(sigmas["level"])
     return AdjustedWater(
         tide=state.tide,
@@ -229,9 +236,9 @@ def _water(
         correction_ids=knowledge.ids,
         correction_sigma=sigmas["level"],
         tilt=state.tilt,
-        tilt_sigma=sigmas["tilt"] if len(tilt) else np.full(2, np.nan),
+        tilt_sigma=sigmas["tilt"] if len(sigmas["tilt"]) else np.full(2, np.nan),
         index=state.index,
-        index_sigma=float(sigmas["index"][0]) if len(index) else np.nan,
+        index_sigma=float(sigmas["index"][0]) if len(sigmas["index"]) else np.nan,
         undetermined=undetermined_water(block, network, part, loose, sigmas),
         waves=waves,
     )
@@ -303,7 +310,7 @@ def _points(
     reach: RayReach,
 ) -> tuple[State, GroundPoints]:
     """Return the state without points that have no number, and the points with the water over them."""
-    unstated = undetermined_points(network, state, reach, known.points)
+    unstated = undetermined_points(network, state, reach, known)
     state, rays = _without(state, unstated), np.zeros(network.points, dtype=int)
     for group in (*network.groups, *network.left_out):
         rays[group.point] = group.rays.shape[1]
@@ -334,17 +341,17 @@ def _points(
     return state, points
 
 
-def _level_sigmas(network: Network, known: Covariances) -> FloatArray:
+def _level_sigmas(network: Network, covariances: Cofactors) -> FloatArray:
     """Return the sigmas (c,) m of the corrections of tides."""
     if network.water.per_photo:
-        return np.sqrt(known.unknowns.of_single_photos()[:, LEVEL, LEVEL])
-    return known.border_sigma[network.border.at(ObservationKind.WATER_LEVEL)]
+        return np.sqrt(covariances.of_single_photos()[:, LEVEL, LEVEL])
+    return np.sqrt(np.diagonal(covariances.corner))[network.border.at(ObservationKind.WATER_LEVEL)]
 
 
 def _tide_sigmas(block: Block, network: Network, known: Covariances) -> FloatArray:
     """Return the sigmas (n,) m of the tides, adjusted or of the cards, 0 without error; NaN without a tide."""
     sigma, adjusted = np.nan_to_num(block.photos.tide_sigma), network.water.group >= 0
-    sigma[adjusted] = _level_sigmas(network, known)[network.water.group[adjusted]]
+    sigma[adjusted] = _level_sigmas(network, known.unknowns)[network.water.group[adjusted]]
     return np.where(np.isnan(block.photos.tide), np.nan, sigma)
 
 
