@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import Problem
+from musatpy.geometry.collinearity import quaternion, quaternion_matrix
 from musatpy.pointfiles.columns import FAR
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.model import Model, ModelError, checked, chosen_component, refused
@@ -113,7 +113,7 @@ def write_model(model: Model, folder: Path) -> None:
         for name, values in (_written(lens),)
     ]
     (folder / "cameras.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    turned = Rotation.from_matrix(model.rotation).as_quat()[:, [3, 0, 1, 2]]
+    turned = quaternion(model.rotation)
     shift = -np.einsum("nij,nj->ni", model.rotation, model.centre)
     order = np.argsort(model.photo, kind="stable")
     start = np.searchsorted(model.photo[order], np.arange(len(model.photos) + 1))
@@ -206,10 +206,7 @@ def _assembled(paths: list[Path], lenses: dict[int, PixelLens], every: list[_Ima
         problems.append(Problem(message=message, file=str(paths[1])))
     refused(problems)
     poses = np.array([image.pose for image in every]).reshape(-1, 7)
-    turned = np.isfinite(poses).all(axis=1) & (np.abs(poses[:, :4]).max(axis=1, initial=0.0) > 0.0)
-    R = np.full((len(poses), 3, 3), np.nan)
-    if turned.any():
-        R[turned] = Rotation.from_quat(poses[turned][:, [1, 2, 3, 0]]).as_matrix()
+    R = quaternion_matrix(poses[:, :4])
     numbers = {camera: row for row, camera in enumerate(lenses)}
     model = Model(
         program="colmap",

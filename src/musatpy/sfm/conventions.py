@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import Problem
+from musatpy.geometry.collinearity import quaternion, quaternion_matrix
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.intersection import intersections
 from musatpy.sfm.model import Model, ModelError, spread
@@ -265,8 +265,7 @@ def _exchanged(model: Model) -> Model:
 
 def _quaternions(model: Model) -> Model:
     """Return the model if quaternions have their scalar last, which were read as though they had it first."""
-    x, y, z, w = Rotation.from_matrix(model.rotation).as_quat().T
-    return _turned(model, Rotation.from_quat(np.stack([w, x, y, z], axis=1)).as_matrix())
+    return _turned(model, quaternion_matrix(np.roll(quaternion(model.rotation), 1, axis=1)))
 
 
 _FIRST_AT_0 = "the middle of the first pixel is (0, 0), not (0.5, 0.5)"

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem
@@ -63,6 +62,8 @@ def read_model(path: Path, component: int = 0) -> Model:
     )
     rotation, shift = (_numbers(path, shots, "shot", key) for key in ("rotation", "translation"))
     position = _numbers(path, points, "point", "coordinates")
+    from scipy.spatial.transform import Rotation  # which other formats do without
+
     R = Rotation.from_rotvec(rotation).as_matrix() if len(rotation) else np.zeros((0, 3, 3))
     of_photo, of_track, xy = _tracks(tracks)
     photo, seen = links(of_photo, list(shots))

@@ -117,24 +117,19 @@ def _add(kept: BoolArray, track: IntArray, cell: IntArray, wanted: int, each: in
 
 def _link(kept: BoolArray, track: IntArray, starts: IntArray) -> None:
     """Keep more of the tracks (k,) of photos, sorted by photo and rank, until pairs have enough in common."""
-    from scipy.sparse import csr_array
-
-    def common(chosen: IntArray) -> csr_array:
-        first, shape = np.concatenate([[0], np.cumsum(chosen)])[starts], (len(starts) - 1, len(kept))
-        of = csr_array((np.ones(int(chosen.sum()), dtype=np.int32), track[chosen > 0], first), shape)
-        return (of @ of.T).tocsr()
-
-    every = common(np.ones(len(track), dtype=np.int64))
-    every.data = np.minimum(every.data, COMMON)
-    lacking = (every - common(kept[track].astype(np.int64))).tocoo()
-    some = (lacking.data > 0) & (lacking.row < lacking.col)
-    marked, before = np.zeros(len(kept), dtype=bool), -1
-    for one, other in sorted(zip(lacking.row[some].tolist(), lacking.col[some].tolist(), strict=True)):
-        if one != before:
-            marked[:] = False
-            marked[track[starts[one] : starts[one + 1]]] = True
-            before = one
-        shared = track[starts[other] : starts[other + 1]]
-        shared = shared[marked[shared]]
-        chosen = kept[shared]
-        kept[shared[~chosen][: max(COMMON - int(chosen.sum()), 0)]] = True
+    count, order = len(starts) - 1, np.argsort(track, kind="stable")
+    photo = np.repeat(np.arange(count), np.diff(starts))[order]
+    first = np.searchsorted(track[order], np.arange(len(kept) + 1))  # of the photos of each track
+    for one, (start, end) in enumerate(zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)):
+        mine = track[start:end]
+        length = first[mine + 1] - first[mine]
+        other = photo[np.repeat(first[mine] - np.cumsum(length) + length, length) + np.arange(length.sum())]
+        every = np.bincount(other, minlength=count)
+        lacking = np.minimum(every, COMMON) > np.bincount(other, np.repeat(kept[mine], length), count)
+        marked = np.zeros(len(kept), dtype=bool)
+        marked[mine] = True
+        for another in (one + 1 + np.flatnonzero(lacking[one + 1 :])).tolist():
+            shared = track[starts[another] : starts[another + 1]]
+            shared = shared[marked[shared]]
+            chosen = kept[shared]
+            kept[shared[~chosen][: max(COMMON - int(chosen.sum()), 0)]] = True

@@ -52,9 +52,9 @@ class Wetness:
 
     def counts(self, rows: BoolArray | slice = slice(None)) -> Counter[str]:
         """Return how many of some points are what by which source: "wet by area"."""
-        pairs, number = np.unique(np.stack([self.code, self.source])[:, rows], axis=1, return_counts=True)
-        names = [f"{Wet(code).name.lower()} by {SOURCES[source]}" for code, source in pairs.T.tolist()]
-        return Counter(dict(zip(names, number.tolist(), strict=True)))
+        number = np.bincount((self.code * len(SOURCES) + self.source)[rows], minlength=len(Wet) * len(SOURCES))
+        names = (f"{code.name.lower()} by {source}" for code in Wet for source in SOURCES)
+        return +Counter(dict(zip(names, number.tolist(), strict=True)))
 
 
 def wetness(
