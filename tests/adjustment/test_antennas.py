@@ -190,6 +190,17 @@ def test_little_control_does_not_determine_free_shifts(number: int, grade: Grade
     assert np.isnan(solution.parameters.sigma).any() == (grade is Grade.DOUBTFUL)
 
 
+def test_antenna_positions_need_no_unknowns() -> None:
+    """Lines are named, and neither they nor anything else has an unknown of its own."""
+    nothing = dict.fromkeys(name for name in ALL if name.startswith(("lever", "shift", "drift")))
+    simulated = flown(3, nothing, control=[])
+    block, truth = simulated.block, simulated.truth.stations.xyz
+    assert not block.antenna_lines.count and set(block.antenna_positions.line.tolist()) == {"L1", "L2"}
+    solution = converged(block)
+    assert solution.parameters is None and musatpy.verdict(solution).grade is Grade.ACCEPTED
+    assert np.abs(solution.stations.position - truth).max() < 0.3
+
+
 @pytest.mark.parametrize("system", ["LOCL", "GEOG", "GEOC"])
 def test_decks_of_every_system_give_the_same(system: str) -> None:
     block = flown(6, job={"system": system, "centre": [18.0, -65.0] if system != "LOCL" else [0.0, 0.0]}).block

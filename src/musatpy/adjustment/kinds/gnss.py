@@ -143,11 +143,12 @@ class Antenna(PhotoVector):
         by_attitude = to_components @ np.einsum("daji,dj->dia", state.dM[photo], arm)
         by_shift = of.principal
         parts = [to_components @ np.swapaxes(M, 1, 2), by_shift, by_shift * of.since[:, None, None]]
+        used = (of.numbers >= 0).any(axis=0)  # the border has no columns at all where nothing is unknown
         return Deviations(
             residual=off + np.einsum("dij,dj->di", of.principal, shift + drift * of.since[:, None]),
             by_station=np.concatenate([to_components @ np.swapaxes(axes, 1, 2), by_attitude], axis=2),
-            column=np.concatenate(list(map(self.columns, [network] * 3, _UNKNOWN, numbers)), axis=1),
-            by_parameters=np.concatenate(parts, axis=2) * (of.numbers >= 0)[:, None],
+            column=np.concatenate(list(map(self.columns, [network] * 3, _UNKNOWN, numbers)), axis=1)[:, used],
+            by_parameters=(np.concatenate(parts, axis=2) * (of.numbers >= 0)[:, None])[..., used],
         )
 
     def values(self, block: Block, network: Network, state: State) -> FloatArray:
