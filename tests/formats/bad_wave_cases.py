@@ -61,7 +61,7 @@ CASES: list[Case] = [
     case(sea(), "~49 WOG [] an origin of waves, and no WAV card: it takes no part"),
     case(
         deck(IIIA, timed, add(ORIGIN, wave(period=SWELL), port("RC8 ", 35.0, 10.0, 1.5, 1.0))),
-        "50 WAV [] no waves behind a flat port: its rays are traced through level or tilted water",
+        "50 WAV [] no waves behind a flat port: its rays go through level or tilted water",
     ),
     # many waves, each of them wrong in its own way
     case(

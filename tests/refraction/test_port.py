@@ -1,5 +1,6 @@
 """A flat port: Fermat, partials, limits, and rays against the vectors of the simulation."""
 
+from collections.abc import Callable
 from dataclasses import fields, replace
 
 import numpy as np
@@ -38,6 +39,9 @@ def test_the_optical_path_is_stationary(tilt: float) -> None:
     first = u * (glass.distance / np.sum(u * n, axis=1))[:, None]
     second, w = port.ray(u, glass)
     np.testing.assert_allclose(np.cross(points - second, w), 0.0, atol=1e-14)  # m: the ray goes to the point
+    crossing = port.axis_point(points, glass)
+    np.testing.assert_allclose(np.cross(crossing, n), 0.0, atol=1e-16)
+    np.testing.assert_allclose(np.cross(points - crossing, w), 0.0, atol=1e-14)  # and comes from there
 
     def path(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         lengths = (np.linalg.norm(leg, axis=1) for leg in (a, b - a, points - b))
@@ -52,23 +56,23 @@ def test_the_optical_path_is_stationary(tilt: float) -> None:
         np.testing.assert_allclose(path(first, second + size) - path(first, second - size), 0.0, atol=3e-15)
 
 
+@pytest.mark.parametrize("of", [port.direction, port.axis_point])
 @pytest.mark.parametrize("tilt", [0.0, 20.0])
-def test_partials_are_those_of_differences(tilt: float) -> None:
+def test_partials_are_those_of_differences(tilt: float, of: Callable[[np.ndarray, Port], np.ndarray]) -> None:
     """Central differences: to 1e-8 of the largest partial; on the normal of the glass, too."""
     glass, points = ports(3, 200, tilt), scene(4, 200)
     points[0] = 2.0 * glass.normal[0][0]
-    (u, by_point, by_port), size = port.seen(points, glass), 1e-6
+    (u, *partials), size = port.seen(points, glass), 1e-6
     np.testing.assert_array_equal(u, port.direction(points, glass))
+    by_point, by_port = partials if of is port.direction else port.axis_partials(points, glass)
     for axis in range(3):
         step = size * np.eye(3)[axis]
-        slope = (port.direction(points + step, glass) - port.direction(points - step, glass)) / (2.0 * size)
+        slope = (of(points + step, glass) - of(points - step, glass)) / (2.0 * size)
         np.testing.assert_allclose(by_point[..., axis], slope, atol=1e-8 * np.abs(slope).max())
     steps = [{field.name: size} for field in fields(Port)[:4]] + [{"tilt": size * axis} for axis in np.eye(2)]
     for column, step in enumerate(steps):
         ends = [
-            port.direction(
-                points, replace(glass, **{name: getattr(glass, name) + s * by for name, by in step.items()})
-            )
+            of(points, replace(glass, **{name: getattr(glass, name) + s * by for name, by in step.items()}))
             for s in (1, -1)
         ]
         slope = (ends[0] - ends[1]) / (2.0 * size)

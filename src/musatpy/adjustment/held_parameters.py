@@ -328,12 +328,13 @@ def _of_camera(block: Block, camera: int) -> Iterator[Parameter]:
 def _of_port(block: Block, network: Network, camera: int) -> Iterator[Parameter]:
     """Yield the distance of the port of a camera under water, and the index of this; with air outside, nothing."""
     ports, name = network.ports, block.cameras.ids[camera]
+    if ports is None or ports.held[camera, PORT_PARAMETERS.index("PW")] == 1.0:
+        return
     for column, what, unit, reference, limit in (
         (PORT_PARAMETERS.index("PD"), f"distance of port, {name}", "mm", PORT_DISTANCE, MOST_PORT_DISTANCE),
         (PORT_PARAMETERS.index("PW"), f"water at port, {name}", "", INDEX, MOST_INDEX),
     ):
-        under_water = ports is not None and ports.held[camera, PORT_PARAMETERS.index("PW")] > 1.0
-        if ports is not None and under_water and not ports.unknown[camera, column]:
+        if not ports.unknown[camera, column]:
             altered = partial(_port, camera, column)
             yield Parameter(name=what, unit=unit, reference=reference, limit=limit, altered=altered)
 

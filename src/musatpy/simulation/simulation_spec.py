@@ -243,9 +243,7 @@ class SimulationSpec:
         if self.water and self.water.tides and len(self.water.tides) != self.flight.strips * self.flight.photos:
             raise ValueError(f"water.tides has {len(self.water.tides)} values, not one per photo")
         if self.port and self.water and (self.port.water > 1.0 or self.wave):
-            raise ValueError(
-                "over a [water] table, a camera behind a [port] is in air: port.water = 1.0, and no waves"
-            )
+            raise ValueError("over [water], a camera behind a [port] is in air: port.water = 1.0, and no waves")
         if self.wave and (self.water is None or any(self.water.tilt)):
             raise ValueError("waves need a [water] table, and level water: no tilt")
         if len({train.id for train in self.wave}) < len(self.wave):

@@ -74,14 +74,17 @@ def surroundings(draft: Draft) -> Iterator[Problem]:
     unknowns, outside = draft.rows["lens_unknowns"]["lens_unknowns.parameter"], draft.rows["ports"][_OUTSIDE]
     cameras = [draft.camera["ports"][outside > 1.0], draft.camera["lens_unknowns"][unknowns == "PW"]]
     if len(draft.rows["waves"]) and (outside == 1.0).any():
-        yield draft.problem(
-            "waves", 0, "no waves behind a flat port: its rays are traced through level or tilted water"
-        )
+        yield draft.problem("waves", 0, "no waves behind a flat port: its rays go through level or tilted water")
     behind = np.append(np.isin(draft.camera_of_photo, np.concatenate(cameras)), False)
     message = "the camera of photo {} is under water behind a port, and sees nothing through the water surface: "
     for role, seen, path, advice in (
         ("tides", np.ones(len(draft.rows["tides"]), dtype=bool), "photos.tide", "no tide is wanted"),
-        ("plates", np.append(draft.bathymetric, False)[draft.point["plates"]], "points.bathymetric", "no flag B"),
+        (
+            "plates",
+            np.append(draft.bathymetric, False)[draft.point["plates"]],
+            "points.bathymetric",
+            "no flag B (with air outside the port, its index is 1)",
+        ),
     ):
         rows = np.flatnonzero(behind[draft.photo[role]] & seen)
         first = rows[np.unique(draft.photo[role][rows], return_index=True)[1]]
