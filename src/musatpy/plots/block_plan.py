@@ -145,11 +145,4 @@ def _draw_ellipses(axes: Any, plan: BlockPlan, seen: BoolArray) -> None:
     axes.plot([], [], "o", color=GREY, fillstyle="none", markersize=7, label=f"ellipses of 95 %{of}")
 
 
-PLAN = Picture(
-    name="plan",
-    title="Block plan",
-    needs=(*maps.MAPS_NEED, "plates", "control"),
-    numbers=block_plan,
-    figure=figure,
-    words=sentence,
-)
+PLAN = Picture("plan", "Block plan", (*maps.MAPS_NEED, "plates", "control"), block_plan, figure, sentence)

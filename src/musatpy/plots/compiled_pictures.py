@@ -87,27 +87,13 @@ def _parallaxes(tables: Tables) -> list[Residuals]:
     return [Residuals(kind="y-parallax", values=test)]
 
 
-DEPTHS = Picture(
-    name="depths",
-    title="Compiled depths",
-    needs=_POINTS_NEED,
-    numbers=compiled_depths,
-    figure=_depth_figure,
-    words=_depth_sentence,
-)
+DEPTHS = Picture("depths", "Compiled depths", _POINTS_NEED, compiled_depths, _depth_figure, _depth_sentence)
 SIGMAS = replace(point_quality.SIGMAS, needs=_POINTS_NEED)
 PROFILE = replace(depth_profile.PROFILE, needs=_POINTS_NEED)
 CORRECTIONS = replace(submerged_points.CORRECTIONS, needs=_POINTS_NEED)
 
 
-PARALLAXES = Picture(
-    name="parallaxes",
-    title="Y-parallaxes",
-    needs=("points",),
-    numbers=_parallaxes,
-    figure=normalised_figure,
-    words=normalised_sentence,
-)
+PARALLAXES = Picture("parallaxes", "Y-parallaxes", ("points",), _parallaxes, normalised_figure, normalised_sentence)
 
 
 # --- compiled and sounded depths ---
@@ -140,10 +126,10 @@ def _sounded_sentence(data: tuple[DepthDifferences, FloatArray]) -> str:
 
 
 SOUNDINGS = Picture(
-    name="soundings",
-    title="Compiled and sounded depths",
-    needs=("differences",),
-    numbers=lambda tables: (differences_of(tables), numbers(part(tables, "differences"), "place", 2)),
-    figure=lambda data: difference_figure(*data, "Compiled and sounded depths"),
-    words=_sounded_sentence,
+    "soundings",
+    "Compiled and sounded depths",
+    ("differences",),
+    lambda tables: (differences_of(tables), numbers(part(tables, "differences"), "place", 2)),
+    lambda data: difference_figure(*data, "Compiled and sounded depths"),
+    _sounded_sentence,
 )

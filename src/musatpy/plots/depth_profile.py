@@ -282,12 +282,12 @@ def profile_picture(
 ) -> Picture[DepthProfile]:
     """Return the picture of the profile along a line, with soundings."""
     return Picture(
-        name="profile",
-        title="Depth profile",
-        needs=CORRECTIONS.needs,
-        numbers=partial(profile, line=line, soundings=soundings, within=within),
-        figure=figure,
-        words=sentence,
+        "profile",
+        "Depth profile",
+        CORRECTIONS.needs,
+        partial(profile, line=line, soundings=soundings, within=within),
+        figure,
+        sentence,
     )
 
 

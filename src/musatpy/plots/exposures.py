@@ -118,14 +118,7 @@ def _draw_groups(axes: Any, data: Tides) -> None:
         axes.annotate(str(data.groups[row]), (data.at[row] - 0.5, 1.0), (3, -9), **place)
 
 
-TIDES = Picture(
-    name="tides",
-    title="Water at the exposures",
-    needs=("stations",),
-    numbers=tides,
-    figure=_tide_figure,
-    words=_tide_sentence,
-)
+TIDES = Picture("tides", "Water at the exposures", ("stations",), tides, _tide_figure, _tide_sentence)
 
 
 # --- observed positions ---
@@ -215,12 +208,12 @@ def _station_figure(data: ObservedStations) -> Any:
 
 
 GNSS = Picture(
-    name="gnss",
-    title="Stations against observed positions",
-    needs=("options", "stations"),
-    numbers=observed_stations,
-    figure=_station_figure,
-    words=_station_sentence,
+    "gnss",
+    "Stations against observed positions",
+    ("options", "stations"),
+    observed_stations,
+    _station_figure,
+    _station_sentence,
 )
 
 
@@ -334,10 +327,10 @@ def _correlation_figure(data: Correlations) -> Any:
 
 
 CORRELATIONS = Picture(
-    name="correlations",
-    title="Correlations",
-    needs=("options", "stations", "water_precision"),
-    numbers=correlations,
-    figure=_correlation_figure,
-    words=_correlation_sentence,
+    "correlations",
+    "Correlations",
+    ("options", "stations", "water_precision"),
+    correlations,
+    _correlation_figure,
+    _correlation_sentence,
 )

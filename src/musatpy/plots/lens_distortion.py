@@ -99,11 +99,4 @@ def _draw_sigmas(axes: Any, grid: LensGrid) -> None:
     add_bar(axes, drawn, "sigma, um")
 
 
-LENS = Picture(
-    name="lens",
-    title="Distortion of lenses",
-    needs=("distortion_grid",),
-    numbers=lens_grids,
-    figure=_figure,
-    words=_words,
-)
+LENS = Picture("lens", "Distortion of lenses", ("distortion_grid",), lens_grids, _figure, _words)

@@ -20,7 +20,7 @@ class NothingToShowError(Exception):
     """Why a record has nothing of what a picture shows."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Picture(Generic[N]):
     """A picture of a record: its numbers, how these are drawn, and the sentence that says what is seen."""
 

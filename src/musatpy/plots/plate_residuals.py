@@ -288,22 +288,8 @@ def _draw_cells(axes: Any, cells: CellMeans, factor: float, most: int) -> None:
     add_key(axes, drawn, factor, "um")
 
 
-PHOTOS = Picture(
-    name="residuals",
-    title="Plate residuals of photos",
-    needs=NEEDS,
-    numbers=plate_residuals,
-    figure=_draw_photos,
-    words=_of_photos,
-)
-MEANS = Picture(
-    name="mean_residuals",
-    title="Mean residuals in the photo",
-    needs=NEEDS,
-    numbers=mean_residuals,
-    figure=_draw_means,
-    words=_of_cells,
-)
+PHOTOS = Picture("residuals", "Plate residuals of photos", NEEDS, plate_residuals, _draw_photos, _of_photos)
+MEANS = Picture("mean_residuals", "Mean residuals in the photo", NEEDS, mean_residuals, _draw_means, _of_cells)
 
 
 # --- normalised residuals ---
@@ -402,10 +388,10 @@ def _draw_quantiles(axes: Any, of_kind: Residuals) -> None:
 
 
 NORMALISED = Picture(
-    name="normalised",
-    title="Normalised residuals",
-    needs=("observations",),
-    numbers=residuals_by_kind,
-    figure=normalised_figure,
-    words=normalised_sentence,
+    "normalised",
+    "Normalised residuals",
+    ("observations",),
+    residuals_by_kind,
+    normalised_figure,
+    normalised_sentence,
 )

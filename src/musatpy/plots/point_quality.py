@@ -102,12 +102,7 @@ def figure(sigmas: SigmaMaps) -> Any:
 
 
 SIGMAS = Picture(
-    name="sigmas",
-    title="Uncertainty of points",
-    needs=(*MAPS_NEED, "bathymetric_points"),
-    numbers=sigma_maps,
-    figure=figure,
-    words=sentence,
+    "sigmas", "Uncertainty of points", (*MAPS_NEED, "bathymetric_points"), sigma_maps, figure, sentence
 )
 
 
@@ -185,10 +180,10 @@ def _figure_of_redundancy(data: RedundancyMap) -> Any:
 
 
 REDUNDANCY = Picture(
-    name="redundancy",
-    title="Rays and redundancy",
-    needs=(*MAPS_NEED, "observations"),
-    numbers=redundancy_map,
-    figure=_figure_of_redundancy,
-    words=_words_of_redundancy,
+    "redundancy",
+    "Rays and redundancy",
+    (*MAPS_NEED, "observations"),
+    redundancy_map,
+    _figure_of_redundancy,
+    _words_of_redundancy,
 )

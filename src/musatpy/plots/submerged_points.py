@@ -128,10 +128,10 @@ def figure(data: PlottedPoints) -> Any:
 
 
 CORRECTIONS = Picture(
-    name="corrections",
-    title="Correction of refraction",
-    needs=("options", "stations", "points", "bathymetric_points"),
-    numbers=submerged_points,
-    figure=figure,
-    words=sentence,
+    "corrections",
+    "Correction of refraction",
+    ("options", "stations", "points", "bathymetric_points"),
+    submerged_points,
+    figure,
+    sentence,
 )
