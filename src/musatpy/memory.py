@@ -1,8 +1,9 @@
-"""Memory that a program has no more use for, and that it may not have."""
+"""Memory that a program has no more use for, and that it may not have; the cores that it may use."""
 
 from __future__ import annotations
 
 import mmap
+import os
 import sys
 from contextlib import suppress
 from functools import cache
@@ -57,3 +58,8 @@ def take_working_memory() -> None:
 def _require_room(library: str) -> None:
     """Raise `OSError` where there is none for a library, if it is not loaded yet, and its working memory."""
     mmap.mmap(-1, _WORKING_MEMORY + (0 if library in sys.modules else _LIBRARY)).close()
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -23,6 +23,7 @@ from musatpy.campaign.manifest import BatchPlan
 from musatpy.campaign.worker import run_job
 from musatpy.errors import MusatError
 from musatpy.files import remove_leftovers, write_files
+from musatpy.memory import cores
 from musatpy.runs import ExitStatus
 
 _ELSEWHERE = "; --out, or out in a manifest, takes results elsewhere"
@@ -74,11 +75,6 @@ class BatchResult:
         if self.summary is None:
             statuses.add(ExitStatus.UNUSABLE)
         return ExitStatus.worst(statuses)
-
-
-def cores() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def run_batch(

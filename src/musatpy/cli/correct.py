@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +20,7 @@ from musatpy.cli.sea_correct import (
     reject,
     write_corrected,
 )
+from musatpy.memory import cores
 
 if TYPE_CHECKING:
     from musatpy.correction.photographs import Photographs
@@ -184,11 +184,7 @@ def _by_job(
 
 def _more(given: dict[str, Any]) -> dict[str, Any]:
     """Return what corrections by all photographs take beside what all take."""
-    return {"geoid": given["geoid"], "surface": given["surface"], "jobs": given["processes"] or _cores()}
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return {"geoid": given["geoid"], "surface": given["surface"], "jobs": given["processes"] or cores()}
 
 
 def _photographs(source: Path, is_run: bool, given: dict[str, Any]) -> tuple[Photographs, float]:
