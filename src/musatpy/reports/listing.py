@@ -6,52 +6,33 @@ import datetime
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
+from importlib import import_module
 from types import ModuleType
 from typing import Any
 
 from musatpy.model import Solution
-from musatpy.reports import (
-    adjusted_water,
-    analyses,
-    answer,
-    bathymetric,
-    blunders,
-    common_errors,
-    control,
-    echo,
-    inertial,
-    iterations,
-    parameters,
-    positions,
-    reduction,
-    residuals,
-    statistical_tests,
-    titles,
-)
+from musatpy.reports import answer
 from musatpy.reports.fields import Document
 from musatpy.reports.names import with_short_names
 from musatpy.reports.pages import MOST_PAGES, Section, headed, laid_out, page_texts, paginate
 from musatpy.reports.table import Labels, Report, Texts
 from musatpy.statistics import Statistics
 
-REPORTS = (
-    titles,
-    echo,
-    reduction,
-    iterations,
-    blunders,
-    analyses,
-    bathymetric,
-    adjusted_water,
-    parameters,
-    statistical_tests,
-    common_errors,
-    positions,
-    control,
-    inertial,
-    residuals,
+_PAGES = (  # modules of this room
+    "titles echo reduction iterations blunders analyses bathymetric adjusted_water parameters statistical_tests "
+    "common_errors positions control inertial residuals"
+)
+_OF_OTHERS = (  # of programs that most jobs need not
+    "orientation orientation_strip compilation compilation_bottom compilation_comparisons compilation_points "
+    "soundings"
 )
 
+
+def _modules(names: str) -> tuple[ModuleType, ...]:
+    return tuple(import_module(f"musatpy.reports.{name}") for name in names.split())
+
+
+REPORTS = _modules(_PAGES)
 
 _FRONT_PAGES = 2
 _ALL = 10**9
@@ -185,26 +166,10 @@ def _front(statistics: Statistics, names: Sequence[str], starts: Sequence[int]) 
 @cache
 def statements() -> tuple[Report[Any] | Labels | Texts, ...]:
     """Return the tables of all pages of all listings, and what else has numbers of the record, the answer first."""
-    pages = (answer, *REPORTS, *_of_others())
+    pages = (answer, *REPORTS, *_modules(_OF_OTHERS))
     return tuple(table for page in pages for table in getattr(page, "STATED", ()))
 
 
 def documents() -> Iterator[Document[Any]]:
     """Yield what states the records of other programs than that of jobs."""
-    yield from (one for page in _of_others() for one in vars(page).values() if isinstance(one, Document))
-
-
-def _of_others() -> tuple[ModuleType, ...]:
-    """Return the pages of other programs, which most jobs need not."""
-    from musatpy.reports import (
-        compilation,
-        compilation_bottom,
-        compilation_comparisons,
-        compilation_points,
-        orientation,
-        orientation_strip,
-        soundings,
-    )
-
-    compilations = compilation, compilation_bottom, compilation_comparisons, compilation_points
-    return orientation, orientation_strip, *compilations, soundings
+    yield from (one for page in _modules(_OF_OTHERS) for one in vars(page).values() if isinstance(one, Document))

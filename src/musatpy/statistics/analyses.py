@@ -158,6 +158,20 @@ class Statistics(Quality):
         return stated_solution(self.solution, self.answer_words.statement)
 
     @cached_property
+    def point_ellipses(self) -> Ellipses:
+        """Error ellipses of the ground points, in the plane of `Words.has_plane` or across the vertical."""
+        if self.answer is None or self.answer_words is None or not self.answer_words.has_plane:
+            return ellipses(self.solution.points.covariance)
+        return ellipses(self.answer.point_covariance)
+
+    @cached_property
+    def station_ellipses(self) -> Ellipses:
+        """Error ellipses of the exposure stations, likewise."""
+        if self.answer is None or self.answer_words is None or not self.answer_words.has_plane:
+            return ellipses(self.solution.stations.covariance[:, :3, :3])
+        return ellipses(self.answer.covariance[:, :3, :3])
+
+    @cached_property
     def sounding_kinds(self) -> IntArray:
         """(s,) `ControlKind` of the submerged points whose height is given, `NOT_GIVEN` of the others."""
         given, kind = self._given_heights

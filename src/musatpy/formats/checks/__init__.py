@@ -11,26 +11,15 @@ problems of the deck already, and no check complains of it again.
 
 from __future__ import annotations
 
+from importlib import import_module
+
 from musatpy.errors import Problem
-from musatpy.formats.checks import (
-    antennas,
-    datum,
-    images,
-    inertial,
-    places,
-    plates,
-    ports,
-    references,
-    systems,
-    values,
-    water,
-    waves,
-)
 from musatpy.formats.checks.check import DeckCheck
 from musatpy.formats.draft import Draft
 
-_SUBJECTS = (references, values, plates, places, systems, water, waves, antennas, inertial, datum, images, ports)
-_EVERY = (one for subject in _SUBJECTS for one in vars(subject).values() if isinstance(one, DeckCheck))
+_SUBJECTS = "references values plates places systems water waves antennas inertial datum images ports"
+_MODULES = (import_module(f"{__name__}.{subject}") for subject in _SUBJECTS.split())
+_EVERY = (one for module in _MODULES for one in vars(module).values() if isinstance(one, DeckCheck))
 CHECKS = tuple(dict.fromkeys(_EVERY))  # some look at what others find
 
 
