@@ -94,6 +94,7 @@ class Elimination:
     normals: PointNormals
     extras: Extras
     A: FloatArray  # (k, m, 2, q) images by stations, times the roots of the weights
+    B: FloatArray  # (k, m, 2, 3) by the points, likewise
     G: FloatArray  # (k, m, 2, X) by the globals, likewise
     residual: FloatArray  # (k, m, 2) likewise
     cross: FloatArray  # (k, m q, 3) N_sp
@@ -153,8 +154,9 @@ def eliminate(network: Network, state: State, group: PointGroup, ground: FloatAr
     return Elimination(
         normals=normals,
         extras=extras,
-        G=by_global,
         A=A,
+        B=B,
+        G=by_global,
         residual=normals.residual * root,
         cross=cross.reshape(k, -1, 3),
         of_extras=of_extras,
@@ -256,8 +258,7 @@ def _of_extras(E: Elimination) -> dict[str, FloatArray]:
     if priors is not None:
         corner += np.einsum("kae,ka,kaf->kef", X, priors.weight, X)
         rhs += np.einsum("kae,ka,ka->ke", X, priors.weight, priors.deviation)
-    border = np.swapaxes(E.A, 2, 3) @ E.G
-    border -= (E.cross @ E.by_extra).reshape(border.shape)
+    border = np.swapaxes(E.A, 2, 3) @ (E.G - E.B @ E.by_extra[:, None])
     return {"border": border, "corner": corner, "corner_rhs": rhs}
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any, Self
 
 import numpy as np
@@ -115,35 +116,36 @@ class CameraLenses(CameraParameters):
         ideal: FloatArray,
         f: FloatArray,
         p: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the partials of `places` by the ideal places (..., 2, 2), and by all parameters (..., 2, 10).
+    ) -> tuple[FloatArray | None, FloatArray]:
+        """Return the partials of `places` by the ideal places (..., 2, 2), and by the unknown ones (..., 2, x).
 
-        Of images with ideal places (..., 2) about p (..., 2), of focal length f (...).
+        Of images with ideal places (..., 2) about p (..., 2), of focal length f (...). None stands for unit matrices.
         """
-        by_ideal, table = np.empty((*ideal.shape, 2)), self.table(values)
-        by_lens = np.zeros((*ideal.shape, len(LENS_PARAMETERS)))
+        by_lens, table = np.zeros((len(values), *ideal.shape)), self.table(values)  # one after the other: fast
+        bent = any(lens.side is Side.IDEAL for lens in self.lenses)
+        by_ideal = np.broadcast_to(np.eye(2), (*ideal.shape, 2)).copy() if bent else None
+        owner, parameter = np.nonzero(self.unknown)
         for camera, rays in self._by_camera(photo):
             lens, A = self._lens(table[camera], camera)
-            u, of = ideal[rays], by_lens[rays]
+            u = ideal[rays]
             by_f = u / f[rays][..., None]
             if lens.side is Side.MEASURED:
                 off = measured[rays] - p[rays]
                 z = off @ A.T
                 by_z = lens.distortion_partials(z) - np.eye(2)
-                by_ideal[rays] = np.eye(2)
-                of[..., _F] = by_f
-                of[..., _XP : _YP + 1] = -by_z @ A
-                of[..., _COEFFICIENTS] = self.sign * lens.coefficient_partials(z)
-                of[..., [_B1, _B2]] = by_z[..., :, :1] * off[..., None, :]
+                by_coefficients, by_p = lens.coefficient_partials(z), -by_z @ A
+                by_b = by_z[..., :1] * off[..., None, :]
             else:
                 by_u = A @ (np.eye(2) + lens.distortion_partials(u))
                 by_ideal[rays] = by_u
-                of[..., _F] = (by_u @ by_f[..., None])[..., 0]
-                of[..., _XP : _YP + 1] = np.eye(2)
-                of[..., _COEFFICIENTS] = self.sign * (A @ lens.coefficient_partials(u))
-                of[..., 0, [_B1, _B2]] = u + lens.distortion(u)
-            by_lens[rays] = of
-        return by_ideal, by_lens
+                by_f = (by_u @ by_f[..., None])[..., 0]
+                by_coefficients, by_p = A @ lens.coefficient_partials(u), np.broadcast_to(np.eye(2), by_u.shape)
+                by_b = (u + lens.distortion(u))[..., None, :] * np.array([[1.0], [0.0]])
+            parts = (np.moveaxis(part, -1, 0) for part in (by_p, self.sign * by_coefficients, by_b))
+            of = [by_f, *chain.from_iterable(parts)]
+            for column in np.flatnonzero(owner == camera).tolist():
+                by_lens[column][rays] = of[parameter[column]]
+        return by_ideal, np.moveaxis(by_lens, 0, -1)
 
     def changes(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what `values` (x,) add to focal lengths (n,) and principal points (n, 2) of the photos."""
@@ -183,7 +185,9 @@ class CameraLenses(CameraParameters):
         ideal = self.ideal(values, photo, place, nowhere)
         by_ideal, by_lens = self.partials(values, photo, place, ideal, table[:, _F], nowhere)
         own = np.equal.outer(camera, owner) & bends
-        by_unknown = np.linalg.solve(by_ideal, by_lens[..., parameter] * own[:, None])
+        by_unknown = by_lens * own[:, None]
+        if by_ideal is not None:
+            by_unknown = np.linalg.solve(by_ideal, by_unknown)
         sigma: FloatArray = np.sqrt(np.einsum("gip,pq,giq->gi", by_unknown, covariance, by_unknown))
         sigma[np.isin(camera, owner[bends & ~adjusted.determined[rows]])] = np.nan
         return DistortionGrid(camera=self.ids[camera], place=place, distortion=place - ideal, sigma=sigma)
@@ -241,5 +245,6 @@ def image_reach(block: Block, principal_point: FloatArray) -> tuple[FloatArray, 
     off = block.plates.xy - principal_point[camera]
     reach, extent = np.zeros(len(principal_point)), np.zeros(principal_point.shape)
     np.fmax.at(reach, camera, np.linalg.norm(off, axis=1))
-    np.fmax.at(extent, camera, np.abs(off))
+    for column in range(2):
+        np.fmax.at(extent[:, column], camera, np.abs(off[:, column]))
     return reach, extent

@@ -328,7 +328,7 @@ class Factor:
         if g:
             i, j = self.matrix.pattern.pairs.T
             Y = self.solved_border.reshape(self.matrix.pattern.count, q, g)
-            blocks += Y[i] @ corner @ np.swapaxes(Y[j], 1, 2)
+            blocks -= border.reshape(Y.shape)[i] @ np.swapaxes(Y[j], 1, 2)
         inverse = Cofactors(pattern=self.matrix.pattern, blocks=blocks, border=border, corner=corner)
         return inverse.scaled(self.scale)
 

@@ -33,7 +33,8 @@ class RayImages:
     """Images of ground points: xy (..., 2) mm, partials by station (..., 2, q) and by ground point (..., 2, 3).
 
     By the water (..., 2, 4 + w): level, tilt east, tilt north, index, w parameters of waves; None where nothing of
-    it is unknown. By the parameters of lenses (..., 2, 10) and of ports (..., 2, 6); None where there are none.
+    it is unknown. By the unknown parameters of lenses (..., 2, x) and all of ports (..., 2, 6); None where there
+    are none.
     """
 
     xy: FloatArray
@@ -77,7 +78,7 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
         xy, by_v = collinearity.image_by_vector(v, M, f, pp)
         if network.lenses is not None:
             xy, by_ideal, _ = _lens_partials(network.lenses, network, state, rays, xy - pp, f, pp)
-            by_v = by_ideal @ by_v
+            by_v = by_v if by_ideal is None else by_ideal @ by_v
         if network.ports is not None:
             by_v = by_v @ port[0]
         by_station, by_water = np.zeros((*v.shape[:-1], 2, 0)), None
@@ -85,7 +86,8 @@ def images(network: Network, state: State, rays: IntArray, ground: FloatArray, s
         xy, by_v, by_attitude = collinearity.image_partials(v, M, state.dM.take(photo, axis=0), f, pp)
         if network.lenses is not None:
             xy, by_ideal, by_lens = _lens_partials(network.lenses, network, state, rays, xy - pp, f, pp)
-            by_v, by_attitude = by_ideal @ by_v, by_ideal @ by_attitude
+            if by_ideal is not None:
+                by_v, by_attitude = by_ideal @ by_v, by_ideal @ by_attitude
         if network.ports is not None:
             by_v, by_attitude, by_port = (by_v @ partials for partials in port)
         waves = network.border.count(ObservationKind.WAVE)
@@ -134,8 +136,8 @@ def _lens_partials(
     ideal: FloatArray,
     f: FloatArray,
     pp: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the same, and its partials by ideal places (..., 2, 2) and by parameters of lenses (..., 2, 10)."""
+) -> tuple[FloatArray, FloatArray | None, FloatArray]:
+    """Return the same, and its partials by ideal places (..., 2, 2) and by unknown parameters (..., 2, x)."""
     values, measured = state.parameters[ObservationKind.LENS], network.xy.take(rays, axis=0)
     partials = lenses.partials(values, network.photo[rays], measured, ideal, f, pp)
     return _through_lenses(lenses, network, state, rays, ideal, pp), *partials

@@ -97,9 +97,9 @@ class Lens:
         x, y = xy[..., 0] - self.centre[0], xy[..., 1] - self.centre[1]
         q = x * x + y * y
         c = 1.0 + self._p[2] * q
-        of_x = [x * q, x * q**2, x * q**3, (q + 2 * x * x) * c, 2 * x * y * c]
-        of_y = [y * q, y * q**2, y * q**3, 2 * x * y * c, (q + 2 * y * y) * c]
-        return np.stack([np.stack(of_x, axis=-1), np.stack(of_y, axis=-1)], axis=-2)
+        of_x = [x * q, x * q * q, x * q * q * q, (q + 2 * x * x) * c, 2 * x * y * c]
+        of_y = [y * q, y * q * q, y * q * q * q, of_x[4], (q + 2 * y * y) * c]
+        return np.moveaxis(np.stack([np.stack(of_x), np.stack(of_y)], axis=-1), 0, -1)
 
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return the ideal places (..., 2) of measured ones."""

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from musatpy.adjustment.kinds.parameter import CameraParameter
+from musatpy.adjustment.kinds.kind import OfImages
+from musatpy.adjustment.kinds.parameter import ParameterUnknown
+from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.parameters import Parameters
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import LENS_PARAMETERS, Block, ObservationKind
 
 if TYPE_CHECKING:
     from musatpy.adjustment.sightings import RayImages
 
 
-class LensParameter(CameraParameter):
+class LensParameter(ParameterUnknown, OfImages):
     """Those of all cameras that are unknown, camera by camera in the order of `LENS_PARAMETERS`."""
 
     observed = ObservationKind.LENS
@@ -26,9 +28,10 @@ class LensParameter(CameraParameter):
 
         return CameraLenses.of(block)
 
-    def by_all(self, images: RayImages) -> FloatArray | None:
-        """Return the partials (k, m, 2, 10) of images."""
-        return images.by_lens
+    def of_images(self, network: Network, group: PointGroup, images: RayImages) -> tuple[IntArray, FloatArray]:
+        """Return columns (k, x) and partials (k, m, 2, x)."""
+        assert images.by_lens is not None, "images go through the lenses"
+        return self.everywhere(network, len(group.point)), images.by_lens
 
 
 KINDS = (LensParameter(),)

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from musatpy.adjustment.iteration import State, WaterKnowledge
-from musatpy.adjustment.kinds.kind import OfImages, Rows, Unknown, in_digits, of_unknowns
-from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.parameters import CameraParameters, Effect, Parameters
+from musatpy.adjustment.kinds.kind import Rows, Unknown, in_digits, of_unknowns
+from musatpy.adjustment.network import Network
+from musatpy.adjustment.parameters import Effect, Parameters
 from musatpy.adjustment.wavy_water import Sea
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray
 from musatpy.model import Block
 from musatpy.units import MICROMETRE
-
-if TYPE_CHECKING:
-    from musatpy.adjustment.sightings import RayImages
 
 
 class ParameterUnknown(Unknown):
@@ -86,21 +83,3 @@ class ParameterUnknown(Unknown):
     def limit(self, rotation: float, translation: float) -> float:
         """Return the limit of a change."""
         return 1.0
-
-
-class CameraParameter(ParameterUnknown, OfImages):
-    """Those of cameras, on which images depend: `CameraParameters`."""
-
-    def by_all(self, images: RayImages) -> FloatArray | None:
-        """Return the partials (k, m, 2, K) of images by all K parameters of their cameras."""
-        raise NotImplementedError
-
-    def of_images(self, network: Network, group: PointGroup, images: RayImages) -> tuple[IntArray, FloatArray]:
-        """Return columns (k, X) and partials (k, m, 2, X): those of other cameras than that of a photo are 0."""
-        index, partials = self.everywhere(network, len(group.point)), self.by_all(images)
-        if partials is None:
-            return index, np.zeros((*group.rays.shape, 2, index.shape[1]))
-        known: CameraParameters = self.known(network)
-        camera, parameter = np.nonzero(known.unknown)
-        of_photo = known.camera[network.photo[group.rays]][..., None, None] == camera
-        return index, np.where(of_photo, partials[..., parameter], 0.0)

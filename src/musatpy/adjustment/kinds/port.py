@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from musatpy.adjustment.kinds.parameter import CameraParameter
+import numpy as np
+
+from musatpy.adjustment.kinds.kind import OfImages
+from musatpy.adjustment.kinds.parameter import ParameterUnknown
+from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.parameters import Parameters
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Block, ObservationKind
 
 if TYPE_CHECKING:
+    from musatpy.adjustment.ports import CameraPorts
     from musatpy.adjustment.sightings import RayImages
 
 
-class PortParameter(CameraParameter):
+class PortParameter(ParameterUnknown, OfImages):
     """Those of all ports that are unknown, camera by camera in the order of `PORT_PARAMETERS`."""
 
     observed = ObservationKind.PORT
@@ -26,9 +31,14 @@ class PortParameter(CameraParameter):
 
         return CameraPorts.of(block)
 
-    def by_all(self, images: RayImages) -> FloatArray | None:
-        """Return the partials (k, m, 2, 6) of images."""
-        return images.by_port
+    def of_images(self, network: Network, group: PointGroup, images: RayImages) -> tuple[IntArray, FloatArray]:
+        """Return columns (k, X) and partials (k, m, 2, X): those of other cameras than that of a photo are 0."""
+        known: CameraPorts = self.known(network)
+        camera, parameter = np.nonzero(known.unknown)
+        assert images.by_port is not None, "images go through the ports"
+        of_photo = known.camera[network.photo[group.rays]][..., None, None] == camera
+        partials = np.where(of_photo, images.by_port[..., parameter], 0.0)
+        return self.everywhere(network, len(group.point)), partials
 
 
 KINDS = (PortParameter(),)
