@@ -119,11 +119,11 @@ class CameraLenses(CameraParameters):
     ) -> tuple[FloatArray | None, FloatArray]:
         """Return the partials of `places` by the ideal places (..., 2, 2), and by the unknown ones (..., 2, x).
 
-        Of images with ideal places (..., 2) about p (..., 2), of focal length f (...). None stands for unit matrices.
+        Of images with ideal places (..., 2) about p (..., 2), of focal length f (...). The first are None where all
+        are unit matrices.
         """
         by_lens, table = np.zeros((len(values), *ideal.shape)), self.table(values)  # one after the other: fast
-        bent = any(lens.side is Side.IDEAL for lens in self.lenses)
-        by_ideal = np.broadcast_to(np.eye(2), (*ideal.shape, 2)).copy() if bent else None
+        by_ideal = np.broadcast_to(np.eye(2), (*ideal.shape, 2)).copy()
         owner, parameter = np.nonzero(self.unknown)
         for camera, rays in self._by_camera(photo):
             lens, A = self._lens(table[camera], camera)
@@ -145,7 +145,8 @@ class CameraLenses(CameraParameters):
             of = [by_f, *chain.from_iterable(parts)]
             for column in np.flatnonzero(owner == camera).tolist():
                 by_lens[column][rays] = of[parameter[column]]
-        return by_ideal, np.moveaxis(by_lens, 0, -1)
+        bent = any(lens.side is Side.IDEAL for lens in self.lenses)
+        return by_ideal if bent else None, np.moveaxis(by_lens, 0, -1)
 
     def changes(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what `values` (x,) add to focal lengths (n,) and principal points (n, 2) of the photos."""
