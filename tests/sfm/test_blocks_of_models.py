@@ -10,10 +10,14 @@ from musatpy.adjustment import sightings
 from musatpy.adjustment.job import prepared
 from musatpy.arrays import FloatArray
 from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.pipeline import adjust
 from musatpy.reduction.pixel_lens import PixelLens
+from musatpy.reports.record import record_of
 from musatpy.sfm.block import Beside, Placement, block_of, lens_of, lens_parameters
+from musatpy.sfm.export import TABLES, adjusted_model
 from musatpy.sfm.model import Model, ModelError
 from musatpy.sfm.source import FileCameras, spread_over
+from musatpy.statistics import Statistics
 
 SIZE = 0.0024
 LENS = PixelLens(
@@ -111,11 +115,50 @@ def test_residuals_of_a_block_are_those_of_its_model(placement: Placement, held:
     assert not held or block.cameras.principal_point.tolist() == [[0.0, 0.0]]
 
 
-def test_a_lens_that_cannot_be_estimated_is_refused_and_can_be_held() -> None:
-    given, beside = model(LENSES[2]), Beside.nothing(4, 60)
-    arguments = {"size": SIZE, "image_sigma": 0.001, "index": 1.34, "index_sigma": None, "title": "A MODEL"}
-    with pytest.raises(ModelError, match=r"camera 1: a fisheye lens.*--camera held"):
-        block_of(given, LOCAL, beside, np.ones(60, dtype=bool), held=False, **arguments)
+ARGUMENTS = {"size": SIZE, "image_sigma": 0.001, "index": 1.34, "index_sigma": None, "title": "A MODEL"}
+
+
+def of_wrong_lens(truth: PixelLens, held: bool = False) -> tuple[Model, Model]:
+    """A model whose images are of a true lens, with one that is off by pixels, and what is exported of its run."""
+    off = replace(truth, focal=(truth.focal[0] + 5.0, truth.focal[1] + 5.0), k=(truth.k[0] + 1e-3, *truth.k[1:]))
+    given = replace(model(truth, noise=0.0), lenses=(truth if held else off,))
+    inside = ((given.pixel >= 0.0) & (given.pixel <= [truth.width, truth.height])).all(axis=1)
+    images = {name: getattr(given, name)[inside] for name in ("photo", "point", "pixel")}
+    given = replace(given, **images)
+    beside = Beside.nothing(4, 60)
+    beside = replace(beside, position=LOCAL.positions(given.centre), position_sigma=np.full((4, 3), 1e-3))
+    block = block_of(given, LOCAL, beside, np.ones(60, dtype=bool), held=held, **ARGUMENTS)
+    tables = record_of(Statistics(adjust(block)), {*TABLES})
+    return given, adjusted_model(tables, FileCameras.of(given, LOCAL, SIZE, held))
+
+
+@pytest.mark.parametrize(("lens", "held"), [(LENSES[1], False), (LENSES[2], False), (LENSES[0], True)])
+def test_a_lens_that_no_cards_can_state_is_corrected_and_exported(lens: PixelLens, held: bool) -> None:
+    """Pixels come back as they were; what corrections cannot hold of the difference is below .02 px."""
+    given, exported = of_wrong_lens(lens, held)
+    before, after = (
+        dict(zip(zip(of.photo.tolist(), of.points[of.point].tolist(), strict=True), of.pixel.tolist(), strict=True))
+        for of in (given, exported)
+    )
+    assert len(after) > 100
+    np.testing.assert_allclose(list(after.values()), [before[image] for image in after], atol=1e-6)
+    assert np.abs(exported.residuals()).max() < 0.02
+    assert abs(exported.lenses[0].focal[1] - lens.focal[1]) < 0.5
+    assert exported.lenses[0].fisheye == lens.fisheye and any(exported.lenses[0].d) == any(lens.d)
+    assert [note.startswith("camera 1: the lens that is written misses the") for note in exported.notes] == [
+        True
+    ] * (not held)
+
+
+def test_images_far_off_the_axis_of_a_fisheye_lens_are_refused_with_their_angle() -> None:
+    lens = replace(LENSES[2], focal=(1500.0, 1500.0), k=())
+    given = model(lens, noise=0.0)
+    outermost = lens.centre[0] + 1500.0 * np.radians(93.0)
+    given = replace(given, pixel=np.concatenate([[[outermost, lens.centre[1]]], given.pixel[1:]]))
+    with pytest.raises(
+        ModelError, match=r"camera 1: fisheye images reach 93 degrees off the axis.* none beyond 75"
+    ):
+        block_of(given, LOCAL, Beside.nothing(4, 60), np.ones(60, dtype=bool), held=False, **ARGUMENTS)
 
 
 def test_the_cameras_of_a_file_are_kept_to_the_last_bit() -> None:

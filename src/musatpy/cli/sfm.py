@@ -115,4 +115,5 @@ def export_command(form: str, run: Path, job: Path, out: Path, points: str, quie
     else:
         write_cameras(model, out / "cameras.xml")
     if not quiet:
-        tell(f"wrote {len(model.photos)} photos and {len(model.points)} points to {name_of(out)}")
+        written = f"wrote {len(model.photos)} photos and {len(model.points)} points to {name_of(out)}"
+        tell("\n".join([*model.notes, written]))

@@ -120,8 +120,9 @@ class ByFileCameras(Method):
         kept = (self.rows[photo] >= 0) & spread_over(row, photo, np.arctan2(gap[:, 1], gap[:, 0]), self.most)
         row, photo = row[kept], photo[kept]
         xy = self.cameras.ideal(photo, pixel[kept], self.lenses)
+        sigma = self.sigma * self.cameras.stretch(photo, pixel[kept])
         good = np.isfinite(xy).all(axis=1)
-        row, photo, xy = row[good], self.rows[photo[good]], xy[good]
+        row, photo, xy, sigma = row[good], self.rows[photo[good]], xy[good], sigma[good]
         enough = np.bincount(row, minlength=count) > 1
         rays = enough[row]
         number = np.cumsum(enough) - 1
@@ -142,7 +143,7 @@ class ByFileCameras(Method):
             photo=photo,
             point=row,
             xy=xy,
-            sigma=np.full(xy.shape, self.sigma),
+            sigma=sigma[rays],
             triangulated=np.zeros(len(row), bool),
         )
 

@@ -42,6 +42,19 @@ class PixelLens:
     p: tuple[float, float] = (0.0, 0.0)
     fisheye: bool = False
 
+    @property
+    def principal_distance(self) -> float:
+        """That of the plane on which rays are ideal images, in pixels."""
+        return self.focal[1]
+
+    def steepest(self, pixels: FloatArray) -> float:
+        """Return the largest angle (rad) off the axis of pixels (n, 2) of a fisheye lens, beyond 90 degrees too."""
+        radius = np.linalg.norm((pixels - self._centre) @ np.linalg.inv(self._A).T, axis=1).max(initial=0.0)
+        angle = np.linspace(0.0, np.pi, 2**12)
+        image = polynomial.polyval(angle, self._of_angle)
+        turn = int(np.argmax(np.append(np.diff(image) <= 0.0, True)))
+        return float(np.interp(radius, image[: turn + 1], angle[: turn + 1]))
+
     def pixels(self, xy: FloatArray) -> FloatArray:
         """Return the pixels (..., 2) of rays (..., 2), as x = X/Z, y = Y/Z."""
         return self._centre + self.distorted(xy) @ self._A.T
@@ -154,6 +167,26 @@ def _polynomial(q: FloatArray, k: tuple[float, ...]) -> tuple[FloatArray, FloatA
         slope = slope * q + at
         at = at * q + coefficient
     return at, slope
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CorrectedLens(PixelLens):
+    """A lens whose rays are images of another one, on a plane one focal length off: `correction`, of no format."""
+
+    correction: PixelLens
+
+    @property
+    def principal_distance(self) -> float:
+        """That of the plane on which rays are ideal images, in pixels."""
+        return self.focal[1] * self.correction.focal[1]
+
+    def pixels(self, xy: FloatArray) -> FloatArray:
+        """Return the pixels (..., 2) of rays (..., 2)."""
+        return super().pixels(self.correction.pixels(xy))
+
+    def rays(self, pixels: FloatArray) -> FloatArray:
+        """Return the rays (..., 2) of pixels (..., 2); NaN where there is none."""
+        return self.correction.rays(super().rays(pixels))
 
 
 def _positive(coefficients: NDArray[np.floating]) -> list[float]:

@@ -6,7 +6,7 @@ computer vision is then one of the side IDEAL, about its principal point, its co
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,11 @@ from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import geographic
 from musatpy.model import LENS_PARAMETERS, ControlKind, EllipsoidSpec
-from musatpy.reduction.pixel_lens import PixelLens
+from musatpy.reduction.pixel_lens import CorrectedLens, PixelLens
 from musatpy.sfm.model import Model, ModelError
 
 TURN = np.diag([1.0, -1.0, -1.0])  # from x right, y down, z forward
+_STEEPEST = 75.0  # degrees off the axis, up to where K1 to K3 hold 5 px of a focal length to .13 px
 _USUAL = ("F", "XP", "YP", "K1", "K2", "P1", "P2")  # that are estimated, whatever the file says
 
 
@@ -99,12 +100,17 @@ def pixels_of(lens: PixelLens, xy: FloatArray, size: float) -> FloatArray:
     return xy / [size, -size] + [0.5 * lens.width, 0.5 * lens.height]
 
 
+def is_reduced(lens: PixelLens) -> bool:
+    """Return whether CAL cards cannot state a lens: images are made ideal by it, and corrections estimated."""
+    return lens.fisheye or any(lens.d) or any(lens.k[3:])
+
+
 def lens_parameters(lens: PixelLens, size: float) -> dict[str, float]:
     """Return the parameters of a lens as CAL cards have them, pixels of `size` mm. Raises `ValueError`.
 
     A fisheye lens, a denominator and a fourth radial coefficient have none.
     """
-    if lens.fisheye or any(lens.d) or any(lens.k[3:]):
+    if is_reduced(lens):
         raise ValueError("a fisheye lens, or one with more than three radial coefficients")
     (fx, fy), (cx, cy), (p1, p2) = lens.focal, lens.centre, lens.p
     f = fy * size
@@ -132,6 +138,14 @@ def lens_of(parameters: dict[str, float], lens: PixelLens, size: float) -> Pixel
     )
 
 
+def corrected_lens(parameters: dict[str, float], lens: PixelLens, size: float) -> CorrectedLens:
+    """Return a lens whose ideal images have a lens of `parameters` themselves."""
+    f = lens.focal[1] * size
+    plane = PixelLens(width=0, height=0, focal=(1.0, 1.0), centre=(0.0, 0.0))
+    given = {field.name: getattr(lens, field.name) for field in fields(lens)}
+    return CorrectedLens(**given, correction=lens_of({"F": f} | parameters, plane, f))
+
+
 def block_of(
     model: Model,
     placement: Placement,
@@ -148,7 +162,8 @@ def block_of(
     """Return the block of a model with those of its points that are `used` (p,).
 
     size: mm of a pixel; image_sigma: mm. With lenses `held` images are made ideal, else they are estimated anew.
-    Raises `DeckError` with what is wrong between its parts, and `ModelError` for a lens that cannot be estimated.
+    So are images of a lens that CAL cards cannot state, and corrections of these estimated. Raises `DeckError` with
+    what is wrong between its parts, and `ModelError` for a lens without a plane of ideal images.
     """
     from musatpy.formats.builder import BlockBuilder  # which loads the cards
 
@@ -177,36 +192,42 @@ def block_of(
             ids=model.photos[tidal],
             **{name: getattr(beside, name)[tidal] for name in ("tide", "tide_sigma", "tide_group", "time")},
         )
-    _add_images(build, model, beside, used, size, held)
+    _add_images(build, model, beside, used, size, image_sigma, held)
     return build.build()
 
 
 def _add_cameras(build: Any, model: Model, names: list[str], size: float, held: bool) -> None:
     """Add the cameras, and what is unknown of their lenses."""
-    for name, camera, lens in zip(names, model.cameras, model.lenses, strict=True):
-        f = lens.focal[1] * size
+    for number, (name, camera, lens) in enumerate(zip(names, model.cameras, model.lenses, strict=True)):
+        f, reduced = lens.focal[1] * size, is_reduced(lens)
         x, y = plate_coordinates(lens, np.array(lens.centre), size).tolist()
+        form = lens.width * size, lens.height * size
+        if reduced:
+            pixels = model.pixel[model.camera[model.photo] == number]
+            if lens.fisheye and (steepest := float(np.degrees(lens.steepest(pixels)))) > _STEEPEST:
+                message = (
+                    f"camera {camera}: fisheye images reach {steepest:.0f} degrees off the axis, and the plane "
+                    f"of ideal images holds none beyond {_STEEPEST:.0f}: undistort the photos before the model"
+                )
+                raise ModelError([Problem(message=message)])
+            extent = np.abs(ideal_coordinates(lens, pixels, size)).max(axis=0, initial=0.5 * min(form))
+            form = float(2.0 * extent[0]), float(2.0 * extent[1])
         build.add_camera(
-            name,
-            f,
-            principal_point=(0.0, 0.0) if held else (x, y),
-            format_size=(lens.width * size, lens.height * size),
-        )
+            name, f, principal_point=(0.0, 0.0) if held or reduced else (x, y), format_size=form,
+        )  # fmt: skip
         if held:
             continue
-        try:
-            values = lens_parameters(lens, size)
-        except ValueError as error:
-            message = f"camera {camera}: {error} cannot be estimated anew: hold it (--camera held)"
-            raise ModelError([Problem(message=message)]) from None
+        values = dict.fromkeys(LENS_PARAMETERS, 0.0) | {"F": f} if reduced else lens_parameters(lens, size)
         for parameter, value in values.items():
-            if parameter in _USUAL or value:
+            if parameter in _USUAL or value or (reduced and parameter == "K3"):
                 build.add("lens_unknowns", camera=name, parameter=parameter, value=value)
     if not held:
         build.add("reduction", plates="REFINED", side="IDEAL", polynomials="DIST")
 
 
-def _add_images(build: Any, model: Model, beside: Beside, used: BoolArray, size: float, held: bool) -> None:
+def _add_images(
+    build: Any, model: Model, beside: Beside, used: BoolArray, size: float, image_sigma: float, held: bool
+) -> None:
     """Add the images of points and of control, and the control."""
     ids = tie_names(model.points, beside.control)
     rows = np.flatnonzero(used[model.point])
@@ -215,16 +236,20 @@ def _add_images(build: Any, model: Model, beside: Beside, used: BoolArray, size:
         np.concatenate([model.photo[rows], beside.control_photo]),
         np.concatenate([model.pixel[rows], beside.control_pixel]),
     )
-    xy = np.empty_like(pixel)
+    xy, sigma = np.empty_like(pixel), np.full_like(pixel, np.nan)
     camera = model.camera[photo]
     for number, lens in enumerate(model.lenses):
         of = camera == number
-        xy[of] = ideal_coordinates(lens, pixel[of], size) if held else plate_coordinates(lens, pixel[of], size)
+        ideal = held or is_reduced(lens)
+        xy[of] = ideal_coordinates(lens, pixel[of], size) if ideal else plate_coordinates(lens, pixel[of], size)
+        if is_reduced(lens):
+            sigma[of] = image_sigma * stretch(lens, pixel[of])
     none = np.zeros(len(beside.control_of), dtype=bool)
     build.add_images(
         model.photos[photo],
         np.concatenate([ids[point], beside.control[beside.control_of]]),
         xy,
+        sigma=sigma,
         submerged=np.concatenate([beside.wet[point], none]),
         dry=np.concatenate([beside.dry[point], none]),
     )
@@ -245,7 +270,14 @@ def tie_names(points: TextArray, control: TextArray) -> TextArray:
 
 def ideal_coordinates(lens: PixelLens, pixels: FloatArray, size: float) -> FloatArray:
     """Return ideal plate coordinates (..., 2) mm about a principal point of zero, NaN where the lens has none."""
-    return lens.rays(pixels) * [lens.focal[1] * size, -lens.focal[1] * size]
+    f = lens.principal_distance * size
+    return lens.rays(pixels) * [f, -f]
+
+
+def stretch(lens: PixelLens, pixels: FloatArray) -> FloatArray:
+    """Return how many times larger than on the photo errors of pixels (..., 2) are among ideal coordinates."""
+    by_pixel = np.linalg.inv(lens.partials(lens.rays(pixels)))
+    return np.asarray(np.linalg.norm(by_pixel, axis=-1))
 
 
 def ellipsoid_numbers(ellipsoid: Ellipsoid) -> EllipsoidSpec:

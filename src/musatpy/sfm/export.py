@@ -16,8 +16,8 @@ from musatpy.model import ObservationKind
 from musatpy.records import run_tables
 from musatpy.records.json_files import read_record
 from musatpy.records.tables import Tables, flags, numbers, rows_of, texts
-from musatpy.reduction.pixel_lens import PixelLens
-from musatpy.sfm.block import TURN, pixels_of
+from musatpy.reduction.pixel_lens import CorrectedLens, PixelLens
+from musatpy.sfm.block import TURN
 from musatpy.sfm.model import Model, ModelError
 from musatpy.sfm.source import FileCameras, cameras_of_job
 
@@ -49,10 +49,17 @@ def adjusted_model(tables: Tables, cameras: FileCameras, *, apparent: bool = Fal
     matcher that knows of no water must agree. Raises `ModelError` where the run is not of these cameras.
     """
     photos = run_tables.photos_of(tables)
-    lenses, placement = adjusted_lenses(tables, cameras), cameras.placement
+    placement, notes, lenses = cameras.placement, list[str](), list[PixelLens]()
     if not np.isin(photos.ids, cameras.photos).any():
         raise ModelError([Problem(message="none of the photos of the run is one of the cameras of the job")])
     axes = placement.axes(photos.position)
+    for row, lens in enumerate(adjusted_lenses(tables, cameras)):
+        if isinstance(lens, CorrectedLens):
+            lens, miss = cameras.fitted(row, lens)
+            notes.append(
+                f"camera {row + 1}: the lens that is written misses the adjusted one by up to {miss:.3f} px"
+            )
+        lenses.append(lens)
     M = attitude_matrix(photos.attitude) @ axes
     points, ids = tables["points"], texts(tables["points"], "point")
     position = _metres(cameras, numbers(points, "position", 3))
@@ -66,13 +73,13 @@ def adjusted_model(tables: Tables, cameras: FileCameras, *, apparent: bool = Fal
     photo, point = rows_of(photos.ids, texts(plates, "photo")), number[rows_of(ids, texts(plates, "point"))]
     used = np.flatnonzero((point >= 0) & flags(plates, "triangulated"))
     pixel, camera = numbers(plates, "xy", 2)[used], photos.camera[photo[used]]
-    for row, lens in enumerate(cameras.lenses):
+    for row in range(len(cameras.lenses)):
         of = camera == row
-        pixel[of] = pixels_of(lens, pixel[of], cameras.size)
+        pixel[of] = cameras.pixels_of(row, pixel[of])
     return Model(
         program=cameras.program,
         cameras=tuple(texts(tables["cameras"], "camera").tolist()),
-        lenses=lenses,
+        lenses=tuple(lenses),
         photos=photos.ids,
         camera=photos.camera,
         rotation=TURN @ M @ placement.rotation,
@@ -83,6 +90,7 @@ def adjusted_model(tables: Tables, cameras: FileCameras, *, apparent: bool = Fal
         point=point[used],
         pixel=pixel,
         to_geocentric=_matrix(cameras),
+        notes=tuple(notes),
     )
 
 

@@ -9,15 +9,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import Problem
 from musatpy.formats.job_folder import read_job
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.reduction.pixel_lens import PixelLens
-from musatpy.sfm.block import Placement, ideal_coordinates, lens_of, lens_parameters
+from musatpy.reduction.pixel_lens import CorrectedLens, PixelLens
+from musatpy.sfm.block import (
+    Placement,
+    corrected_lens,
+    ideal_coordinates,
+    is_reduced,
+    lens_of,
+    lens_parameters,
+    pixels_of,
+    stretch,
+)
 from musatpy.sfm.model import Model, ModelError
 
+_PLACES = 25  # in which lenses are compared, in x and in y
 _PAIRS = 2**20  # of points and photos at a time
 _LENS = ("width", "height", "fx", "fy", "cx", "cy", "shear", "k1", "k2", "k3", "k4", "d1", "d2", "d3", "p1", "p2")
 
@@ -51,13 +62,9 @@ class FileCameras:
 
     def arrays(self) -> dict[str, Any]:
         """Return what is kept in a job folder."""
-        rows = [
-            [lens.width, lens.height, *lens.focal, *lens.centre, lens.shear, *_coefficients(lens)]
-            for lens in self.lenses
-        ]
         arrays = {
             "program": np.array([self.program]),
-            "lenses": np.array(rows, dtype=float).reshape(-1, len(_LENS)),
+            "lenses": np.array(list(map(_row, self.lenses)), dtype=float).reshape(-1, len(_LENS)),
             "fisheye": np.array([lens.fisheye for lens in self.lenses]),
             "placement": np.array([self.placement.scale, *self.placement.rotation.ravel(), *self.placement.shift]),
             "ellipsoid": np.array([ellipsoid.definition if (ellipsoid := self.placement.ellipsoid) else ""]),
@@ -96,7 +103,37 @@ class FileCameras:
     def adjusted(self, camera: int, values: Mapping[str, float]) -> PixelLens:
         """Return the lens of a camera with the adjusted `values` of some of its parameters."""
         lens = self.lenses[camera]
-        return lens_of(lens_parameters(lens, self.size) | dict(values), lens, self.size) if values else lens
+        if not values:
+            return lens
+        if is_reduced(lens):
+            return corrected_lens(dict(values), lens, self.size)
+        return lens_of(lens_parameters(lens, self.size) | dict(values), lens, self.size)
+
+    def fitted(self, camera: int, lens: CorrectedLens) -> tuple[PixelLens, float]:
+        """Return the lens of the file's kind that comes nearest to one, and by how many pixels it misses.
+
+        By least squares over the extent of images. Denominators stay, which nothing tells from numerators, and no
+        lens gets a shear or a fourth coefficient that the file has not.
+        """
+        ticks = np.linspace(self.extent[camera, 0], self.extent[camera, 1], _PLACES)
+        pixels = np.stack(np.meshgrid(*ticks.T), axis=-1).reshape(-1, 2)
+        rays, row = lens.rays(pixels), np.array(_row(lens), dtype=float)
+        common = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", *(("k4",) if lens.fisheye else ("p1", "p2")))
+        free = np.isin(_LENS, common) | (np.isin(_LENS, ("shear", "k4")) & (row != 0.0))
+
+        def off(values: FloatArray) -> FloatArray:
+            row[free] = values
+            return (_lens(row.tolist(), lens.fisheye).pixels(rays) - pixels).ravel()
+
+        miss = off(least_squares(off, row[free], x_scale="jac").x)
+        return _lens(row.tolist(), lens.fisheye), float(np.linalg.norm(miss.reshape(-1, 2), axis=1).max())
+
+    def pixels_of(self, camera: int, xy: FloatArray) -> FloatArray:
+        """Return the pixels (k, 2) of plate coordinates (k, 2) of the job, mm."""
+        lens = self.lenses[camera]
+        if self.held or is_reduced(lens):
+            return lens.pixels(xy / (lens.focal[1] * self.size * np.array([1.0, -1.0])))
+        return pixels_of(lens, xy, self.size)
 
     def in_model(self, geocentric: FloatArray) -> FloatArray:
         """Return the coordinates (n, 3) in the model of points in geocentric, or local, metres.
@@ -155,6 +192,14 @@ class FileCameras:
             out[of] = ideal_coordinates(lens, pixels[of], self.size)
         return out
 
+    def stretch(self, photo: IntArray, pixels: FloatArray) -> FloatArray:
+        """Return how many times larger than on the photos errors of pixels (r, 2) are among ideal coordinates."""
+        out, camera = np.ones_like(pixels), self.camera[photo]
+        for number, lens in enumerate(self.lenses):
+            if is_reduced(lens):
+                out[camera == number] = stretch(lens, pixels[camera == number])
+        return out
+
 
 def cameras_of_job(job: Path) -> FileCameras:
     """Return the cameras in a job folder. Raises `DeckError` where it is none, `ModelError` where it has none."""
@@ -183,9 +228,10 @@ def _ellipsoid(definition: str) -> Ellipsoid | None:
     return Ellipsoid(semi_major_axis=float(words["a"]), inverse_flattening=float(words.get("rf", 0.0)))
 
 
-def _coefficients(lens: PixelLens) -> list[float]:
-    """Return k1 to k4, d1 to d3, p1, p2, zeros where a lens has less."""
-    return [*(*lens.k, *(0.0,) * 4)[:4], *(*lens.d, *(0.0,) * 3)[:3], *lens.p]
+def _row(lens: PixelLens) -> list[float]:
+    """Return `_LENS` of a lens, zeros where it has less."""
+    coefficients = *(*lens.k, *(0.0,) * 4)[:4], *(*lens.d, *(0.0,) * 3)[:3], *lens.p
+    return [lens.width, lens.height, *lens.focal, *lens.centre, lens.shear, *coefficients]
 
 
 def _lens(row: list[float], fisheye: bool) -> PixelLens:
