@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import Problem
@@ -115,6 +114,8 @@ class FileCameras:
         By least squares over the extent of images. Denominators stay, which nothing tells from numerators, and no
         lens gets a shear or a fourth coefficient that the file has not.
         """
+        from scipy.optimize import least_squares  # which only this needs
+
         ticks = np.linspace(self.extent[camera, 0], self.extent[camera, 1], _PLACES)
         pixels = np.stack(np.meshgrid(*ticks.T), axis=-1).reshape(-1, 2)
         rays, row = lens.rays(pixels), np.array(_row(lens), dtype=float)
