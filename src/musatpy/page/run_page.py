@@ -287,7 +287,7 @@ def _computed(tables: Tables) -> Iterator[Part]:
         yield Sentences(texts=[f"Set for this run: {', '.join(settings)}."])
     yield _options(tables["options"])
     for report in analyses.REPORTS:
-        yield accuracy.analysis_table(at(tables, report.path), report.title, str(report.stated()[-1].heading))
+        yield accuracy.analysis_table(at(tables, report.place), report.title, str(report.stated()[-1].heading))
     yield from page_tables.tables_of(_COMPUTED, tables)
 
 

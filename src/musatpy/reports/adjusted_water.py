@@ -177,30 +177,17 @@ def sections(statistics: Statistics) -> list[Section]:
     return sections
 
 
-WAVES = Report(
-    "Water: Adjusted Waves",
-    _WAVES,
-    "wave period length speed height azimuth crest",
-    path="adjusted_water.waves.waves",
-)
+WAVES = Report("Water: Adjusted Waves", _WAVES, "wave period length speed height azimuth crest")
 
 
-PARAMETERS_OF_WAVES = Report(
-    "Water: How Well The Waves Are Known", _PARAMETERS, path="adjusted_water.waves.parameters"
-)
+PARAMETERS_OF_WAVES = Report("Water: How Well The Waves Are Known", _PARAMETERS)
 CORRELATIONS = Report(
     "Water: Correlations Of The Waves",
     _CORRELATIONS_OF_WAVES,
-    path="adjusted_water.waves.correlations",
     worst=lambda t: np.abs(t["correlation"]),
 )
-CONSIDERED = Report("Water: Known With An Error", _CONSIDERED, path="adjusted_water.considered")
-CORRECTIONS = Report(
-    "Water: Corrections Of The Tides",
-    _CORRECTIONS,
-    path="adjusted_water.corrections",
-    worst=lambda t: np.abs(t["correction"]),
-)
+CONSIDERED = Report("Water: Known With An Error", _CONSIDERED)
+CORRECTIONS = Report("Water: Corrections Of The Tides", _CORRECTIONS, worst=lambda t: np.abs(t["correction"]))
 
 
 def _surface(content: Content) -> dict[str, Sequence[float | None]]:

@@ -86,7 +86,6 @@ def _report(table: Each[Statistics, Component], title: str, row: str) -> Report[
             *(table.column(name, label, "F16.3") for label, name in ROWS),
             table.column("maximum_id", f"{row} with Max. Difference", "A8", shown=_maximum),
         ),
-        path=f"analyses.{table.name}",
         layout="across",
     )
 
@@ -153,7 +152,6 @@ BY_PHOTO = Report(
     "Plate Residuals By Photo",
     FRAMES,
     ("photo", *_by_kind(0, "Trig."), *_by_kind(1, "Not trig."), *_by_kind(2, "All")),
-    path="plate_statistics.frames",
     worst=lambda t: np.linalg.norm(np.nan_to_num(t["rms"][:, 0]), axis=1) / MICROMETRE,
 )
 FRAMES_ACROSS = Report(

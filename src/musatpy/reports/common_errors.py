@@ -83,13 +83,11 @@ TESTS = Report(
         "parameter unit test tested smallest reference",
         *(f"{noun}_{what}" for noun in MOVED for what in ("shift", "sigmas")),
     ),
-    path="common_errors.parameters",
 )
 HIDDEN = Report(
     f"{COMMON_ERRORS}: What Moves Most, By The Smallest Error Found",
     PARAMETERS,
     ("parameter", *(f"{noun}{what}" for noun in MOVED for what in ("", "_hidden", "_hidden_sigmas"))),
-    path="common_errors.parameters",
     which=lambda t: np.flatnonzero(t["tested"]),
 )
 RECORD, STATED = (_ERRORS,), (TESTS, HIDDEN)

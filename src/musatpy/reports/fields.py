@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property, partial
 from operator import attrgetter
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
@@ -47,6 +47,12 @@ class Node(Generic[Source]):
     """A name in the record with what stands there."""
 
     name: str
+    inside: ClassVar[Node[Any] | None] = None  # the object that it is in; None: the record itself
+
+    @property
+    def place(self) -> str:
+        """Its path in the record."""
+        return f"{self.inside.place}.{self.name}" if self.inside else self.name
 
     def schema(self) -> Schema:
         """Return what the schema says of it."""
@@ -203,6 +209,10 @@ class FieldGroup(Tabled[Source, Item]):
     of: Callable[[Source], Item | None] = same
     optional: bool = False
     shared: str = ""  # name of its definition in the schema, where several are alike
+
+    def __post_init__(self) -> None:
+        for field in self.fields:
+            object.__setattr__(field, "inside", self)
 
     def schema(self) -> Schema:
         if self.shared:

@@ -273,7 +273,7 @@ def _moved(heading: str, name: str) -> Field[Reduced]:
 
 def _table(title: str, nested: str, *columns: Field[Reduced] | str) -> Report[Reduced]:
     """Return the table of the plates, or of what is `nested` in each of them in the record."""
-    return Report(f"{_TITLE}: {title}", REDUCED_PLATES, ("photo", *columns), path="reduction.plates", nested=nested)
+    return Report(f"{_TITLE}: {title}", REDUCED_PLATES, ("photo", *columns), nested=nested)
 
 
 PLATES = _table(

@@ -151,7 +151,7 @@ def _tests(t: Values) -> FloatArray:
     return np.asarray(t["test"] if t.source is None else t.source.test[t.rows])
 
 
-COMPONENTS = Report("Statistics: Sigma0 And Variance Components", _COMPONENTS, path="tests.variance_components")
+COMPONENTS = Report("Statistics: Sigma0 And Variance Components", _COMPONENTS)
 OBSERVATIONS = Report(
     "Statistics: Observations, The Worst First",
     residuals.OBSERVATIONS,
@@ -171,14 +171,12 @@ CHECKS = Report(
     "Statistics: Check Points Against Their Own Covariance",
     _CHECK_POINTS,
     "point components chi_square probability",
-    path="tests.check_points",
     which=lambda t: worst_first(-np.log10(np.maximum(t["probability"], _LEAST))),
     worst=lambda t: -t["probability"],
 )
 HIDDEN_ERRORS = Report(
     HIDDEN,
     _HIDDEN_ERRORS,
-    path="tests.hidden_errors",
     which=lambda t: np.searchsorted(
         _moved(t.source), t.source.hidden.worst_first[: max(LISTED, int(t.source.hidden.weak.sum()))]
     ),
@@ -188,14 +186,12 @@ HIDDEN_ERRORS = Report(
 WATER = Report(
     "Statistics: Global Unknowns",
     _GLOBALS,
-    path="dependence.globals",
     which=lambda t: worst_first(t["inflation"], _INFLATION),
     worst=lambda t: t["inflation"],
 )
 CORRELATIONS = Report(
     "Statistics: Correlations Of 0.95 And More",
     _CORRELATIONS,
-    path="dependence.correlations",
     which=lambda t: np.arange(t.count)[:_LISTED_CORRELATIONS],
     worst=lambda t: np.abs(t["correlation"]),
     some=True,
@@ -203,7 +199,6 @@ CORRELATIONS = Report(
 STATION_INFLATION = Report(
     "Statistics: Variance Inflation Of Stations",
     _STATION_INFLATION,
-    path="dependence.stations",
     which=lambda t: worst_first(_most_inflated(t), _INFLATION),
     worst=lambda t: _most_inflated(t),
 )

@@ -63,7 +63,7 @@ class Report(Generic[Source]):
     title: str
     table: Rows[Source, Any] | Each[Source, Any] | FieldGroup[Source, Any] | None = None
     columns: str | Sequence[Any] = ()  # names of the table, fields; empty: all fields of the table that are printed
-    path: str = ""  # of the table in the record, where that is not its name
+    path: str = ""  # of the table in the record, where that is not its own
     pattern: str = ""  # a regular expression for the title where that is not always the same
     which: Callable[[Values], IntArray] | None = None  # rows that are printed, in their order; None: all
     worst: Callable[[Values], FloatArray] | None = None  # how bad these are
@@ -75,7 +75,7 @@ class Report(Generic[Source]):
     @property
     def place(self) -> str:
         """The path of the table in the record, empty where that has nothing of it."""
-        return self.path or (self.table.name if self.table else "")
+        return self.path or (self.table.place if self.table else "")
 
     def values(self, source: Any) -> Values:
         """Return the rows that are printed, computed from a source, or as they are."""
