@@ -157,9 +157,13 @@ class FileCameras:
         # products with these rows: distances along the axis, and squares of all distances, less in a wide format
         along = np.column_stack([axis, -np.einsum("ni,ni->n", axis, C)])
         square = np.column_stack([-2.0 * C, np.square(C).sum(axis=1), np.ones(len(C))]) * self._cosines[:, None]
+        # others have nothing in their format that is within such a radius of the middle of the points
+        among = X.sum(axis=0) / max(len(X), 1)
+        radius, away = np.linalg.norm(X - among, axis=1).max(initial=0.0), np.linalg.norm(C - among, axis=1)
+        some = np.flatnonzero(along @ [*among, 1.0] + radius >= np.sqrt(self._cosines) * (away - radius))
         X = np.vstack([X.T, np.ones(len(X)), np.square(X).sum(axis=1)])
         parts = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 2)))]
-        for photos in np.array_split(np.arange(len(C)), 1 + len(C) * len(x) // _PAIRS):
+        for photos in np.array_split(some, 1 + len(some) * len(x) // _PAIRS):
             depth = along[photos] @ X[:4]
             near, row = np.nonzero(np.abs(depth) * depth >= square[photos] @ X)
             photo = photos[near]
