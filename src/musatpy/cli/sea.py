@@ -7,20 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from musatpy.cli import options
 from musatpy.cli.depth_options import POSITIVE, Numbers, system_options
 from musatpy.cli.messages import count_of, name_of, tell
-from musatpy.cli.options import (
-    LazyGroup,
-    columns_of,
-    columns_option,
-    flag,
-    option,
-    options_of,
-    out_option,
-    picture_options,
-    quiet_option,
-    refuse_overwriting,
-)
+from musatpy.cli.options import LazyGroup, flag, option, options_of
 
 if TYPE_CHECKING:
     from musatpy.depth.cameras import CameraStations
@@ -58,8 +48,8 @@ precision_options = options_of(
         SigmaOption(),
     ),
     option("--image-sigma UM", "Sigma of plate coordinates; replaces --sigma.", POSITIVE),
-    columns_option,
-    quiet_option,
+    options.columns_option,
+    options.quiet_option,
     option("--focal MM", "Focal length of the pair, with --image-sigma.", POSITIVE),
     option("--pair LEFT,RIGHT", "Names of the two stations, if there are more."),
     option("--only PATTERN", "Use only points with such names, as 'W*'.", multiple=True),
@@ -119,9 +109,9 @@ def command() -> None:
 @option("--curvature 1/M", "Sigma of the curvature; default: the likeliest.", POSITIVE)
 @option("--cameras", "The two stations, for --image-sigma.", click.Path(path_type=Path), name="stations")
 @flag("--plots", "Also draw the picture NAME.surface.png; needs the extra 'plots'.")
-@picture_options("plots")
+@options.picture_options("plots")
 @system_options
-@out_option
+@options.out_option
 @precision_options
 def fit_command(
     points: Path,
@@ -150,7 +140,7 @@ def fit_command(
         if wrong:
             raise click.UsageError(f"--{wrong[0]} is for the model {other}")
     pair = None if stations is None else pair_by(stations, given["pair"])
-    columns = columns_of(points, given["columns"])
+    columns = options.columns_of(points, given["columns"])
     crs, geoid = given["crs"], given["geoid"]
     system = system_alone(crs, geoid) if pair is None else system_of_points(points, pair.system, crs, geoid)
     read = read_points(points, precision_by(given, pair), given["only"], columns, system)
@@ -167,7 +157,7 @@ def fit_command(
 
         suffix, image = surface_picture(result, title.split("\n")[0], form)
         files[folder / f"{points.stem}.surface.{suffix}"] = image
-    refuse_overwriting(files, [points])
+    options.refuse_overwriting(files, [points])
     write_files(files)
     if not quiet:
         tell(f"{name_of(report)}: {_summary(result)}")

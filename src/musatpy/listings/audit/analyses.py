@@ -16,16 +16,8 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
+from musatpy.listings.audit import report
 from musatpy.listings.audit.cells import Kind, read_cells
-from musatpy.listings.audit.report import (
-    Misprint,
-    PrintedNumber,
-    StandardReport,
-    Suspect,
-    printed,
-    printed_id,
-    range_like,
-)
 from musatpy.listings.audit.scan import Excerpt, Notes, rows_of, says
 from musatpy.listings.lines import PrintedLine
 
@@ -53,7 +45,7 @@ _METRIC = re.compile(r"\b(East|North|Up|Elev|X|Y|Z)\b\.?\s*\(M\)", re.I)
 _FULL = {"Elev": "Elevation"}
 
 
-def read_analysis(excerpt: Excerpt, notes: Notes) -> StandardReport | None:
+def read_analysis(excerpt: Excerpt, notes: Notes) -> report.StandardReport | None:
     """Return the analysis below a title (ETL-0306, Tables 6-1 to 6-3 and 6-5 to 6-7).
 
     None where no row of one is there, or neither the title nor the headings tell the names of its columns.
@@ -65,7 +57,7 @@ def read_analysis(excerpt: Excerpt, notes: Notes) -> StandardReport | None:
             wanted = "Latitude, Longitude, Elevation or X, Y, Z or East, North, Up (M)"
             notes.lost(excerpt.lines[0], f"no row '{wanted}' is legible below")
         return None
-    cells: dict[tuple[str, str], PrintedNumber] = {}
+    cells: dict[tuple[str, str], report.PrintedNumber] = {}
     for statistic in (SIZE, *STATISTICS, MAXIMUM_ID):
         filled = [column for column in columns if _is_printed(statistic, column[0], cells)]
         if statistic not in rows or not filled:
@@ -77,14 +69,14 @@ def read_analysis(excerpt: Excerpt, notes: Notes) -> StandardReport | None:
         texts = notes.cells(line, text, kinds, statistic, None if statistic in own else _places(rows, kinds))
         for (name, unit), cell in zip(filled, texts, strict=False):
             if statistic == SIZE:
-                cells[name, SIZE] = PrintedNumber(int(cell), 0.0, cell, line.number)
+                cells[name, SIZE] = report.PrintedNumber(int(cell), 0.0, cell, line.number)
             elif statistic == MAXIMUM_ID:
-                cells[name, MAXIMUM_ID] = printed_id(cell, line.number)
+                cells[name, MAXIMUM_ID] = report.printed_id(cell, line.number)
             else:
-                cells[name, statistic] = printed(cell, line.number, unit)
+                cells[name, statistic] = report.printed(cell, line.number, unit)
     order = [name for name, _ in columns]
     cells = dict(sorted(cells.items(), key=lambda cell: order.index(cell[0][0])))
-    return StandardReport(
+    return report.StandardReport(
         name=f"{excerpt.kind} analysis", refracted=excerpt.refracted, line=excerpt.lines[0].number, cells=cells
     )
 
@@ -104,7 +96,7 @@ def _components(excerpt: Excerpt) -> Sequence[tuple[str, str]] | None:
     return None
 
 
-def _is_printed(statistic: str, name: str, cells: Mapping[tuple[str, str], PrintedNumber]) -> bool:
+def _is_printed(statistic: str, name: str, cells: Mapping[tuple[str, str], report.PrintedNumber]) -> bool:
     """Tell whether a column has a statistic.
 
     A sample of none has none, one of one no deviation, and a maximum that prints as zero no id.
@@ -124,15 +116,17 @@ def _places(rows: dict[str, tuple[PrintedLine, str]], kinds: list[Kind]) -> list
     return [column.most_common(1)[0][0] if column else None for column in columns]
 
 
-def check_analysis(analysis: StandardReport) -> Iterator[Misprint]:
+def check_analysis(analysis: report.StandardReport) -> Iterator[report.Misprint]:
     """Yield what contradicts in an analysis: within each column, and between the sizes of their samples."""
     for name in analysis.items:
         cells = {what: analysis.cells[name, what] for what in STATISTICS if (name, what) in analysis.cells}
         for what, cell in cells.items():
             parts = cell.text.split()
             if len(parts) == 3 and (int(parts[1]) >= 60 or float(parts[2]) >= 60.0):
-                suspects = (Suspect(STATISTICS[what], cell.line, cell.text),)
-                yield Misprint(cell.line, analysis.title, name, "no angle in degrees, minutes, seconds", suspects)
+                suspects = (report.Suspect(STATISTICS[what], cell.line, cell.text),)
+                yield report.Misprint(
+                    cell.line, analysis.title, name, "no angle in degrees, minutes, seconds", suspects
+                )
         if (name, SIZE) in analysis.cells:
             yield from _column(analysis, name, analysis.cells[name, SIZE], cells)
     # Of all stations, of latitude and longitude of points.
@@ -140,12 +134,15 @@ def check_analysis(analysis: StandardReport) -> Iterator[Misprint]:
     sizes = [analysis.cells[name, SIZE] for name in alike if (name, SIZE) in analysis.cells]
     if len({size.value for size in sizes}) > 1:
         message = f"samples of {', '.join(size.text for size in sizes)} that should be of one size"
-        yield Misprint(sizes[0].line, analysis.title, ", ".join(alike), message)
+        yield report.Misprint(sizes[0].line, analysis.title, ", ".join(alike), message)
 
 
 def _column(
-    analysis: StandardReport, name: str, size: PrintedNumber, cells: Mapping[str, PrintedNumber]
-) -> Iterator[Misprint]:
+    analysis: report.StandardReport,
+    name: str,
+    size: report.PrintedNumber,
+    cells: Mapping[str, report.PrintedNumber],
+) -> Iterator[report.Misprint]:
     """Yield the contradiction within one column, with every cell that alone could be the cause."""
     N, bounds = int(size.value), {what: (cell.low, cell.high) for what, cell in cells.items()}
     if not N or consistent(N, bounds):
@@ -154,13 +151,13 @@ def _column(
     for what, cell in cells.items():
         if consistent(N, {key: value for key, value in bounds.items() if key != what}):
             within = implied(N, what, bounds)
-            expected = range_like(*within, cell.text) if within and math.isfinite(within[1]) else ""
-            suspects.append(Suspect(STATISTICS[what], cell.line, cell.text, expected))
+            expected = report.range_like(*within, cell.text) if within and math.isfinite(within[1]) else ""
+            suspects.append(report.Suspect(STATISTICS[what], cell.line, cell.text, expected))
     for other in sizes_implied(bounds):
         if consistent(other, bounds) and (other > 1 or "deviation" not in bounds):
-            suspects.append(Suspect("sample size", size.line, size.text, str(other)))
+            suspects.append(report.Suspect("sample size", size.line, size.text, str(other)))
     line = suspects[0].line if suspects else size.line
-    yield Misprint(line, analysis.title, name, _contradiction(N, bounds), tuple(suspects))
+    yield report.Misprint(line, analysis.title, name, _contradiction(N, bounds), tuple(suspects))
 
 
 def _contradiction(N: int, bounds: Mapping[str, Interval]) -> str:

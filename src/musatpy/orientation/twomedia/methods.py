@@ -22,15 +22,7 @@ from musatpy.geometry.similarity import fit_robust
 from musatpy.model.options import OrientationMethod, PlaneTreatment
 from musatpy.orientation.relative import model_points, solutions
 from musatpy.orientation.resection import resections
-from musatpy.orientation.twomedia.rays import (
-    Condition,
-    ConditionGroup,
-    Orientation,
-    fermat,
-    intersection,
-    refracted,
-    triple,
-)
+from musatpy.orientation.twomedia import rays
 from musatpy.orientation.twomedia.sights import Method, Sights, WaterPlane
 
 _PAIRS = ((0, 1), (1, 2), (0, 2))
@@ -47,44 +39,48 @@ _UP = np.array([0.0, 0.0, 1.0])
 # --- conditions ---
 
 
-def _groups(sights: Sights, *cases: tuple[Condition, tuple[int, ...], BoolArray]) -> tuple[ConditionGroup, ...]:
+def _groups(
+    sights: Sights, *cases: tuple[rays.Condition, tuple[int, ...], BoolArray]
+) -> tuple[rays.ConditionGroup, ...]:
     """Return the conditions of points (p,) on some photos each, without those that have no points."""
     return tuple(
-        ConditionGroup(
+        rays.ConditionGroup(
             condition=condition,
             photos=photos,
             images=sights.rows[points][:, photos],
-            control=np.flatnonzero(points) if condition in (refracted, fermat) else None,
+            control=np.flatnonzero(points) if condition in (rays.refracted, rays.fermat) else None,
         )
         for condition, photos, points in cases
         if points.any()
     )
 
 
-def _of_control(sights: Sights, of_wet: Condition = refracted) -> tuple[ConditionGroup, ...]:
+def _of_control(sights: Sights, of_wet: rays.Condition = rays.refracted) -> tuple[rays.ConditionGroup, ...]:
     """Return the conditions of the control on one photo: rays in air go by (13) in both methods."""
     used = sights.is_control & sights.seen[:, 0]
-    return _groups(sights, (of_wet, (0,), used & sights.wet), (refracted, (0,), used & ~sights.wet))
+    return _groups(sights, (of_wet, (0,), used & sights.wet), (rays.refracted, (0,), used & ~sights.wet))
 
 
-def _intersections(sights: Sights) -> tuple[ConditionGroup, ...]:
+def _intersections(sights: Sights) -> tuple[rays.ConditionGroup, ...]:
     """Return the coplanarities of all pairs of photos: of three the scale is none until the rays nearly meet."""
     pairs = [pair for pair in _PAIRS if max(pair) < len(sights.photos)]
-    return _groups(sights, *((intersection, pair, sights.on_all(pair)) for pair in pairs))
+    return _groups(sights, *((rays.intersection, pair, sights.on_all(pair)) for pair in pairs))
 
 
-def _combined(sights: Sights) -> tuple[ConditionGroup, ...]:
+def _combined(sights: Sights) -> tuple[rays.ConditionGroup, ...]:
     """Return (13) of the control on both photos or on one, and (29) of the other points."""
     known, both = sights.is_control, sights.on_all((0, 1))
-    alone = [(refracted, (photo,), known & sights.seen[:, photo] & ~both) for photo in (0, 1)]
-    return _groups(sights, (refracted, (0, 1), known & both), *alone, (intersection, (0, 1), ~known & both))
+    alone = [(rays.refracted, (photo,), known & sights.seen[:, photo] & ~both) for photo in (0, 1)]
+    return _groups(
+        sights, (rays.refracted, (0, 1), known & both), *alone, (rays.intersection, (0, 1), ~known & both)
+    )
 
 
-def _triplet(sights: Sights) -> tuple[ConditionGroup, ...]:
+def _triplet(sights: Sights) -> tuple[rays.ConditionGroup, ...]:
     """Return two coplanarities and one scale of points on three photos, one coplanarity of those on two."""
     count = sights.seen.sum(axis=1)
-    pairs = [(intersection, pair, sights.on_all(pair) & (count == 2)) for pair in _PAIRS]
-    return _groups(sights, (triple, (0, 1, 2), count == 3), *pairs)
+    pairs = [(rays.intersection, pair, sights.on_all(pair) & (count == 2)) for pair in _PAIRS]
+    return _groups(sights, (rays.triple, (0, 1, 2), count == 3), *pairs)
 
 
 # --- starts ---
@@ -92,16 +88,16 @@ def _triplet(sights: Sights) -> tuple[ConditionGroup, ...]:
 
 def _orientations(
     trials: Sequence[tuple[FloatArray, FloatArray, Sequence[float] | FloatArray, float]], photos: int, index: float
-) -> Orientation:
+) -> rays.Orientation:
     """Return the orientations (s,) of trials: attitudes and stations (m, 3), slope and level of the water."""
     vectors = [
         [*np.hstack([attitude.reshape(-1, 3), station.reshape(-1, 3)]).ravel(), *slope, level, index]
         for attitude, station, slope, level in trials
     ]
-    return Orientation.of(np.array(vectors).reshape(len(trials), 6 * photos + 4))
+    return rays.Orientation.of(np.array(vectors).reshape(len(trials), 6 * photos + 4))
 
 
-def _resected(sights: Sights, plane: WaterPlane, base: float) -> Orientation:
+def _resected(sights: Sights, plane: WaterPlane, base: float) -> rays.Orientation:
     """Return starts (s,) of one photo, none where no resection has a solution.
 
     For trial levels the control stands at its apparent heights, and the resection for air does the rest.
@@ -138,7 +134,7 @@ def _lifted(control: FloatArray, wet: BoolArray, level: float, plane: WaterPlane
     return apparent
 
 
-def _relative(sights: Sights, plane: WaterPlane, base: float, *, along_base: bool = True) -> Orientation:
+def _relative(sights: Sights, plane: WaterPlane, base: float, *, along_base: bool = True) -> rays.Orientation:
     """Return models (s,) of photos 0 and 1: the relative orientations for air, each with trial planes of water.
 
     In the axes of the base, or of photo 1; the X of the second station is `base`. Homographies are not to be
@@ -192,7 +188,7 @@ def _trial_planes(
     return trials
 
 
-def _model_places(pair: Orientation, images: FloatArray) -> FloatArray:
+def _model_places(pair: rays.Orientation, images: FloatArray) -> FloatArray:
     """Return the apparent places (s, k, 3) of points in models (s,) of photos 0 and 1, from images (2, k, 2)."""
     M = attitude_matrix(pair.attitude)
     first, second = M[:, 0], M[:, 1]
@@ -201,7 +197,7 @@ def _model_places(pair: Orientation, images: FloatArray) -> FloatArray:
     return X @ first + pair.station[:, :1]
 
 
-def _fitted(sights: Sights, plane: WaterPlane, base: float) -> Orientation:
+def _fitted(sights: Sights, plane: WaterPlane, base: float) -> rays.Orientation:
     """Return starts (s,): the model of the pair for air, fitted to the control at its apparent heights."""
     points, images = sights.common((0, 1))
     models = _relative(sights, plane, 1.0)
@@ -219,7 +215,7 @@ def _fitted(sights: Sights, plane: WaterPlane, base: float) -> Orientation:
     return _orientations(trials, 2, plane.index)
 
 
-def _with_third(sights: Sights, plane: WaterPlane, base: float) -> Orientation:
+def _with_third(sights: Sights, plane: WaterPlane, base: float) -> rays.Orientation:
     """Return starts (s,): the pair of photos 1 and 2 for air, and photo 3 by resection from its apparent points."""
     pair = _relative(sights, plane, base)
     _, images = sights.common((0, 1, 2))
@@ -247,7 +243,7 @@ _ONE_PHOTO: dict[str, Any] = {"photos": 1, "unknown": _ALL * 2, "starts": _resec
 _PAIR: dict[str, Any] = {"photos": 2, "groups": _intersections, "shared": _SHARED}
 SINGLE_RAY = Method(name="SINGLE-RAY", groups=_of_control, **_ONE_PHOTO)
 SINGLE_FERMAT = Method(
-    name="SINGLE-FERMAT", groups=partial(_of_control, of_wet=fermat), approach=_of_control, **_ONE_PHOTO
+    name="SINGLE-FERMAT", groups=partial(_of_control, of_wet=rays.fermat), approach=_of_control, **_ONE_PHOTO
 )
 PAIR_INDEPENDENT = Method(name="PAIR-INDEPENDENT", unknown=_INDEPENDENT, starts=_relative, **_PAIR)
 PAIR_SUCCESSIVE = Method(
