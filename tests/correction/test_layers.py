@@ -93,6 +93,9 @@ def test_points_of_a_model_are_those_of_its_compilation(run_record: Path, tmp_pa
     sigmas = np.column_stack([rows[f"sigma_{name}"].values for name in ("east", "north", "height")])
     np.testing.assert_allclose(sigmas, expected, rtol=0.0, atol=6e-5)
     np.testing.assert_allclose(rows["sigma_depth"].values, points.depth_sigma, rtol=0.0, atol=6e-5)
+    vertical, depth = 1.96 * sigmas[:, 2], rows["depth"].values
+    assert (vertical > np.hypot(0.5, 0.013 * depth)).all() and (vertical < np.hypot(1.0, 0.023 * depth)).all()
+    assert (rows["s44"].values == 2).all()  # S-44 6.1.0: not 1a or 1b, but 2
 
 
 def test_contours_of_a_map_go_through_a_geopackage(run_record: Path, tmp_path: Path) -> None:

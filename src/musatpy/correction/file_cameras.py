@@ -28,7 +28,7 @@ from musatpy.adjustment.waterline import every_ray_wet
 from musatpy.arrays import BoolArray, FloatArray, IntArray, in_parts
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in, of_record
 from musatpy.compilation.true_points import at_rest, nearest_to_rays, network_of_plates, settled
-from musatpy.correction.methods import REASON, CorrectedPoints, Method, ResultColumn, Tally
+from musatpy.correction.methods import REASON, S44, CorrectedPoints, Method, ResultColumn, Tally
 from musatpy.depth.cameras import system_of_points
 from musatpy.errors import AdjustmentError, DepthError, Problem, ProblemsError
 from musatpy.geometry.geodesy import surface, water_heights
@@ -43,7 +43,7 @@ from musatpy.sfm.export import adjusted_lenses
 from musatpy.sfm.model import links
 from musatpy.sfm.source import FileCameras, cameras_of_job, spread_over
 from musatpy.sfm.wet import NOTHING, WaterArea, Wet, Wetness, read_water, wetness
-from musatpy.soundings.s44 import order_names, orders_met
+from musatpy.soundings.s44 import orders_by_sigmas
 from musatpy.units import DEGREE, MICROMETRE
 
 _SHORE = 2.0  # m, from a shore to where heights decide: without water in its bundle a cloud is off in plan
@@ -57,7 +57,7 @@ _COLUMNS = {
     "incidence": ResultColumn("mean angle in air, degrees", "deg", decimals=2, in_layers=False),
     "rays": ResultColumn("photos that it is taken from", "", "u2"),
     "py": ResultColumn("RMS of its residuals, um", "um", decimals=2, in_layers=False),
-    "s44": ResultColumn("1 Exclusive to 4 Order 2, 5 none", "", "u1"),
+    "s44": S44,
     "reason": REASON,
 }
 
@@ -100,13 +100,6 @@ class ByFileCameras(Method):
     def lines(self, tally: Tally) -> list[str]:
         """Return what has come of points in words, and what said that they are wet or dry."""
         return [*super().lines(tally), *(f"{number} points {words}" for words, number in tally.taken.items())]
-
-    def in_words(self, name: str, points: CorrectedPoints) -> Sequence[str]:
-        """Return the texts (n,) of a column in a table: of S-44 the name of the order."""
-        if name != "s44":
-            return super().in_words(name, points)
-        names = ["", *order_names()]
-        return [names[int(number)] for number in np.nan_to_num(points.values[name]).tolist()]
 
     def corrected(self, points: FloatArray, covariance: FloatArray, classes: IntArray) -> CorrectedPoints:
         """Return what comes of finite points (n, 3) of `classes` (n,); their covariances have no part in it."""
@@ -203,10 +196,7 @@ class ByFileCameras(Method):
         true[rows[known]] = network.frame.level(state.ground[known])
         for name, column in zip(("sigma_h", "sigma_z", "sigma_depth"), sigma.T, strict=True):
             values[name][rows] = column
-        wet = known & flagged & (values["depth"][rows] > 0.0)
-        square = np.square(sigma[wet])  # that of both directions in plan for the larger one
-        covariance = square[:, [0, 0, 1], None] * np.eye(3)
-        values["s44"][rows[wet]] = 1 + orders_met(values["depth"][rows[wet]], covariance)
+        values["s44"][rows] = orders_by_sigmas(np.where(flagged, values["depth"][rows], np.nan), *sigma.T[:2])
         against = Counter({"wet or dry against their heights": int(np.count_nonzero(taken.against & known))})
         return taken.counts(known) + against
 

@@ -21,6 +21,7 @@ from musatpy.geometry.systems import System
 from musatpy.pointfiles.columns import AXES
 from musatpy.pointfiles.point_tables import quoted
 from musatpy.refraction.apparent import REASONS, Fault
+from musatpy.soundings.s44 import order_names
 
 TRUE = tuple(f"true_{axis}" for axis in AXES)
 APPARENT = tuple(f"apparent_{axis}" for axis in AXES)
@@ -39,6 +40,7 @@ class ResultColumn:
 
 
 REASON = ResultColumn("0 corrected, else why not", "", "u1")
+S44 = ResultColumn("1 Exclusive to 4 Order 2, 5 none", "", "u1")
 SIGMAS = dict.fromkeys(("sigma_east", "sigma_north", "sigma_height"), ResultColumn("of the true place, m"))
 
 
@@ -202,6 +204,9 @@ class Method:
         """Return the texts (n,) of a column in a table."""
         if name == "reason":
             return [quoted(self.reasons[number]) for number in points.fault.tolist()]
+        if name == "s44":
+            orders = ["", *order_names()]
+            return [orders[int(number)] for number in np.nan_to_num(points.values[name]).tolist()]
         form, values = f"%.{self.columns[name].decimals}f", points.values[name].tolist()
         return ["" if value != value else form % value for value in values]
 

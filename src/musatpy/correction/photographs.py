@@ -13,12 +13,13 @@ import pyproj
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.triangulation import of_record, of_stations
 from musatpy.compilation.true_points import PointSigmas, ThroughWaves
-from musatpy.correction.methods import REASON, SIGMAS, CorrectedPoints, Method, ResultColumn, Tally
+from musatpy.correction.methods import REASON, S44, SIGMAS, CorrectedPoints, Method, ResultColumn, Tally
 from musatpy.depth.cameras import CameraStations, read_run, system_of_points
 from musatpy.depth.correction import Correction, attempted, require_sight
 from musatpy.errors import CompilationError, DepthError, Problem, ProblemsError, RecordError
 from musatpy.model import Water
 from musatpy.refraction.apparent import REASONS, Fault
+from musatpy.soundings.s44 import orders_by_sigmas
 from musatpy.units import DEGREE
 
 _WORD = 64  # cameras of one dimension of bits
@@ -32,7 +33,7 @@ _COLUMNS = {
     "largest_incidence": ResultColumn("largest angle in air, degrees", "deg", decimals=2, in_layers=False),
     "reason": REASON,
 }
-_SIGMAS = {**SIGMAS, "sigma_depth": ResultColumn("m")}  # where the stations have any
+_SIGMAS = {**SIGMAS, "sigma_depth": ResultColumn("m"), "s44": S44}  # where the stations have any
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -142,7 +143,8 @@ class ByPhotographs(Method):
         fault = true.fault.astype(np.int64)
         values = {name: getattr(true, name) for name in ("depth", "factor", "cameras", "spread")}
         values |= {name: getattr(true, name) / DEGREE for name in ("incidence", "largest_incidence")}
-        values |= zip(_SIGMAS, (*true.sigma.T, true.depth_sigma), strict=True)
+        order = orders_by_sigmas(true.depth, np.hypot(*true.sigma.T[:2]), true.sigma[:, 2])
+        values |= zip(_SIGMAS, (*true.sigma.T, true.depth_sigma, order), strict=True)
         full = np.zeros((len(seen), -(-seen.shape[1] // _WORD) * _WORD), dtype=bool)
         full[:, : seen.shape[1]] = seen
         bits = np.packbits(full, axis=1, bitorder="little").view("<u8").T

@@ -58,6 +58,17 @@ def orders_met(depth: FloatArray, covariance: FloatArray) -> IntArray:
     return np.asarray(np.argmax([*met, np.ones(len(depth), dtype=bool)], axis=0))
 
 
+def orders_by_sigmas(depth: FloatArray, plan: FloatArray, up: FloatArray) -> FloatArray:
+    """Return the same of points (k,), counted from 1, NaN where nothing is known or there is no depth.
+
+    `plan` (k,) m, the sigma of both directions together, stands for the longer half axis.
+    """
+    out, known = np.full(len(depth), np.nan), (depth > 0.0) & np.isfinite(plan) & np.isfinite(up)
+    square = np.square(np.column_stack([plan, plan, up])[known])
+    out[known] = 1 + orders_met(depth[known], square[:, :, None] * np.eye(3))
+    return out
+
+
 def order_names() -> list[str]:
     """Return the names of the orders, the strictest first, and that of points that meet none."""
     return [*(order.name for order in survey_orders()), NO_ORDER]
