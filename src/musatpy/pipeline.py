@@ -118,6 +118,7 @@ def _causes(
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     """Return the causes of a run that is not accepted, or has no solution, and that their search was stopped."""
     from musatpy.blunders.causes import first_look  # most runs are accepted
+    from musatpy.blunders.hypotheses import of_kinds
     from musatpy.blunders.scene import GIVEN_UP, LIMIT, SearchLimitError
     from musatpy.blunders.search import usual_effort
 
@@ -134,10 +135,10 @@ def _causes(
             found = causes_of(block, sea, progress, effort)
         except SearchLimitError:
             ended = False
-        if solution is not None and (not ended or (not found and block.antenna_positions.count)):
+        if solution is not None and (not ended or (not found and of_kinds(block))):
             with numerics("causes"), np.errstate(all="ignore"):
                 found = first_look(solution, sea)
-            if ended:  # shifts of lines follow a wrong lever arm: no robust weights show that
+            if ended:  # parameters follow an error in common, as shifts of lines do: no robust weights show that
                 found = tuple(cause for cause in found if cause.test > LIMIT)
     return found, (_STOPPED,) if effort.left <= 0 else ()
 

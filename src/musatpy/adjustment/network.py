@@ -79,6 +79,13 @@ class MeasuredTies:
     point: IntArray  # (d, b)
     value: FloatArray  # (d,), or (d, 3) of vectors
     weight: FloatArray  # likewise
+    principal: FloatArray | None = None  # (d, 3, 3) from the components of the table to these; None: they are these
+
+    def on_card(self, row: int, error: FloatArray) -> FloatArray:
+        """Return errors of a row of the table in its components, of those of all its independent ones."""
+        if self.principal is None or row not in self.row or len(error) != self.principal.shape[1]:
+            return error
+        return error @ self.principal[self.row == row][0]
 
 
 _NONE, _NO_ENDS = np.zeros(0, dtype=np.int64), np.zeros((0, 0), dtype=np.int64)

@@ -1,4 +1,7 @@
-"""What may be wrong with the antenna positions of whole lines: a lever arm's sign, a clock, exchanged records."""
+"""What may be wrong with the antenna positions of whole lines: a lever arm's sign, a clock, exchanged records.
+
+`hypotheses` has what a file of such errors of a kind gives.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,8 @@ from musatpy.model import Block, CauseKind, ObservationKind
 _FEWEST = 3  # positions of a line, for a speed
 _NEARER = 0.3  # times as far as now must exchanged positions lie from where the images say
 _IN_ORDER, _REVERSED = 0, 1  # how the positions of two lines are exchanged
+KIND = ObservationKind.ANTENNA
+SENSIBLE = {CauseKind.ANTENNA_TIMES: 3600.0}  # s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,6 +35,11 @@ class LineError:
     positions: FloatArray  # (a, 3) m, working, added to the positions
     lever_arm: FloatArray  # (l, 3) m, added to the lever arms as given
 
+    @property
+    def whole(self) -> FloatArray | None:
+        """(3,) m, its size, which it has or has not: of a sign. None: it may have any."""
+        return self.lever_arm.sum(axis=0) if self.kind is CauseKind.LEVER_ARM_SIGN else None
+
     def of(self, kind: ObservationKind, block: Block, network: Network) -> FloatArray | None:
         """Return what one unit adds to the observations (r,) of a kind, None where nothing."""
         if kind is ObservationKind.LEVER_ARM:
@@ -40,7 +50,7 @@ class LineError:
         return np.einsum("dij,dj->di", ties.to_components(network), self.positions[ties.row]).reshape(-1)
 
 
-def line_errors(block: Block, network: Network, state: State) -> Iterator[LineError]:
+def common_errors(block: Block, network: Network, state: State) -> Iterator[LineError]:
     """Yield an error of a second of the time of each line, and signs of lever arms that are not zero."""
     table, arms = block.antenna_positions, block.lever_arms
     speed = _velocities(block, network.frame.working(table.position))
@@ -86,7 +96,9 @@ def _velocities(block: Block, place: FloatArray) -> FloatArray:
     return out
 
 
-def exchanged_lines(block: Block, network: Network, state: State) -> Iterator[tuple[int, tuple[int, ...], str]]:
+def exchanges(
+    block: Block, network: Network, state: State
+) -> Iterator[tuple[CauseKind, int, tuple[int, ...], str]]:
     """Yield how, and between which photos, the positions of two lines of as many were exchanged, or one reversed.
 
     Each then lies near where the images say.
@@ -107,7 +119,7 @@ def exchanged_lines(block: Block, network: Network, state: State) -> Iterator[tu
                 names = dict.fromkeys(table.line[rows[[0, -1]]].tolist())
                 order = ", in reversed order" if how == _REVERSED else ""
                 what = f"line{'s'[: len(names) - 1]} {' and '.join(names)}{order}"
-                yield how, tuple(table.photo[rows].tolist()), what
+                yield CauseKind.ANTENNA_LINES, how, tuple(table.photo[rows].tolist()), what
 
 
 def _exchange(how: int, first: IntArray, second: IntArray) -> tuple[IntArray, IntArray]:
@@ -118,7 +130,7 @@ def _exchange(how: int, first: IntArray, second: IntArray) -> tuple[IntArray, In
     return np.concatenate([first, second]), np.concatenate([second[::turn], first[::turn]])
 
 
-def with_other_times(block: Block, photo: IntArray, slip: float) -> Block:
+def _with_other_times(block: Block, photo: IntArray, _: int, slip: float) -> Block:
     """Return the block with the positions of some photos as they were `slip` s before."""
     table, changed = block.antenna_positions, block.antenna_positions.position.copy()
     member = np.isin(table.photo, photo)
@@ -126,7 +138,7 @@ def with_other_times(block: Block, photo: IntArray, slip: float) -> Block:
     return replace(block, antenna_positions=replace(table, position=changed))
 
 
-def with_other_sign(block: Block, member: int) -> Block:
+def _with_other_sign(block: Block, _: IntArray, member: int, __: float) -> Block:
     """Return the block with the other sign of components of a lever arm, by the `member` of its `LineError`."""
     row, bits = divmod(member, 8)
     offset = block.lever_arms.offset.copy()
@@ -134,7 +146,7 @@ def with_other_sign(block: Block, member: int) -> Block:
     return replace(block, lever_arms=replace(block.lever_arms, offset=offset))
 
 
-def with_exchanged_lines(block: Block, photo: IntArray, how: int) -> Block:
+def _with_exchanged_lines(block: Block, photo: IntArray, how: int, _: float) -> Block:
     """Return the block with the positions of the photos of two lines exchanged, or those of one reversed."""
     table, row = block.antenna_positions, np.zeros(block.photos.count, dtype=int)
     row[table.photo] = np.arange(table.count)
@@ -145,3 +157,10 @@ def with_exchanged_lines(block: Block, photo: IntArray, how: int) -> Block:
     position, sigma = table.position.copy(), table.sigma.copy()
     position[rows], sigma[rows] = table.position[source], table.sigma[source]
     return replace(block, antenna_positions=replace(table, position=position, sigma=sigma))
+
+
+REVISIONS = {
+    CauseKind.ANTENNA_TIMES: _with_other_times,
+    CauseKind.LEVER_ARM_SIGN: _with_other_sign,
+    CauseKind.ANTENNA_LINES: _with_exchanged_lines,
+}

@@ -40,7 +40,6 @@ from musatpy.units import DEGREE, FOOT
 MOST = 12  # causes that are named
 _CHECK_POINTS = 3  # the worst first
 _FIRST = 3  # hypotheses of the linear model at the answer
-_OF_SEVERAL = (CauseKind.TIDES, CauseKind.ANTENNA_TIMES, CauseKind.ANTENNA_LINES, CauseKind.LEVER_ARM_SIGN)
 _TURNED = 10.0 * DEGREE  # farther than any start value that serves
 
 
@@ -85,8 +84,9 @@ def cause_of(block: Block, sigma0: float, rival: Rival) -> Cause:
 def _in_words(block: Block, hypothesis: Hypothesis) -> Cause:
     """Return what a hypothesis says, without its size."""
     kind, words = hypothesis.kind, in_words(hypothesis)
-    name = f"; {hypothesis.name}" if kind is CauseKind.AXES and hypothesis.name else ""
-    component = (kind in _OF_SEVERAL and hypothesis.name) or words.component
+    name, component = "", hypothesis.name or words.component
+    if kind is CauseKind.AXES and hypothesis.name:
+        name, component = f"; {hypothesis.name}", words.component
     cause = _cause(block, kind, hypothesis.photo, hypothesis.point, component=component)
     return replace(cause, cards=mnemonics(words.cards, block.options.system), advice=f"{words.advice}{name}")
 

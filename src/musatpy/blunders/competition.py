@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from musatpy.adjustment.kinds.gnss import AntennaTies
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
@@ -213,8 +212,8 @@ def _sized(hypothesis: Hypothesis, network: Network, residual: Factors) -> Hypot
     error, part = -hypothesis.values_in(residual), hypothesis.given_up[0]
     if part.kind is _K.CONTROL:
         error = as_on_cards(network, hypothesis.point[0], part.component, error)
-    elif isinstance(ties := network.measured.get(part.kind), AntennaTies):
-        error = ties.on_card(int(part.row[0]), error)
+    elif part.kind in network.measured:
+        error = network.measured[part.kind].on_card(int(part.row[0]), error)
     return replace(hypothesis, error=np.where(np.isfinite(hypothesis.error), error, np.nan))
 
 

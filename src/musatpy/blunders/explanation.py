@@ -15,7 +15,7 @@ from musatpy.adjustment.iteration import State, iterate
 from musatpy.adjustment.kinds import PRIORS
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
-from musatpy.blunders.hypotheses import Hypothesis, common_errors, hypotheses, moved_state, revised
+from musatpy.blunders.hypotheses import OF_KINDS, Hypothesis, common_errors, hypotheses, moved_state, revised
 from musatpy.blunders.linear_model import LinearModel, linear_model
 from musatpy.blunders.scene import (
     GIVEN_UP,
@@ -42,7 +42,7 @@ SENSIBLE = {  # sizes of errors that are common to many observations, and can be
     CauseKind.PRINCIPAL_POINT: 10.0,  # mm
     CauseKind.INDEX: 0.2,
     CauseKind.TIDES: 30.0,  # m
-    CauseKind.ANTENNA_TIMES: 3600.0,  # s
+    **{kind: size for module in OF_KINDS for kind, size in module.SENSIBLE.items()},
 }
 _DOUBT = 2.0  # times what the linear model has misjudged of the best: by so much more it may of the others
 NEARLY = 0.5  # of the squares that the best explains in the linear model: less is not tried

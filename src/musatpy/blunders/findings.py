@@ -10,7 +10,6 @@ import numpy as np
 
 from musatpy.adjustment.iteration import heights_and_water
 from musatpy.adjustment.kinds import MEASURED
-from musatpy.adjustment.kinds.gnss import AntennaTies
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.blunders.alternatives import misfit
 from musatpy.blunders.hypotheses import CAUSES
@@ -124,8 +123,8 @@ def _tested(
     if kind is _K.CONTROL:
         point, out = int(search.block.control.point[row]), np.flatnonzero(search.last.out[kind][row])
         error[out] = as_on_cards(search.last.scene.network, point, out, error[out])
-    elif isinstance(ties := search.last.scene.network.measured.get(kind), AntennaTies):
-        error = ties.on_card(row, error)
+    elif kind in search.last.scene.network.measured:
+        error = search.last.scene.network.measured[kind].on_card(row, error)
     largest = np.fmax.reduce(np.abs(test[components][known]), initial=np.nan)
     return float(largest), tuple(error[components][known].tolist())
 

@@ -6,20 +6,21 @@ camera constant, the index, a unit of length, the tides of several photos.
 
 from __future__ import annotations
 
+import typing
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from musatpy.adjustment.iteration import LEVEL, State, tide_groups
 from musatpy.adjustment.kinds import MEASURED, PRIORS, direct_rows
-from musatpy.adjustment.kinds.gnss import AntennaTies
 from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.sightings import index_partials, residuals
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.antennas import line_errors, with_exchanged_lines, with_other_sign, with_other_times
+from musatpy.blunders import antennas
 from musatpy.blunders.linear_model import Drop, LinearModel, PointChecks, dropped, put_in_again
 from musatpy.blunders.scene import IMAGES_CHECKED, PENALTY, Factors
 from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
@@ -35,6 +36,7 @@ CONTROL, STATIONS, PLATES_TO_FOCAL_LENGTH, HEIGHTS = range(4)  # whose unit of l
 Y_REVERSED, X_REVERSED, EXCHANGED, CONTROL_EXCHANGED, HEIGHTS_NEGATED = range(5)  # axes of plates, of control
 PLATES, CARDS = 0, 1  # that bear exchanged labels: plate cards, or station cards
 _EXCHANGED = "each stands where the card of the other one says: exchange the photo ids on the {} cards"
+OF_KINDS = (antennas,)  # errors that many observations of a kind have in common: one file for each that has such
 _SAME_UNIT = 0.05  # by which a factor may be off that of a unit
 CAUSES = {  # what may be wrong with what was observed of a kind, images and control apart
     _K.STATION_POSITION: CauseKind.POSITION,
@@ -195,7 +197,7 @@ def _direct(model: LinearModel) -> Iterator[Hypothesis]:
         partials, index = rows.partials.reshape(-1, c, rows.index.shape[1]), rows.index[::c]
         Q = partials @ model.cofactors.between(index, index) @ np.swapaxes(partials, 1, 2)
         ties = model.network.measured[kind.observed]
-        mixed = np.swapaxes(ties.principal, 1, 2) if isinstance(ties, AntennaTies) else None
+        mixed = None if ties.principal is None else np.swapaxes(ties.principal, 1, 2)
         drop = dropped(rows.residual.reshape(-1, c), rows.weight.reshape(-1, c), Q, _COMMON_CHECKED, mixed)
         for k in _most(drop):
             given_up = GivenUp.of_row(kind.observed, int(rows.row[c * k]), np.arange(c))
@@ -245,13 +247,18 @@ def common_errors(model: LinearModel) -> list[Hypothesis]:
     tides: Iterator[Hypothesis] = iter(())
     if network.water.per_photo:
         tides = common_tides(block, network, model.station_weight[:, LEVEL], model.stations[:, LEVEL], model.factor)
-    return [*_unknowns_more(columns, weight, pull, coupling, model.factor), *tides, *_of_lines(model)]
+    return [*_unknowns_more(columns, weight, pull, coupling, model.factor), *tides, *_of_kinds(model)]
 
 
-def _of_lines(model: LinearModel) -> Iterator[Hypothesis]:
-    """Yield what antenna positions have in common; signs of lever arms with what just these explain."""
+def of_kinds(block: Block) -> list[ModuleType]:
+    """Return what has errors in common of those kinds of observations that a block has."""
+    return [module for module in OF_KINDS if getattr(block, module.KIND.attribute).count]
+
+
+def _of_kinds(model: LinearModel) -> Iterator[Hypothesis]:
+    """Yield what observations of a kind have in common; errors that are whole with what just these explain."""
     network, block = model.network, model.scene.block
-    errors = list(line_errors(block, network, model.minimum)) if block.antenna_positions.count else []
+    errors = [one for module in of_kinds(block) for one in module.common_errors(block, network, model.minimum)]
     columns = [Hypothesis(kind=one.kind, member=one.member, photo=one.photo, name=one.name) for one in errors]
     u = len(model.step)
     weight, pull, coupling = np.zeros(len(errors)), np.zeros(len(errors)), np.zeros((len(errors), u))
@@ -264,14 +271,14 @@ def _of_lines(model: LinearModel) -> Iterator[Hypothesis]:
                 weighted = (rows.weight * c)[:, None] * rows.partials
                 coupling[number] += np.bincount(rows.index.reshape(-1), weighted.reshape(-1), u)
     for one in _unknowns_more(columns, weight, pull, coupling, model.factor):
-        if one.kind is CauseKind.LEVER_ARM_SIGN:  # (c'Pv)^2 / c'.. c belongs to that many reversals, not to one
-            arm = next(error.lever_arm for error in errors if error.member == one.member and error.name == one.name)
+        whole = next(error.whole for column, error in zip(columns, errors, strict=True) if column.key == one.key)
+        if whole is not None:  # (c'Pv)^2 / c'.. c belongs to that many of them (reversals of a sign), not to one
             size, sigma = float(one.error[0]), float(one.sigma[0])
             one = replace(
                 one,
                 squares=(2.0 * size - 1.0) / sigma**2,
-                error=arm.sum(axis=0),
-                sigma=np.abs(arm).sum(axis=0) * sigma,
+                error=whole,
+                sigma=np.abs(whole) * sigma,
             )
         yield one
 
@@ -355,12 +362,6 @@ def revised(block: Block, revision: Hypothesis) -> Block:
             position = photos.position.copy()
             position[photo] = position[photo[::-1]]
             return replace(block, photos=replace(photos, position=position))
-        case CauseKind.ANTENNA_TIMES:
-            return with_other_times(block, photo, value)
-        case CauseKind.LEVER_ARM_SIGN:
-            return with_other_sign(block, revision.member)
-        case CauseKind.ANTENNA_LINES:
-            return with_exchanged_lines(block, photo, revision.member)
         case CauseKind.EXCHANGED_CONTROL:
             point = _exchanged(block.control.point, np.array(revision.point, dtype=int))
             return replace(block, control=replace(block.control, point=point))
@@ -368,7 +369,8 @@ def revised(block: Block, revision: Hypothesis) -> Block:
             return _with_other_axes(block, revision.member)
         case CauseKind.UNIT:
             return _rescaled(block, revision)
-    raise ValueError(f"no revision of {revision.kind}")
+    changed = next(module.REVISIONS[revision.kind] for module in OF_KINDS if revision.kind in module.REVISIONS)
+    return typing.cast(Block, changed(block, photo, revision.member, value))
 
 
 def _exchanged(link: IntArray, pair: IntArray) -> IntArray:

@@ -18,8 +18,7 @@ from musatpy.adjustment.iteration import State
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sightings import image_coordinates, images
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.antennas import exchanged_lines
-from musatpy.blunders.hypotheses import CARDS, PLATES, Hypothesis
+from musatpy.blunders.hypotheses import CARDS, PLATES, Hypothesis, of_kinds
 from musatpy.blunders.scene import StagedBlock, taking_part
 from musatpy.blunders.snooping import SnoopingResult
 from musatpy.geometry import collinearity
@@ -206,5 +205,6 @@ def exchanges(block: Block, last: SnoopingResult) -> Iterator[Hypothesis]:
             yield Hypothesis(kind=CauseKind.LABELS, photo=pair, member=member)
     for pair in exchanged_control(last):
         yield Hypothesis(kind=CauseKind.EXCHANGED_CONTROL, point=pair)
-    for member, photos, name in exchanged_lines(last.scene.block, last.scene.network, last.state):
-        yield Hypothesis(kind=CauseKind.ANTENNA_LINES, photo=photos, member=member, name=name)
+    for module in of_kinds(last.scene.block):
+        for kind, member, photos, name in module.exchanges(last.scene.block, last.scene.network, last.state):
+            yield Hypothesis(kind=kind, photo=photos, member=member, name=name)

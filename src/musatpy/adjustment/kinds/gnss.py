@@ -39,11 +39,6 @@ class AntennaTies(MeasuredTies):
     numbers: IntArray  # (d, 9) of the lever arm, the shift and the drift
     since: FloatArray  # (d,) s since the mean time of the line
 
-    def on_card(self, row: int, error: FloatArray) -> FloatArray:
-        """Return errors of a row of the table along east, north, up, of those of all its components."""
-        along = self.principal[self.row == row]
-        return error @ along[0] if len(along) and len(error) == len(along[0]) else error
-
     def to_components(self, network: Network) -> FloatArray:
         """Return (d, 3, 3) from working axes to the components."""
         return self.principal @ np.asarray(network.frame.axes(network.frame.working(self.value)))
