@@ -1,4 +1,4 @@
-"""Inertial attitudes before and beside an adjustment: starts from them, and conventions in which they would fit.
+"""Inertial attitudes beside an adjustment: conventions in which they would fit.
 
 Where they do not fit as they are read, they are read otherwise, in one or two respects, and compared with attitudes
 from images and control alone. What fits is said, and never applied.
@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from musatpy.adjustment.iteration import State
-from musatpy.adjustment.kinds.inertial import InertialTies, misalignments
+from musatpy.adjustment.kinds.inertial import InertialTies
 from musatpy.adjustment.network import Network
 from musatpy.arrays import FloatArray
 from musatpy.geometry.body import BodyAngles, body_matrix, rotation_vector
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, orthogonal
 from musatpy.model import Block, InertialAttitudes, Initial, Misalignments, ObservationKind
-from musatpy.model.tables import empty, finite_rows
+from musatpy.model.tables import empty
 from musatpy.units import DEGREE, GON
 
 _WELL = 10.0  # sigmas: most of what is read wrongly is farther off
@@ -30,19 +30,6 @@ _FINEST = 0.01 * DEGREE  # to which attitudes by images are worth comparing
 _MOST, _TOLD = 100, 3  # records that are compared, and readings
 _NAMES = {"OPK": ("omega", "phi", "kappa"), "POK": ("phi", "omega", "kappa"), "RPY": ("roll", "pitch", "heading")}
 _I = np.eye(3)
-
-
-def with_inertial_starts(block: Block) -> Block:
-    """Return the block, photos without an attitude starting from that of the inertial unit."""
-    table, photos = block.inertial_attitudes, block.photos
-    rows = np.flatnonzero(~finite_rows(photos.attitude[table.photo]))
-    if block.inertial_convention is None or not len(rows):
-        return block
-    B = attitude_matrix(misalignments(block)[0] * DEGREE)[photos.camera[table.photo[rows]]]
-    P = body_matrix(table.angles[rows], BodyAngles(block.inertial_convention.angles))
-    attitude = np.array(photos.attitude)
-    attitude[table.photo[rows]] = attitude_from_matrix(np.swapaxes(B, 1, 2) @ P)
-    return replace(block, photos=replace(photos, attitude=attitude))
 
 
 def without_inertial(block: Block) -> Block:

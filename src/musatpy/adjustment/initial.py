@@ -101,7 +101,7 @@ def started(block: Block) -> tuple[Block, tuple[str, ...]]:
     """
     if block.options.initial is Initial.GIVEN:
         return block, ()
-    values = initial_photos(_with_antennas(block))
+    values = initial_photos(block)
     if block.options.initial is Initial.COMPUTE:
         if values.problems:
             raise AdjustmentError(values.problems)
@@ -111,14 +111,6 @@ def started(block: Block) -> tuple[Block, tuple[str, ...]]:
         *(_disagreement(block, values, row) for row in np.flatnonzero(values.beyond).tolist()),
         *(f"photo {block.photos.ids[row]}: its given values could not be checked" for row in unchecked.tolist()),
     )
-
-
-def _with_antennas(block: Block) -> Block:
-    """Return the block with antenna positions as approximate stations where no card gives any."""
-    photos, table = block.photos, block.antenna_positions
-    nowhere, position = np.isnan(photos.position[table.photo]).any(axis=1), photos.position.copy()
-    position[table.photo[nowhere]] = table.position[nowhere]
-    return replace(block, photos=replace(photos, position=position)) if nowhere.any() else block
 
 
 def _disagreement(block: Block, values: InitialValues, row: int) -> str:

@@ -28,6 +28,7 @@ from musatpy.adjustment.iteration import (
 )
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import (
+    MEASURED,
     UNKNOWNS,
     further_parameters,
     global_unknowns,
@@ -290,10 +291,8 @@ def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) ->
     notes: tuple[str, ...] = ()
     if progress:
         begin(progress, "first values")
-    if block.inertial_attitudes.count:
-        from musatpy.adjustment.body_conventions import with_inertial_starts  # most jobs have none
-
-        block = with_inertial_starts(block)
+    for kind in MEASURED:
+        block = kind.with_starts(block) if getattr(block, kind.observed.attribute).count else block
     if block.options.initial is not Initial.GIVEN:
         from musatpy.adjustment.initial import started  # costs the start of every run else
 

@@ -128,14 +128,19 @@ def _antenna_times(statistics: Statistics) -> FloatArray:
     return time[statistics.block.antenna_positions.photo]
 
 
+def _antenna_difference(statistics: Statistics) -> FloatArray:
+    not_adjusted = np.full((statistics.block.antenna_positions.count, 3), np.nan)
+    return statistics.solution.measured.get(_K.ANTENNA, not_adjusted).reshape(not_adjusted.shape)
+
+
 ANTENNAS = Table(
     "antenna_positions", "one row per antenna position", (
         identity("photo", lambda s: s.block.photos.ids[s.block.antenna_positions.photo]),
         Field("line", "string", "flight line, empty for none", "block.antenna_positions.line", "Line", "A4",
               is_id=True),
         Field("time", "number?", "of the exposure", _antenna_times, "Time\ns", "F12.3", unit="s"),
-        Field("difference", "3 number?", f"adjusted minus observed, {ENU}",
-              "antenna_difference", along_axes()),
+        Field("difference", "3 number?", f"adjusted minus observed, {ENU}", _antenna_difference,
+              along_axes()),
         Field("sigma", "3 number", f"of the deck, {ENU}", "block.antenna_positions.sigma",
               along_axes("Sigma ", edit="F8.3")),
         Field("given_correlation", "3 number?", "of the deck: east and north, east and up, north and up",

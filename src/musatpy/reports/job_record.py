@@ -41,7 +41,8 @@ _CALLED = {
     **{f"photos.{name}": f"given_{name}" for name in ("position", "position_sigma", "attitude", "attitude_sigma")},
     **{
         f"{table}.{name}": f"given_{name}"
-        for table in ("control", "antenna_positions")
+        for table, kind in parts_of_block().items()
+        if "correlation" in columns(kind)
         for name in ("position", "sigma", "correlation")
     },
     **{f"waves.{name}": f"given_{name}" for name in ("period", "length", "speed")},

@@ -261,12 +261,6 @@ class Quality:
         """(k, 3) `normal_tests` of the components of every control card, NaN where there is none."""
         return self.of_table(_CONTROL, "normal_tests")
 
-    @property
-    def antenna_difference(self) -> FloatArray:
-        """(a, 3) m, adjusted minus observed of antenna positions along east, north, up; NaN where not adjusted."""
-        rows = self.block.antenna_positions.count
-        return self.solution.measured.get(ObservationKind.ANTENNA, np.full((rows, 3), np.nan)).reshape(rows, 3)
-
     def of_table(self, kind: ObservationKind, name: str) -> FloatArray:
         """Return (rows, components) an attribute of the observations of a kind, NaN where there is none."""
         out = np.full((getattr(self.block, kind.attribute).count, len(kind.components)), np.nan)

@@ -22,7 +22,7 @@ from musatpy.adjustment.network import NOTHING, MeasuredTies, Network
 from musatpy.adjustment.parameters import Effect, Parameters
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.similarity import Similarity
-from musatpy.model import Block, ObservationKind
+from musatpy.model import Block, Initial, ObservationKind
 from musatpy.model.gnss import AXES, DIRECTIONS
 
 _REST = 1e-4  # m at an antenna
@@ -98,6 +98,14 @@ class Antenna(PhotoVector):
     """Antenna positions."""
 
     observed = ObservationKind.ANTENNA
+
+    def with_starts(self, block: Block) -> Block:
+        """Return the block with antenna positions as approximate stations, where stations are computed."""
+        photos, table = block.photos, block.antenna_positions
+        nowhere, position = np.isnan(photos.position[table.photo]).any(axis=1), photos.position.copy()
+        position[table.photo[nowhere]] = table.position[nowhere]
+        is_start = block.options.initial is Initial.COMPUTE and nowhere.any()
+        return replace(block, photos=replace(photos, position=position)) if is_start else block
 
     def measured(self, block: Block, enters: BoolArray) -> MeasuredTies:
         """Return the antenna positions that take part: all, in IIIA."""

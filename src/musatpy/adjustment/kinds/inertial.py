@@ -24,9 +24,10 @@ from musatpy.adjustment.network import NOTHING, MeasuredTies, Network, inverse_s
 from musatpy.adjustment.parameters import Effect, Parameters
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.body import BodyAngles, body_matrix, inverse_right_jacobian, rotation_vector
-from musatpy.geometry.collinearity import AngleForm, angle_rates, attitude_matrix
+from musatpy.geometry.collinearity import AngleForm, angle_rates, attitude_from_matrix, attitude_matrix
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import MISALIGNMENT_ANGLES, Block, InertialConvention, ObservationKind, Program
+from musatpy.model.tables import finite_rows
 from musatpy.units import ARC_SECOND, DEGREE
 
 _INERTIAL, _MISALIGNMENT = ObservationKind.INERTIAL_ATTITUDE, ObservationKind.MISALIGNMENT
@@ -55,6 +56,18 @@ class InertialAttitude(PhotoVector):
 
     observed = _INERTIAL
     value = "angles"
+
+    def with_starts(self, block: Block) -> Block:
+        """Return the block, photos without an attitude starting from that of the inertial unit."""
+        table, photos = block.inertial_attitudes, block.photos
+        rows = np.flatnonzero(~finite_rows(photos.attitude[table.photo]))
+        if block.inertial_convention is None or not len(rows):
+            return block
+        B = attitude_matrix(misalignments(block)[0] * DEGREE)[photos.camera[table.photo[rows]]]
+        P = body_matrix(table.angles[rows], BodyAngles(block.inertial_convention.angles))
+        attitude = np.array(photos.attitude)
+        attitude[table.photo[rows]] = attitude_from_matrix(np.swapaxes(B, 1, 2) @ P)
+        return replace(block, photos=replace(photos, attitude=attitude))
 
     def measured(self, block: Block, enters: BoolArray) -> MeasuredTies:
         """Return what takes part of the table of a block."""

@@ -39,6 +39,10 @@ class MeasuredKind(Kind):
         """Return whether the program of a block uses the table."""
         return block.options.program is Program.IIIA or not self._links(block)[1].shape[1]
 
+    def with_starts(self, block: Block) -> Block:
+        """Return the block with starts of photos for which no card gives any, where the table has them."""
+        return block
+
     def without(self, block: Block, out: BoolArray) -> Block:
         """Return the block without the rows of the table that are `out` (rows,)."""
         return replace(block, **{self.observed.attribute: taken(self._table(block), ~out)})
