@@ -74,39 +74,26 @@ def fit_robust(
     better half of the points best; least squares with Cauchy's weights follow. `floor` (units of y) is the least
     error that counts as one.
     """
-    count = len(x)
-    candidates = [fit(x, y, weight), *starts]
+    count, candidates = len(x), [fit(x, y, weight), *starts]
+    scale, rotation, shift = (
+        np.stack([getattr(each, name) for each in candidates]) for name in ("scale", "rotation", "shift")
+    )
     if count > 3:
         rng = np.random.default_rng(count)
         sample = np.argsort(rng.random((_SAMPLES, count)), axis=1)[:, :3]
-        scale, rotation, shift = _umeyama(x[sample], y[sample], weight[sample])
-        best = _least_quantile(x, y, weight, scale, rotation, shift)
-        candidates.append(Similarity(scale=float(scale[best]), rotation=rotation[best], shift=shift[best]))
-    best = _least_quantile(
-        x,
-        y,
-        weight,
-        np.array([candidate.scale for candidate in candidates]),
-        np.stack([candidate.rotation for candidate in candidates]),
-        np.stack([candidate.shift for candidate in candidates]),
-    )
-    start = candidates[best]
+        pairs = zip((scale, rotation, shift), _umeyama(x[sample], y[sample], weight[sample]), strict=True)
+        scale, rotation, shift = (np.concatenate(pair) for pair in pairs)
+    placed = scale[:, None, None] * (x[None] @ np.swapaxes(rotation, 1, 2)) + shift[:, None]
+    error = np.sort(np.linalg.norm(y - placed, axis=2) * np.sqrt(weight), axis=1)
+    half = error[:, min((count + 3) // 2, count - 1)]  # the error of a sample's own three points says nothing
+    best = int(np.where(np.isfinite(half), half, np.inf).argmin())
+    start = Similarity(scale=float(scale[best]), rotation=rotation[best], shift=shift[best])
     robust = np.ones(count)
     for _ in range(_STEPS):
         error = np.linalg.norm(y - start.apply(x), axis=1) * np.sqrt(weight)
         robust = cauchy(error, spread(error, floor))
         start = fit(x, y, weight * robust)
     return start, robust
-
-
-def _least_quantile(
-    x: FloatArray, y: FloatArray, weight: FloatArray, scale: FloatArray, rotation: FloatArray, shift: FloatArray
-) -> int:
-    """Return which of s similarities has the least error at the middle of those that three points do not fit."""
-    placed = scale[:, None, None] * (x[None] @ np.swapaxes(rotation, 1, 2)) + shift[:, None]
-    error = np.sort(np.linalg.norm(y - placed, axis=2) * np.sqrt(weight), axis=1)
-    place = min((len(x) + 3) // 2, len(x) - 1)  # the error of a sample's own points says nothing
-    return int(np.where(np.isfinite(error[:, place]), error[:, place], np.inf).argmin())
 
 
 def _umeyama(x: FloatArray, y: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -54,13 +54,13 @@ class System(ABC):
         """How many decimals of coordinates are worth writing in a file: 0.1 mm."""
         return 4, 4, 4
 
-    @abstractmethod
     def coordinates(self, level: ArrayLike) -> FloatArray:
-        """Return coordinates of level ones. Raises `SystemsError` where the system does not reach."""
+        """Return coordinates of level ones: these. Raises `SystemsError` where the system does not reach."""
+        return np.array(level, dtype=float)
 
-    @abstractmethod
     def level(self, coordinates: ArrayLike) -> FloatArray:
-        """Return level coordinates. Raises `SystemsError` where the system does not reach."""
+        """Return level coordinates: these. Raises `SystemsError` where the system does not reach."""
+        return np.array(coordinates, dtype=float)
 
     def undulation(self, level: ArrayLike) -> FloatArray:
         """Return the height (...) m of the surface from which heights count, above the ellipsoid.
@@ -94,12 +94,6 @@ class LocalRectangular(System):
     def __init__(self) -> None:
         super().__init__("local rectangular")
 
-    def coordinates(self, level: ArrayLike) -> FloatArray:
-        return np.array(level, dtype=float)
-
-    def level(self, coordinates: ArrayLike) -> FloatArray:
-        return np.array(coordinates, dtype=float)
-
     def jacobian(self, level: ArrayLike) -> FloatArray:
         return np.broadcast_to(np.eye(3), (*np.shape(level)[:-1], 3, 3))
 
@@ -114,12 +108,6 @@ class Geographic(System):
     def __init__(self, ellipsoid: Ellipsoid) -> None:
         super().__init__("geographic, ellipsoidal heights")
         self.ellipsoid: Ellipsoid = ellipsoid
-
-    def coordinates(self, level: ArrayLike) -> FloatArray:
-        return np.array(level, dtype=float)
-
-    def level(self, coordinates: ArrayLike) -> FloatArray:
-        return np.array(coordinates, dtype=float)
 
     def jacobian(self, level: ArrayLike) -> FloatArray:
         meridian, parallel = radii(self.ellipsoid, level)

@@ -8,7 +8,6 @@ from html import escape
 from musatpy.model import Block, Solution
 from musatpy.reports import bathymetric, positions
 from musatpy.reports.editing import edited
-from musatpy.reports.table import Report
 from musatpy.statistics import Statistics
 
 _ROWS = 12  # of a table that are shown
@@ -49,19 +48,14 @@ def _of_solution(statistics: Statistics) -> Iterable[str]:
         reasons.append(f"<li>and {len(verdict.reasons) - _REASONS} more</li>")
     if reasons:
         yield f"<ul>{''.join(reasons)}</ul>"
-    for report in _REPORTS:
-        yield from _of_report(report, statistics)
-
-
-def _of_report(report: Report[Statistics], statistics: Statistics) -> Iterable[str]:
-    """Yield the first rows of a table of the listing, as they are printed; nothing where it has none."""
-    table = report.values(statistics)
-    count, columns = table.count, report.side_by_side(table)
-    if not count:
-        return
-    texts = [edited(str(column.edit), column.printed(table)[:_ROWS]) for column in columns]
-    below = f"{count} rows, of which {_ROWS} are shown" if count > _ROWS else ""
-    yield _table([str(column.heading) for column in columns], zip(*texts, strict=True), report.title, below)
+    for report in _REPORTS:  # the first rows of a table of the listing, as they are printed
+        table = report.values(statistics)
+        count, columns = table.count, report.side_by_side(table)
+        if count:
+            texts = [edited(str(column.edit), column.printed(table)[:_ROWS]) for column in columns]
+            below = f"{count} rows, of which {_ROWS} are shown" if count > _ROWS else ""
+            headings = [str(column.heading) for column in columns]
+            yield _table(headings, zip(*texts, strict=True), report.title, below)
 
 
 def _table(headings: Sequence[str], rows: Iterable[Sequence[str]], title: str = "", below: str = "") -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -114,14 +114,7 @@ def local_attitude(task: OrientationTask, at: Orientation) -> FloatArray:
     return attitude_from_matrix(attitude_matrix(at.attitude) @ np.swapaxes(turn, -1, -2))
 
 
-def doubt(concern: Concern, text: str) -> Reason:
-    """Return a reason for doubt."""
-    return Reason(grade=model.Grade.DOUBTFUL, concern=concern, text=text, section="")
-
-
-def rejection(concern: Concern, text: str) -> Reason:
-    """Return a reason to reject an answer."""
-    return Reason(grade=model.Grade.REJECTED, concern=concern, text=text, section="")
+doubt, rejection = (partial(Reason, grade, section="") for grade in (model.Grade.DOUBTFUL, model.Grade.REJECTED))
 
 
 def misfit(sigma0: float, what: str = "images") -> Reason:

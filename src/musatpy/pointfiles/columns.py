@@ -92,6 +92,11 @@ class FileColumn:
             return False
 
 
+SIGMA = FileColumn(
+    name="sigma", unit="m", required=False, blank=True, least=0.0, expected="a number of 0 or more, or nothing"
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
     """The columns that a table must or may have; other ones are left alone, unless it is `closed`."""

@@ -122,7 +122,11 @@ class _RecordedRun:
         self.named = {False: NamedRows("point", record["points"]), True: NamedRows("photo", record["stations"])}
         self.plates = record["plates"]
         self.photo, self.point = (np.array(self.plates[key], dtype=np.str_) for key in ("photo", "point"))
-        self.observed = _by_image(record["observations"])
+        self.observed: dict[tuple[str, str], dict[str, int]] = {}  # rows of each image, by its coordinates
+        columns = (record["observations"][field] for field in ("kind", "of", "component"))
+        for row, (kind, of, component) in enumerate(zip(*columns, strict=True)):
+            if kind == _PLATE:
+                self.observed.setdefault((of[0], of[1]), {})[component] = row
 
     def about(self, name: str, is_photo: bool) -> About:
         """Return what is known of one of them."""
@@ -254,16 +258,6 @@ class _RecordedRun:
     def _moved(self, photo: str) -> float:
         given, place = (self.named[True].array([photo], field, 3) for field in ("given_position", "position"))
         return float(np.linalg.norm(metric_differences(self.record, given, place)))
-
-
-def _by_image(observations: Tables) -> dict[tuple[str, str], dict[str, int]]:
-    """Return the rows of the coordinates of each image, by photo and point."""
-    rows: dict[tuple[str, str], dict[str, int]] = {}
-    columns = (observations[field] for field in ("kind", "of", "component"))
-    for row, (kind, of, component) in enumerate(zip(*columns, strict=True)):
-        if kind == _PLATE:
-            rows.setdefault((of[0], of[1]), {})[component] = row
-    return rows
 
 
 def _without(effect: FloatArray, detectable: FloatArray, error: FloatArray) -> FloatArray:

@@ -12,12 +12,7 @@ from musatpy.refraction.surface import Surface
 from musatpy.refraction.waves import superposed
 from musatpy.sea.theory import LinearWave, Shape, linear_wave, period_of, wave_surface
 
-SHAPES = {
-    "": Shape.SINUSOIDAL,
-    WaveShape.SINUSOIDAL: Shape.SINUSOIDAL,
-    WaveShape.STOKES: Shape.STOKES,
-    WaveShape.TROCHOIDAL: Shape.TROCHOIDAL,
-}
+SHAPES: dict[str, Shape] = {"": Shape.SINUSOIDAL} | {shape.value: Shape[shape.name] for shape in WaveShape}
 _FASTEST = 3.0  # times the speed of deep water: with any current, the length or the speed of a card is wrong
 URSELL = 26.0  # from there on a shallow wave is far from sinusoidal (see `LinearWave.ursell`)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from musatpy.model.water import index_fault
 from musatpy.sea.theory import GRAVITY, Shape
-from musatpy.specs import Pair, Triple, key, spec_of, spec_table
+from musatpy.specs import Pair, Triple, key, require, spec_of, spec_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,10 +18,10 @@ class Stereo:
     interval: float = key(0.0, "time from the left exposure to the right; 0 is simultaneous", unit="s", low=0.0)
 
     def __post_init__(self) -> None:
-        if any(camera[2] <= 0.0 for camera in self.cameras):
-            raise ValueError("a camera is above the water: its third coordinate is positive")
-        if abs(self.cameras[1][0] - self.cameras[0][0]) < 1e-3:
-            raise ValueError("the base has no component along x, the flight: x-parallax gives no height")
+        left, right = self.cameras
+        require(min(left[2], right[2]) > 0.0, "a camera is above the water: its third coordinate is positive")
+        what = "the base has no component along x, the flight: x-parallax gives no height"
+        require(abs(right[0] - left[0]) >= 1e-3, what)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,8 +56,7 @@ class WaveKeys:
     speed: float | None = key(None, "of the crests, in place of length over period", unit="m/s")
 
     def __post_init__(self) -> None:
-        if (self.deep_height is None) == (self.height is None):
-            raise ValueError("a wave needs one of deep_height, height")
+        require((self.deep_height is None) != (self.height is None), "a wave needs one of deep_height, height")
 
     @property
     def is_bound(self) -> bool:
@@ -105,8 +104,7 @@ class WaveSpec:
     accuracy: Accuracy = key(Accuracy)
 
     def __post_init__(self) -> None:
-        if not self.wave:
-            raise ValueError("there is no [[wave]]")
+        require(bool(self.wave), "there is no [[wave]]")
         bound = [i for i, wave in enumerate(self.wave, start=1) if wave.is_bound]
         why = "having height, length or speed given"
         if self.study.depths and bound:

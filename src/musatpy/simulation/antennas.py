@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from musatpy import model
@@ -21,19 +19,11 @@ _TURN = 10  # exposures that a turn from strip to strip takes as long as
 _ARM, _SHIFT, _DRIFT, _TIME = 4, 4, 6, 4  # decimals on the cards
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GivenAntennas:
-    """Tables of the block, by name, and the truth of what runs may adjust."""
-
-    tables: dict[str, Table]
-    parameters: tuple[TrueParameter, ...]
-
-
-def state_antennas(scene: Scene) -> GivenAntennas:
-    """Return the antenna positions of a spec as the deck gives them; nothing without."""
+def state_antennas(scene: Scene) -> tuple[dict[str, Table], tuple[TrueParameter, ...]]:
+    """Return the tables of the block, by name, and the truth of what runs may adjust; nothing without antennas."""
     keys, flight, draws = scene.spec.antenna, scene.spec.flight, scene.draws
     if keys is None:
-        return GivenAntennas(tables={}, parameters=())
+        return {}, ()
     strips, of_strip = flight.strips, flight.photos
     n, stations = strips * of_strip, scene.flight.stations
     names = [f"L{strip + 1}" for strip in range(strips)]
@@ -73,7 +63,7 @@ def state_antennas(scene: Scene) -> GivenAntennas:
             drift_sigma=np.tile(keys.drift_sigma or _NONE, (strips, 1)),
             drift_free=np.full(strips, keys.drift_free),
         )
-    return GivenAntennas(tables=tables, parameters=_true(scene.spec.camera.id, names, keys, shift, drift))
+    return tables, _true(scene.spec.camera.id, names, keys, shift, drift)
 
 
 def _true(

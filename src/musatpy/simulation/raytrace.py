@@ -147,13 +147,6 @@ def _unit(vectors: FloatArray) -> FloatArray:
     return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
-def _start(camera: FloatArray, depth: FloatArray, index: float) -> FloatArray:
-    """Return q (k, 2): Snell for the straight line from the camera to the foot, exact as depth -> 0."""
-    sine = camera[:, :2] / np.linalg.norm(camera, axis=1)[:, None] / index
-    cosine = np.sqrt(np.maximum(1.0 - np.sum(sine * sine, axis=1), 0.1))
-    return sine * (depth / cosine)[:, None]
-
-
 def _gradient(
     q: FloatArray, camera: FloatArray, depth: FloatArray, surface: TracedSurface, index: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -182,7 +175,9 @@ def solve_incidence(camera: FloatArray, depth: FloatArray, surface: TracedSurfac
     `camera` (k, 3) is reckoned from the foot of the ground point in its local vertical frame, the point is
     (0, 0, -depth). Raises `RayTraceError`.
     """
-    q = _start(camera, depth, index)
+    # Snell for the straight line from the camera to the foot, exact as depth -> 0
+    sine = camera[:, :2] / np.linalg.norm(camera, axis=1)[:, None] / index
+    q = sine * (depth / np.sqrt(np.maximum(1.0 - np.sum(sine * sine, axis=1), 0.1)))[:, None]
     for _ in range(MAX_STEPS):
         gradient, jacobian, stretch = _gradient(q, camera, depth, surface, index)
         # waves over a point just below them can lead a step astray

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,8 +32,9 @@ class JobKeys:
     ellipsoid: str = key("clrk66", "name of the ellipsoid in PROJ; not used in LOCL")
 
     def __post_init__(self) -> None:
-        if self.system != CoordinateSystem.LOCAL and not (abs(self.centre[0]) <= 89 and abs(self.centre[1]) <= 360):
-            raise ValueError("centre is a latitude within 89 and a longitude within 360 degrees")
+        on_earth = abs(self.centre[0]) <= 89 and abs(self.centre[1]) <= 360
+        what = "centre is a latitude within 89 and a longitude within 360 degrees"
+        require(self.system == CoordinateSystem.LOCAL or on_earth, what)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,10 +61,8 @@ class LensParameterKeys:
     error: float | None = key(None, "actual error of the value on the card, 1 sigma; absent: as sigma", low=0.0)
 
     def __post_init__(self) -> None:
-        if self.sigma == 0.0:
-            raise ValueError("sigma must be greater than zero")
-        if self.sigma is None and self.error is not None:
-            raise ValueError("error is that of a value with a sigma")
+        require(self.sigma != 0.0, "sigma must be greater than zero")
+        require(self.sigma is not None or self.error is None, "error is that of a value with a sigma")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,8 +74,7 @@ class LensKeys:
     parameter: tuple[LensParameterKeys, ...] = key(())
 
     def __post_init__(self) -> None:
-        if len({given.name for given in self.parameter}) < len(self.parameter):
-            raise ValueError("a parameter is given twice")
+        require_once(self.parameter)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,8 +86,12 @@ class PortUnknownKeys:
     error: float | None = key(None, "actual error of the value on the card, 1 sigma; absent: as sigma", low=0.0)
 
     def __post_init__(self) -> None:
-        if self.sigma == 0.0:
-            raise ValueError("sigma must be greater than zero")
+        require(self.sigma != 0.0, "sigma must be greater than zero")
+
+
+def require_once(given: Sequence[LensParameterKeys | PortUnknownKeys]) -> None:
+    """Raise `ValueError` where a parameter is given twice."""
+    require(len({parameter.name for parameter in given}) == len(given), "a parameter is given twice")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,8 +108,7 @@ class PortKeys:
     unknown: tuple[PortUnknownKeys, ...] = key(())
 
     def __post_init__(self) -> None:
-        if len({given.name for given in self.unknown}) < len(self.unknown):
-            raise ValueError("a parameter is given twice")
+        require_once(self.unknown)
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -139,8 +141,8 @@ class FlightKeys:
     )  # fmt: skip
 
     def __post_init__(self) -> None:
-        if self.strips > 1 and self.strip_step < self.photos:
-            raise ValueError("strip_step is smaller than the number of photos in a strip: ids would repeat")
+        what = "strip_step is smaller than the number of photos in a strip: ids would repeat"
+        require(self.strips == 1 or self.strip_step >= self.photos, what)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -256,8 +258,8 @@ class SurfaceKeys:
                 raise ValueError(f"{where}{fault}" + ("" if self.liquid else " by the key liquid"))
         if self.conditions is not None:
             index = round(index_of(self.conditions.on_card), INDEX_DECIMALS)
-            if self.index not in (type(self).index, index) or self.index_error:
-                raise ValueError("the index is given by its conditions: index and index_error do not go with them")
+            alone = self.index in (type(self).index, index) and not self.index_error
+            require(alone, "the index is given by its conditions: index and index_error do not go with them")
             object.__setattr__(self, "index", index)
 
 
@@ -288,8 +290,8 @@ class WaveTrain:
     crest_sigma: float | None = key(None, "sigma on a WVS card: the crest is unknown", unit="m", low=0.0)
 
     def __post_init__(self) -> None:
-        if self.length_error and self.length is None and self.speed is not None:
-            raise ValueError("length_error needs a length, or a period alone")
+        has_length = self.length is not None or self.speed is None
+        require(has_length or not self.length_error, "length_error needs a length, or a period alone")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -301,8 +303,7 @@ class ShoalKeys:
     area: Area | None = key(None, AREA, unit="m")
 
     def __post_init__(self) -> None:
-        if self.depth[1] < self.depth[0]:
-            raise ValueError("depth is the least, then the greatest")
+        require(self.depth[0] <= self.depth[1], "depth is the least, then the greatest")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -336,8 +337,8 @@ class GivenPoint:
     triangulated: bool = key(True, "false: kept out of the solution by a flag on its plate cards")
 
     def __post_init__(self) -> None:
-        if sum(place is not None for place in (self.geographic, self.geocentric, self.local)) != 1:
-            raise ValueError(f"point {self.id} needs one of geographic, geocentric, local")
+        places = sum(place is not None for place in (self.geographic, self.geocentric, self.local))
+        require(places == 1, f"point {self.id} needs one of geographic, geocentric, local")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -355,5 +356,4 @@ class CompilationKeys:
     sounding_error: float = key(0.1, "of a sounding, 1 sigma, and in the file", unit="m", low=0.0)
 
     def __post_init__(self) -> None:
-        if self.depth[1] < self.depth[0]:
-            raise ValueError("depth is the least, then the greatest")
+        require(self.depth[0] <= self.depth[1], "depth is the least, then the greatest")

@@ -14,8 +14,8 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import SpecError
 from musatpy.model.block import with_tables
-from musatpy.model.tables import empty, stacked
-from musatpy.simulation.antennas import GivenAntennas, state_antennas
+from musatpy.model.tables import Table, empty, stacked
+from musatpy.simulation.antennas import state_antennas
 from musatpy.simulation.compiled_models import CompiledTruth, compile_models
 from musatpy.simulation.flight import fly, plan_flight
 from musatpy.simulation.measure import (
@@ -97,7 +97,8 @@ class Given:
     bases: Ties
     distances: Ties
     height_differences: Ties
-    antennas: GivenAntennas
+    antennas: dict[str, Table]
+    antenna_parameters: tuple[TrueParameter, ...]
     rows: IntArray
     links: IntArray
 
@@ -142,6 +143,7 @@ def _stated(scene: Scene, images: TrueImages) -> Given:
     measured, first = np.unique(names.point, return_index=True)
     rows, links = measured[np.argsort(first)], np.full(count, -1)
     links[rows] = np.arange(len(rows))
+    antennas, parameters = state_antennas(scene)
     return Given(
         water=state_water(scene.spec, scene.flight.tide, scene.draws),
         stations=state_stations(scene),
@@ -151,7 +153,8 @@ def _stated(scene: Scene, images: TrueImages) -> Given:
         bases=air_bases(scene),
         distances=distances(scene, control.names, usable),
         height_differences=height_differences(scene, control.names, usable),
-        antennas=state_antennas(scene),
+        antennas=antennas,
+        antenna_parameters=parameters,
         rows=rows,
         links=links,
     )
@@ -184,7 +187,7 @@ def _truth(scene: Scene, images: TrueImages, given: Given) -> Truth:
         height_differences=given.height_differences.true,
         parameters=(
             *true_parameters(scene.spec),
-            *given.antennas.parameters,
+            *given.antenna_parameters,
             *true_misalignment(scene.spec),
             *true_port(scene.spec),
         ),
@@ -237,7 +240,7 @@ def _block(scene: Scene, given: Given) -> model.Block:
         wave_origin=flight.waves.origin,
         **state_inertial(scene),
     )
-    return with_tables(block, given.antennas.tables)
+    return with_tables(block, given.antennas)
 
 
 def _options(spec: SimulationSpec) -> model.Options:

@@ -34,8 +34,8 @@ class ControlKeys:
     area: Area | None = key(None, scene_keys.AREA, unit="m")
 
     def __post_init__(self) -> None:
-        if (self.number is not None) + bool(self.ids) + bool(self.points) != 1:
-            raise ValueError("control needs one of number, ids, points")
+        given = (self.number is not None) + bool(self.ids) + bool(self.points)
+        require(given == 1, "control needs one of number, ids, points")
         known = {"full": (0, 1, 2), "horizontal": (0, 1), "vertical": (2,)}.get(self.kind, ())
         if not self.fixed and not all(self.sigma and self.sigma[component] > 0.0 for component in known):
             raise ValueError("control that is neither fixed nor a check point needs a sigma above zero")
@@ -119,10 +119,8 @@ class DistanceKeys:
     error: float = key(0.0, "actual error, 1 sigma", unit="m", low=0.0)
 
     def __post_init__(self) -> None:
-        if (self.points is None) == (self.number is None):
-            raise ValueError("one of points, number is needed")
-        if self.points and self.points[0] == self.points[1]:
-            raise ValueError("points are two different ones")
+        require((self.points is None) != (self.number is None), "one of points, number is needed")
+        require(not self.points or self.points[0] != self.points[1], "points are two different ones")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,10 +130,8 @@ class HeightDifferenceKeys(DistanceKeys):
 
 def _check_sizes(size: Pair, log: bool) -> None:
     """Raise `ValueError` where sizes cannot be drawn."""
-    if size[1] < size[0]:
-        raise ValueError("size is the least, then the greatest")
-    if log and size[0] <= 0.0:
-        raise ValueError("log needs a least size above zero")
+    require(size[0] <= size[1], "size is the least, then the greatest")
+    require(not log or size[0] > 0.0, "log needs a least size above zero")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,8 +162,7 @@ class BlunderKeys:
     control: tuple[ControlBlunders, ...] = key((), quiet=True)
 
     def __post_init__(self) -> None:
-        if self.number and self.share:
-            raise ValueError("blunders have a number or a share, not both")
+        require(not (self.number and self.share), "blunders have a number or a share, not both")
         _check_sizes(self.size, self.log)
 
 
@@ -238,16 +233,14 @@ class SimulationSpec:
 
     def __post_init__(self) -> None:
         submerged = bool(self.shoal) or any(point.bathymetric for point in self.point)
-        if submerged and self.water is None:
-            raise ValueError("submerged points need a [water] table")
+        require(self.water is not None or not submerged, "submerged points need a [water] table")
         if self.water and self.water.tides and len(self.water.tides) != self.flight.strips * self.flight.photos:
             raise ValueError(f"water.tides has {len(self.water.tides)} values, not one per photo")
         if self.port and self.water and (self.port.water > 1.0 or self.wave):
             raise ValueError("over [water], a camera behind a [port] is in air: port.water = 1.0, and no waves")
-        if self.wave and (self.water is None or any(self.water.tilt)):
-            raise ValueError("waves need a [water] table, and level water: no tilt")
-        if len({train.id for train in self.wave}) < len(self.wave):
-            raise ValueError("two waves have the same id")
+        level = self.water is not None and not any(self.water.tilt)
+        require(level or not self.wave, "waves need a [water] table, and level water: no tilt")
+        require(len({train.id for train in self.wave}) == len(self.wave), "two waves have the same id")
         here = "local" if self.job.system == model.CoordinateSystem.LOCAL else "geographic or geocentric"
         for point in self.point:
             if (point.local is not None) != (self.job.system == model.CoordinateSystem.LOCAL):
@@ -260,8 +253,7 @@ def load_spec(path: str | Path) -> SimulationSpec:
     A key `extends = "other.toml"` at the top takes everything from that file (beside this one) first; tables are
     merged, anything else replaced.
     """
-    raw = _read_table(Path(path), ())
-    return spec_from_table(raw, str(path))
+    return spec_from_table(_read_table(Path(path), ()), str(path))
 
 
 def spec_from_table(raw: dict[str, Any], file: str | None = None) -> SimulationSpec:

@@ -154,9 +154,7 @@ class Offsets:
 
     def part(self, rows: BoolArray) -> Offsets:
         """Return some of the samples."""
-        return Offsets(
-            xy=self.xy[rows], interval=self.interval[rows], nearest=self.nearest[rows], beyond=self.beyond[rows]
-        )
+        return Offsets(**{name: values[rows] for name, values in vars(self).items()})
 
 
 def offsets(

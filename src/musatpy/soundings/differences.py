@@ -57,9 +57,7 @@ class DepthDifferences:
 
     def part(self, rows: BoolArray) -> DepthDifferences:
         """Return some of the soundings."""
-        return DepthDifferences(
-            names=self.names[rows], compiled=self.compiled[rows], sounded=self.sounded[rows], sigma=self.sigma[rows]
-        )
+        return DepthDifferences(**{name: values[rows] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,7 @@ from musatpy.geometry.crs import system_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import crs_of
 from musatpy.interchange import las
-from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, FileColumn, Wanted
+from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, SIGMA, FileColumn, Wanted
 from musatpy.pointfiles.las_files import SUFFIXES
 from musatpy.pointfiles.point_tables import read_table
 from musatpy.units import DEGREE
@@ -33,9 +33,7 @@ NO_DATES = "no column date, by which soundings could be left out"
 _COLUMNS = (
     *MAP_PLACES,
     *VALUES,
-    FileColumn(
-        name="sigma", unit="m", required=False, blank=True, least=0.0, expected="a number of 0 or more, or nothing"
-    ),
+    SIGMA,
     FileColumn(name="name", kind="text", required=False, blank=True),
 )
 _DATES = FileColumn(name=_DATE, kind="date", blank=True, expected="a date YYYY-MM-DD")

@@ -124,7 +124,24 @@ class Statistics(Quality):
     @cached_property
     def plates(self) -> PlateStatistics:
         """Plate Residuals: the RMS of each photo and of the job, by kind of point."""
-        return _plate_statistics(self.solution)
+        photo, residual = self.block.plates.photo, self.solution.plates.residual
+        determined, triangulated = ~np.isnan(residual).any(axis=1), self.solution.plates.triangulated
+        kinds = (determined & triangulated, determined & ~triangulated, determined)
+        n = len(self.block.photos.ids)
+        count, sums = np.zeros((n, 3), dtype=np.int64), np.zeros((n, 3, 2))
+        for column, kind in enumerate(kinds):
+            np.add.at(count[:, column], photo[kind], 1)
+            np.add.at(sums[:, column], photo[kind], residual[kind] ** 2)
+        rms = _root_mean(sums, count)
+        total_count = count.sum(axis=0, dtype=np.int64)
+        first, second, third = (_largest(rms[:, kind]) for kind in range(3))
+        return PlateStatistics(
+            count=count,
+            rms=rms,
+            largest=(first, second, third),
+            total_count=total_count,
+            total_rms=_root_mean(sums.sum(axis=0), total_count),
+        )
 
     @cached_property
     def plate_order(self) -> IntArray:
@@ -206,28 +223,6 @@ class Statistics(Quality):
             solution.points.position[rows],
         )
         return np.stack([rectangular(solution.block, position) for position in positions], axis=1)
-
-
-def _plate_statistics(solution: model.Solution) -> PlateStatistics:
-    photo, n = solution.block.plates.photo, len(solution.block.photos.ids)
-    residual = solution.plates.residual
-    determined = ~np.isnan(residual).any(axis=1)
-    triangulated = solution.plates.triangulated
-    kinds = (determined & triangulated, determined & ~triangulated, determined)
-    count, sums = np.zeros((n, 3), dtype=np.int64), np.zeros((n, 3, 2))
-    for column, kind in enumerate(kinds):
-        np.add.at(count[:, column], photo[kind], 1)
-        np.add.at(sums[:, column], photo[kind], residual[kind] ** 2)
-    rms = _root_mean(sums, count)
-    total_count = count.sum(axis=0, dtype=np.int64)
-    first, second, third = (_largest(rms[:, kind]) for kind in range(3))
-    return PlateStatistics(
-        count=count,
-        rms=rms,
-        largest=(first, second, third),
-        total_count=total_count,
-        total_rms=_root_mean(sums.sum(axis=0), total_count),
-    )
 
 
 def _root_mean(sums: FloatArray, count: IntArray) -> FloatArray:

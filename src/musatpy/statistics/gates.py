@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 FARTHEST = 100.0  # flying heights
 PART_OF_FORMAT = 0.1  # of a plate, that no residual of a measurement in the solution reaches
-_LEVEL = 0.02  # flying heights: points that lie nearer to one level could be seen in a mirror
+_LEVEL = 0.02  # flying heights: where half of the points lie nearer to one level, they could be seen in a mirror
 _NAMED = 5  # points with their heights
 FLAGS = "Flags Against Heights"
 _STATIONS, _POINTS = "Adjusted Exposure Stations", "Adjusted Ground Points"
@@ -108,8 +108,10 @@ def stations(statistics: Quality) -> Iterator[Reason]:
     sees_water[plates.photo[statistics.block.points.bathymetric[plates.point] & solution.plates.triangulated]] = (
         True
     )
-    ground, flat = ground_heights(statistics), _shows_level_ground(statistics)
+    ground = ground_heights(statistics)
+    relief = np.abs(elevations(statistics.block, solution.points.position)[plates.point] - ground[plates.photo])
     with np.errstate(invalid="ignore"):
+        flat = _medians(statistics, relief) < _LEVEL * flying_height(statistics)
         drowned = sees_water & (height <= water)
         buried = flat & (height < ground) & ~(given_height < ground)
         upwards = flat & _looks_up(solution.stations.attitude) & ~_looks_up(given_attitude)
@@ -191,15 +193,6 @@ def ground_heights(statistics: Quality) -> FloatArray:
     """Return the median height (n,) m of the points that each photo shows; NaN where it shows none."""
     block, solution = statistics.block, statistics.solution
     return _medians(statistics, elevations(block, solution.points.position)[block.plates.point])
-
-
-def _shows_level_ground(statistics: Quality) -> BoolArray:
-    """Return (n,) whether half of the points of each photo lie within `_LEVEL` flying heights about a level."""
-    block, solution = statistics.block, statistics.solution
-    height = elevations(block, solution.points.position)[block.plates.point]
-    relief = _medians(statistics, np.abs(height - ground_heights(statistics)[block.plates.photo]))
-    with np.errstate(invalid="ignore"):
-        return relief < _LEVEL * flying_height(statistics)
 
 
 def _medians(statistics: Quality, values: FloatArray) -> FloatArray:

@@ -28,7 +28,7 @@ from musatpy.model.findings import GRADES, a_few, named
 from musatpy.model.tables import falling, largest
 from musatpy.probability import probability_beyond, quantile, test_limit
 from musatpy.statistics import gates
-from musatpy.statistics.quality import CommonErrors, Quality
+from musatpy.statistics.quality import Quality
 from musatpy.units import DEGREE, MICROMETRE, length_unit
 
 GROSS = 5.0  # times the limit of sigma0: no chance puts a single observation so far off
@@ -140,17 +140,13 @@ def common(statistics: Quality) -> Iterator[Reason]:
     errors = statistics.common_errors
     if errors is None or not len(errors.beyond):
         return
-    texts = [_common_error(errors, row) for row in errors.beyond[:_LISTED].tolist()]
+    texts = []
+    for row in errors.beyond[:_LISTED].tolist():
+        error = f"{_number(float(errors.estimated[row]))} {errors.held.units[row]}".rstrip()
+        texts.append(f"{errors.held.names[row]}, test {abs(errors.test[row]):.1f}, in error by about {error}")
     parameters = a_few(texts, len(errors.beyond), "; or ")
     text = f"an error common to all observations (limit {errors.limit:.1f}): {parameters}"
     yield Reason(Grade.DOUBTFUL, Concern.COMMON, text, COMMON_ERRORS)
-
-
-def _common_error(errors: CommonErrors, row: int) -> str:
-    """Return a parameter in words: `focal length of RC8, test 12.3, in error by about 3.050 mm`."""
-    unit = f" {errors.held.units[row]}".rstrip()
-    error = _number(float(errors.estimated[row]))
-    return f"{errors.held.names[row]}, test {abs(errors.test[row]):.1f}, in error by about {error}{unit}"
 
 
 def check_points(statistics: Quality) -> Iterator[Reason]:

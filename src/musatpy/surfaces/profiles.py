@@ -63,17 +63,13 @@ def profile(
     station, offset = (xy - start) @ along, (xy - start) @ np.array([-along[1], along[0]])
     order = np.argsort(station, kind="stable")
     station, values = station[order], value[order]
-    spikes = np.abs(values - _running_median(values)) > spike
+    # of each value and its three neighbours to either side, as far as there are any
+    medians = np.array([np.median(values[max(i - _HALF, 0) : i + _HALF + 1]) for i in range(len(values))])
+    spikes = np.abs(values - medians) > spike
     kept = np.zeros(len(order), dtype=bool)
     good = np.flatnonzero(~spikes)
     kept[good[_needed(station[good], values[good], tolerance)]] = True
     return LineProfile(rows=order, station=station, offset=offset[order], value=values, spike=spikes, kept=kept)
-
-
-def _running_median(values: FloatArray) -> FloatArray:
-    """Return the median (k,) of each value and its three neighbours to either side, as far as there are any."""
-    count = len(values)
-    return np.array([np.median(values[max(i - _HALF, 0) : min(i + _HALF, count - 1) + 1]) for i in range(count)])
 
 
 def _needed(station: FloatArray, value: FloatArray, tolerance: float) -> BoolArray:

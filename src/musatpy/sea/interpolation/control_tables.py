@@ -18,7 +18,7 @@ from musatpy.errors import CollocationError, Problem
 from musatpy.geometry.crs import LongitudeLatitude, MapPlan
 from musatpy.geometry.systems import System
 from musatpy.model import Block, ControlKind
-from musatpy.pointfiles.columns import PLAN, FileColumn, Wanted, place_columns
+from musatpy.pointfiles.columns import PLAN, SIGMA, FileColumn, Wanted, place_columns
 from musatpy.pointfiles.point_tables import read_chunks, read_table
 from musatpy.records.json_files import read_record
 from musatpy.records.run_tables import SYSTEM, job_system, level_positions
@@ -30,9 +30,7 @@ from musatpy.systems.statement import own_statement
 _HEIGHTS = (
     FileColumn(name="id", kind="text", unique=True, expected="a name"),
     *(FileColumn(name=name, unit="m") for name in ("dz", "z_mapped", "z_true")),
-    FileColumn(
-        name="sigma", unit="m", required=False, blank=True, least=0.0, expected="a number of 0 or more, or nothing"
-    ),
+    SIGMA,
 )
 _FORMS = ((*PLAN, "dz", "z_true"), (*PLAN, "dz"), (*PLAN, "z_mapped", "z_true"), ("z_true",))
 Mapped = Mapping[str, tuple[float, float, float]]  # id -> x, y, z as mapped

@@ -92,10 +92,6 @@ class Correlation:
         return float(distance[np.argmax(value < least)])
 
 
-def _none(lag: FloatArray, p: FloatArray, partials: bool) -> Evaluation:
-    return np.zeros(lag.shape[:-1]), []
-
-
 def _gaussian(lag: FloatArray, p: FloatArray, partials: bool) -> Evaluation:
     """exp(-(d/L)^2); p = ln L."""
     ratio = np.square(lag).sum(axis=-1) * np.exp(-2.0 * p[0])
@@ -164,7 +160,9 @@ class _Form:
 
 
 _FORMS = {
-    SignalKind.NONE: _Form((), _none, lambda p: "trend and noise alone"),
+    SignalKind.NONE: _Form(
+        (), lambda lag, p, partials: (np.zeros(lag.shape[:-1]), []), lambda p: "trend and noise alone"
+    ),
     SignalKind.GAUSSIAN: _Form((ParameterKind.LENGTH,), _gaussian, lambda p: f"length {np.exp(p[0]):.1f} m"),
     SignalKind.EXPONENTIAL: _Form((ParameterKind.LENGTH,), _exponential, lambda p: f"length {np.exp(p[0]):.1f} m"),
     SignalKind.ELLIPTIC: _Form(

@@ -147,11 +147,13 @@ def interpolate(observed: prediction.Observed, options: InterpolationOptions | N
     candidates = _candidates(observed, options)
     outliers: list[Outlier] = []
     while options.reject and len(outliers) < int(_MOST_OUT * count):
-        outlier = _worst(observed, used, candidates[0], critical)
-        if outlier is None:
+        validation = candidates[0].validation
+        worst = int(np.argmax(np.abs(validation.standardised)))
+        if abs(validation.standardised[worst]) <= critical:
             break
-        outliers.append(outlier)
-        used[outlier.row] = False
+        row, error, sigma = np.flatnonzero(used)[worst], validation.error[worst], validation.sigma[worst]
+        outliers.append(Outlier(row=int(row), error=float(error), sigma=float(sigma)))
+        used[row] = False
         candidates = _candidates(observed.rows(used), options)
     kept = observed.rows(used)
     best = candidates[0].estimate
@@ -196,23 +198,14 @@ def _candidates(observed: prediction.Observed, options: InterpolationOptions) ->
     return tuple(sorted(candidates, key=lambda candidate: candidate.estimate.criterion))
 
 
-def _worst(observed: prediction.Observed, used: BoolArray, best: Candidate, critical: float) -> Outlier | None:
-    size = np.abs(best.validation.standardised)
-    row = int(np.argmax(size))
-    if size[row] <= critical:
-        return None
-    error, sigma = float(best.validation.error[row]), float(best.validation.sigma[row])
-    return Outlier(row=int(np.flatnonzero(used)[row]), error=error, sigma=sigma)
-
-
 def grouped(
-    observed: prediction.Observed, options: InterpolationOptions, family: SignalKind, groups: int = GROUPS
+    observed: prediction.Observed, options: InterpolationOptions, family: SignalKind
 ) -> prediction.CrossValidation:
-    """Return the validation by groups of control points, the covariance of a family estimated without each."""
+    """Return the validation by `GROUPS` of control points, the covariance of a family estimated without each."""
     count = len(observed.value)
-    member = np.random.default_rng(count).permutation(count) % min(groups, count)
+    member = np.random.default_rng(count).permutation(count) % min(GROUPS, count)
     error, sigma = np.empty(count), np.empty(count)
-    for group in range(min(groups, count)):
+    for group in range(min(GROUPS, count)):
         out = member == group
         rest = observed.rows(~out)
         covariance = estimate(rest, options.trend, family, free_noise=options.free_noise).covariance

@@ -62,21 +62,15 @@ class FourierSurface:
         amplitude, phase, vector = _polar(self.parameters)
         number = np.linalg.norm(vector, axis=1)
         values = [amplitude, 2.0 * np.pi / number, np.arctan2(vector[:, 1], vector[:, 0]), phase]
-        T = self._described_partials()
+        a, b, kx, ky = self.parameters[1:].reshape(-1, PER_WAVE).T
+        T = np.zeros((len(a), 4, PER_WAVE))  # by a, b, kx, ky
+        T[:, 0, 0], T[:, 0, 1] = a / amplitude, b / amplitude
+        T[:, 1, 2], T[:, 1, 3] = -2.0 * np.pi * kx / number**3, -2.0 * np.pi * ky / number**3
+        T[:, 2, 2], T[:, 2, 3] = -ky / number**2, kx / number**2
+        T[:, 3, 0], T[:, 3, 1] = -b / amplitude**2, a / amplitude**2
         rows = 1 + PER_WAVE * np.arange(self.count)[:, None] + np.arange(PER_WAVE)
         variance = np.einsum("kij,kjl,kil->ki", T, self.covariance[rows[:, :, None], rows[:, None, :]], T)
         return np.stack(values, axis=1), np.sqrt(variance)
-
-    def _described_partials(self) -> FloatArray:
-        """Return (k, 4, 4) amplitude, length, azimuth, phase by a, b, kx, ky."""
-        a, b, kx, ky = self.parameters[1:].reshape(-1, PER_WAVE).T
-        A, number = np.hypot(a, b), np.hypot(kx, ky)
-        T = np.zeros((len(a), 4, PER_WAVE))
-        T[:, 0, 0], T[:, 0, 1] = a / A, b / A
-        T[:, 1, 2], T[:, 1, 3] = -2.0 * np.pi * kx / number**3, -2.0 * np.pi * ky / number**3
-        T[:, 2, 2], T[:, 2, 3] = -ky / number**2, kx / number**2
-        T[:, 3, 0], T[:, 3, 1] = -b / A**2, a / A**2
-        return T
 
     def covers(self, xy: FloatArray) -> BoolArray:
         """Tell which places (..., 2) m about the origin lie among its points; the waves themselves have no end."""
@@ -205,7 +199,10 @@ def _why_not(q: FloatArray, xy: FloatArray, weight: FloatArray, step: WaveTrial,
         return "no better than noise"
     if not all(waves.holds(vector) for vector in _polar(q)[2]):
         return "the fit leaves the band of the search"
-    if not is_determined(q, xy, weight):
+    design = shape_partials(q, xy)[:, 0] * np.sqrt(weight)[:, None]
+    size = np.linalg.norm(design, axis=0)
+    # parameters are told apart where the correlation matrix of the normals is far from singular
+    if not ((size > 0.0).all() and np.linalg.eigvalsh((design / size).T @ (design / size))[0] > 1e-8):
         return "cannot be told from the waves before it"
     return ""
 
@@ -246,13 +243,6 @@ def _turned(q: FloatArray) -> FloatArray:
     back = (waves[:, 2] < 0.0) | ((waves[:, 2] == 0.0) & (waves[:, 3] < 0.0))
     waves[back, 1:] *= -1.0
     return out
-
-
-def is_determined(q: FloatArray, xy: FloatArray, weight: FloatArray) -> bool:
-    """Tell whether all parameters are told apart: the correlation matrix of the normals is far from singular."""
-    design = shape_partials(q, xy)[:, 0] * np.sqrt(weight)[:, None]
-    size = np.linalg.norm(design, axis=0)
-    return bool((size > 0.0).all() and np.linalg.eigvalsh((design / size).T @ (design / size))[0] > 1e-8)
 
 
 def estimate(points: SurfacePoints, origin: FloatArray, start: FloatArray) -> FourierSurface:

@@ -207,12 +207,13 @@ def cell_counts(grid: Mesh, xy: FloatArray) -> IntArray:
     return out
 
 
-def known_cells(count: IntArray) -> BoolArray:
-    """Return the cells that have points, and those without that are surrounded: 4 of 8 neighbours have some."""
+def known_cells(grid: Mesh, xy: FloatArray) -> BoolArray:
+    """Return the cells (nx - 1, ny - 1) with points (n, 2), and those that are surrounded: by 4 of 8 neighbours."""
     from scipy.ndimage import convolve  # heavy
 
-    around = convolve((count > 0).astype(int), np.ones((3, 3), dtype=int), mode="constant")
-    return (count > 0) | (around >= _BRIDGED)
+    filled = cell_counts(grid, xy) > 0
+    around = convolve(filled.astype(int), np.ones((3, 3), dtype=int), mode="constant")
+    return filled | (around >= _BRIDGED)
 
 
 def estimate(points: SurfacePoints, origin: FloatArray, grid: Mesh) -> GridSurface:
@@ -236,7 +237,7 @@ def estimate(points: SurfacePoints, origin: FloatArray, grid: Mesh) -> GridSurfa
         y=grid.y,
         coefficients=c + level,  # splines add up to one
         normal=N,
-        known=known_cells(cell_counts(grid, xy)),
+        known=known_cells(grid, xy),
         curvature=curvature,
     )
 
