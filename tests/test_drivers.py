@@ -10,10 +10,10 @@ from drivers.mutated_decks import absurdities, decks, run
 from drivers.slips import DECKS, UNUSABLE, slips
 from musatpy.model import Grade
 
-_SLOW = [pytest.param(first, 42, marks=pytest.mark.slow) for first in range(6, 90, 42)]
+_SLOW = [pytest.param(*part, marks=pytest.mark.slow) for part in ((2, 46), (48, 42))]
 
 
-@pytest.mark.parametrize(("first", "count"), [(0, 6), *_SLOW])
+@pytest.mark.parametrize(("first", "count"), [(0, 2), *_SLOW])
 def test_a_deck_that_is_wrong_by_chance(first: int, count: int, tmp_path: Path) -> None:
     for seed in range(first, first + count):
         one = run(seed, tmp_path)

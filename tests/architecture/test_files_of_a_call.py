@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 MOST = {"cayman_standard": 25, "cayman_clean": 28, "cayman_modified": 28}  # with WATPT three more
 # Files in which a function runs while a block is adjusted: no body of a module, and nothing that an import calls.
@@ -38,6 +40,7 @@ for deck in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 def test_an_adjustment_of_ten_photos_passes_few_files() -> None:
     paths = [str(FIXTURES / "cayman" / f"{deck}.crd") for deck in MOST]
     ran = subprocess.run([sys.executable, "-c", CALL, *paths], capture_output=True, text=True, check=True)

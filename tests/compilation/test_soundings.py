@@ -343,6 +343,7 @@ def test_rasters_that_are_no_bottom(
     assert caught.value.problems[0].file == str(path)
 
 
+@pytest.mark.slow
 def test_soundings_beside_the_posts_of_a_compilation(run_record: Path, tmp_path: Path) -> None:
     """The grid of posts of the deck, of 100 m: as good as its triangles to the scatter of the bottom, .3 m."""
     assert musat("as11", "compile", run_record, DECK, "-o", tmp_path, "--gis").exit_code == 0

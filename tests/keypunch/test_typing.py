@@ -43,6 +43,7 @@ def test_words_go_to_the_fields_in_their_order(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_deck_in_small_letters_is_that_in_capitals() -> None:
     path = FIXTURES / "cayman" / "cayman_modified.crd"
     assert tidied(path.read_bytes().lower(), card_family()).data == path.read_bytes().upper()

@@ -114,6 +114,7 @@ def test_rows_without_names_find_each_other_between_rows_that_are_the_same():
     assert [one.kind for one in found.findings] == ["number", "number", "number", "only in B", "number"]
 
 
+@pytest.mark.slow
 def test_rows_of_which_every_second_one_differs_are_aligned_in_no_time():
     """As `difflib` does it, in the square of the rows: minutes."""
     a, b = ([text for n in range(20_000) for text in (f"point {n}", f"{n + step:.1f}")] for step in (0.1, 0.2))

@@ -45,6 +45,7 @@ def test_what_is_odd_makes_it_doubtful(tmp_path):
     assert page.rows("Points Without Coordinates")[0]["Reason"] == "its rays are parallel"
 
 
+@pytest.mark.slow
 def test_a_wrong_value_is_named(tmp_path):
     record = json.loads(compiled_text())
     record["points"]["datum_depth"][2] = "deep"

@@ -37,6 +37,7 @@ def test_the_verdict_stands_first(page):
     assert "Accuracy" not in before and "no test rejects it" in after[:60]
 
 
+@pytest.mark.slow
 def test_the_head_says_the_system_of_the_job_and_what_is_given_for_the_page(tmp_path):
     (tmp_path / "utm").mkdir()
     run = written(tmp_path)
@@ -274,6 +275,7 @@ def test_columns_of_a_local_job(tmp_path):
     assert "Sigma X m" in page.tables["Adjusted Ground Points"][0]
 
 
+@pytest.mark.slow
 def test_what_edit_left_out_stands_with_its_tests(tmp_path):
     text = record_text(ROOT / "fixtures" / "verdict" / "edit_point_206_420m.crd")
     found, rows = json.loads(text)["findings"], read(written(tmp_path, text)).rows("Blunders Found")
