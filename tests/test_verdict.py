@@ -405,7 +405,10 @@ DECKS = {
 }
 
 
-@pytest.mark.parametrize("name", DECKS)
+_SLOW = pytest.param("cameras_underground", marks=pytest.mark.slow)  # `musat run` of it is tried quickly elsewhere
+
+
+@pytest.mark.parametrize("name", [_SLOW, *list(DECKS)[1:]])
 def test_decks_that_showed_a_defect(name: str) -> None:
     block: model.Block = read_deck(FIXTURES / f"verdict/{name}.crd")
     grade, text = DECKS[name]

@@ -324,7 +324,8 @@ def test_a_reader_that_goes_away_is_no_error(bad_deck):
     assert (done.stderr, done.stdout.count(b"\n")) == (b"", 1)
 
 
-@pytest.mark.parametrize("quiet", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("quiet", [False, True])
 def test_progress_is_shown_on_a_terminal_and_taken_away(deck, quiet):
     terminal, its_end = pty.openpty()
     code = "import musatpy.cli.progress as line; line._PATIENCE = 0.0\nfrom musatpy.cli.main import main; main()"
