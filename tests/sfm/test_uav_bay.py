@@ -144,6 +144,23 @@ def test_the_commands_of_a_drone_surveyor(job: Job) -> None:
     assert photos[1] == '"DCIM/DJI_20260109000001.JPG",2026-01-09 14:10:00 UTC,UTCAtExposure,1.3100,0.0200,FLIGHT1'
 
 
+def test_the_commands_of_the_readme_go_from_the_example_to_the_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    readme = (Path(__file__).parents[2] / "README.md").read_text().replace("\\\n", "")
+    block = readme.split("## A drone survey")[1].split("```")[1]
+    lines = [line.removesuffix(" && cd bay") for line in block.splitlines() if line.startswith("musat ")]
+    (tmp_path / "bay").mkdir()
+    monkeypatch.chdir(tmp_path)
+    for line in lines:
+        result = musat(*line.split()[1:])
+        assert result.exit_code == 0, result.output
+        monkeypatch.chdir(tmp_path / "bay")
+    assert (
+        len(lines) == 5 and (tmp_path / "bay" / "bay.html").is_file() and (tmp_path / "bay" / "true.csv").is_file()
+    )
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
