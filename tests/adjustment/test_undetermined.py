@@ -272,9 +272,8 @@ def test_a_hopeless_job_ends_as_not_converged_and_names_the_culprit(spoilt, opti
     options = {name: enums[name](value) if name in enums else value for name, value in options.items()}
     solution = musatpy.adjust(with_options(altered(BLOCK, **spoilt()), **options))
     assert not solution.converged
-    # whichever is above its limit; a step that is damped heavily can be below both, and nothing is above
-    above = "still (moves|turns)|no step lowers the sum of squares|^limits not reached in [0-9]+ iterations; "
-    assert re.search(above, solution.reason)
+    # whichever is above its limit; a step that is damped heavily can be below both
+    assert re.search("still (moves|turns|damped)|no step lowers the sum of squares", solution.reason)
     assert "; what fits worst: " in solution.reason
     assert "NOT CONVERGED" in listing(solution)
     at_start = [

@@ -167,7 +167,8 @@ def iterate(
         damping = 0.1 * damping if damping >= _FIRST_DAMPING else 0.0
         factor = taken = None  # which makes room for the next
     plural = "" if max_iterations == 1 else "s"
-    failure = f"limits not reached in {max_iterations} iteration{plural}"
+    damped = "" if change else ", the last step still damped"
+    failure = f"limits not reached in {max_iterations} iteration{plural}{damped}"
     return Outcome(state=state, last_step=step, failure=failure, change=change)
 
 
