@@ -1,7 +1,5 @@
 """Compiled points, and coordinates of files, in the system that the run states its answer in."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The conditions of the water of a deck -> its refractive index, and what is wrong with them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The waves of a deck: what linear theory knows of them, what cannot be, and the surface that they make."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

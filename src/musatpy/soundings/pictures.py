@@ -1,7 +1,5 @@
 """Compiled beside sounded depths as a picture: against each other, by frequency, and on the map (extra `plots`)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

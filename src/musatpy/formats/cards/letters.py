@@ -1,7 +1,5 @@
 """Letters beyond ASCII in a deck: bytes <-> text."""
 
-from __future__ import annotations
-
 import codecs
 
 _UTF_8, _MARKED, LATIN_1 = "utf-8", "utf-8-sig", "latin-1"
