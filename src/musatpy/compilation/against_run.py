@@ -3,6 +3,8 @@
 What the stages should read of points of the run, and the precision to expect of points at places of the model.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product

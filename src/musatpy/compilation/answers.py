@@ -1,5 +1,7 @@
 """Compiled points, and coordinates of files, in the system that the run states its answer in."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 

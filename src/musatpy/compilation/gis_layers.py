@@ -1,5 +1,7 @@
 """A compilation as layers for other programs: its points and contours, on a map about it or in a system."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from typing import Any
 

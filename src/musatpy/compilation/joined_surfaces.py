@@ -8,6 +8,8 @@ the water contradicts itself, and is not in the bottom. Where models overlap the
 the points there each keeps those that are nearer to its own middle. What both say there is the edge match.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations

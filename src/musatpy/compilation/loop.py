@@ -11,6 +11,8 @@ has not (ETL-0306, section 5, takes them so). Where the loop of the plotter goes
 true point, the rays are those to its refracted images, and a y-parallax is what the operator saw beside these.
 """
 
+from __future__ import annotations
+
 import math
 import time
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """Soundings and contours of other sources beside the bottom of a compilation, and why some of them do not count."""
 
+from __future__ import annotations
+
 import datetime
 from collections.abc import Sequence
 from contextlib import suppress

@@ -1,5 +1,7 @@
 """The bottom as a picture: contours over shaded depth, with points and stations (the extra `plots`)."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

@@ -5,6 +5,8 @@ every photo has its own ray and its own tide, and every point its own vertical; 
 point for both rays, one vertical for the model, and one mean tide.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

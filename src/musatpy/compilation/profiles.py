@@ -1,5 +1,7 @@
 """The profiles of a compilation: readings along lines of a model, one by one or scanned side by side."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,5 +1,7 @@
 """The bottom as a raster of depths, such as corrections and grids of posts leave; contours of rasters as files."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path

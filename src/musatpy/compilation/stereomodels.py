@@ -1,5 +1,7 @@
 """A stereomodel: two photos of a run in axes of their own, as the plotter has them, and slips of its readings."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 

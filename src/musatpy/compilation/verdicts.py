@@ -1,5 +1,7 @@
 """What is odd about a compilation, and what it is worth: as the verdict on a run, with its reasons."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np

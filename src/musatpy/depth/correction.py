@@ -5,6 +5,8 @@ geocentric, points in any system, and every point has its own vertical: the wate
 the tide above the ellipsoid, as in the adjustment. Tilted water is a plane too, across its own normal.
 """
 
+from __future__ import annotations
+
 import os
 import time
 from collections import deque

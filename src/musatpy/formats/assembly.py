@@ -1,5 +1,7 @@
 """A draft without errors -> `Block`, and `Block` -> the columns of its cards."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any

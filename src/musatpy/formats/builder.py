@@ -1,5 +1,7 @@
 """Blocks made in Python: what is said of cameras, photos, images and control, checked as decks are."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from enum import StrEnum

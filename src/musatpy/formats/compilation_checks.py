@@ -1,5 +1,7 @@
 """What is wrong between the cards of a compilation deck, or with values that are well written."""
 
+from __future__ import annotations
+
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence

@@ -1,5 +1,7 @@
 """Compilation decks: cards of the family `as11` <-> stereomodels and readings, with every problem of the deck."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace

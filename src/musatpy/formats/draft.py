@@ -4,6 +4,8 @@ The cross checks read a draft, because only a deck without errors makes a `Block
 each value. Its photos, cameras and points are all that any card names, the properly defined ones first.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property

@@ -1,5 +1,7 @@
 """A deck of which some cards say something else: the lines of all others stay as they are, byte by byte."""
 
+from __future__ import annotations
+
 import math
 import re
 from collections import defaultdict

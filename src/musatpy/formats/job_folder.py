@@ -6,6 +6,8 @@ last bit; equal jobs are equal files. What the job was made from (the cameras as
 points) may stand there too, under `source/`.
 """
 
+from __future__ import annotations
+
 import io
 import json
 import math

@@ -4,6 +4,8 @@ A table is named by its role (`ROLES`), and its columns by the attributes of the
 units. Decks, files of other agencies, calls and blocks come to such tables, and are made of them.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache

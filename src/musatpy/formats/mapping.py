@@ -5,6 +5,8 @@ an angle in degrees, minutes and seconds add `:deg`, `:min` and `:sec`. A field 
 of which each knows its own letters: `points.bathymetric points.dry`. Everything here works on whole columns.
 """
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Hashable, Mapping

@@ -1,5 +1,7 @@
 """The native deck: 80-column cards of the musat family <-> `Block`."""
 
+from __future__ import annotations
+
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,5 +1,7 @@
 """The conditions of the water of a deck -> its refractive index, and what is wrong with them."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 
 import numpy as np

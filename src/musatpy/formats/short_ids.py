@@ -1,5 +1,7 @@
 """Names of any length <-> those that go into the columns of cards: `DJI_20260109141611_0031.JPG` is photo 0031."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace

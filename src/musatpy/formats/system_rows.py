@@ -1,5 +1,7 @@
 """The cards that say how a deck is stated (SYS, SYT, SYO, SYF), and those of matrices: rows <-> plain words."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,5 +1,7 @@
 """Areas in plan: polygons with their holes, of GeoJSON or of a list of corners."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass

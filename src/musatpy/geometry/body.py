@@ -12,6 +12,8 @@ east, down; F = diag(1, -1, -1), and C takes east, north, up to north, east, dow
 roll positive with the right wing down, pitch with the nose up.
 """
 
+from __future__ import annotations
+
 from enum import StrEnum
 
 import numpy as np

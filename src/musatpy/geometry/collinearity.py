@@ -15,6 +15,8 @@ after the other, so that matrices, rates and gimbal cases have one formula for a
 A small rotation w (rad, along the reference axes) is that of M (I - [w]x): it turns the photo by w.
 """
 
+from __future__ import annotations
+
 from enum import StrEnum
 from typing import Any
 

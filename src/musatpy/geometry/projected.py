@@ -8,6 +8,8 @@ Scale factors and convergence are taken from the map itself, not from PROJ's `ge
 senses of axes and prime meridians other than Greenwich (proj 9.5: EPSG:2263, EPSG:2048, EPSG:27561).
 """
 
+from __future__ import annotations
+
 import os
 import re
 from collections.abc import Iterator

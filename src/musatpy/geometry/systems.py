@@ -4,6 +4,8 @@ Between all systems on the ellipsoid stand level coordinates, as in `frames`: la
 ellipsoidal height (m); those of a local rectangular job are its X, Y, Z. Projected systems are in `projected`.
 """
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Protocol

@@ -1,5 +1,7 @@
 """Files of points, lines or grids by their suffix, whichever format that is."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -6,6 +6,8 @@ it changes nothing, fifteen times as fast as ezdxf, which reads all others. Need
 shapely, the extra `gis`.
 """
 
+from __future__ import annotations
+
 import math
 import re
 from collections import Counter

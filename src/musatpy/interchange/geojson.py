@@ -7,6 +7,8 @@ are heights above the ellipsoid of WGS 84, of layers whose system has them. Heig
 the units of properties.
 """
 
+from __future__ import annotations
+
 import json
 import warnings
 from collections import Counter

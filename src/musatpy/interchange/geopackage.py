@@ -4,6 +4,8 @@ Units of columns stand where the extension "schema" describes columns, the words
 described. Needs the packages pyogrio and shapely, the extra `gis`.
 """
 
+from __future__ import annotations
+
 import sqlite3
 from collections.abc import Mapping
 from contextlib import closing

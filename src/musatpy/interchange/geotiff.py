@@ -3,6 +3,8 @@
 Rasters of any size are read and written by rows. Needs the package rasterio, the extra `gis`.
 """
 
+from __future__ import annotations
+
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

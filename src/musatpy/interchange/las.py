@@ -3,6 +3,8 @@
 Needs the package laspy, the extra `las`. Files of any size come and go in chunks.
 """
 
+from __future__ import annotations
+
 import datetime
 import uuid
 from collections.abc import Iterator

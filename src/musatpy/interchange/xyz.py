@@ -4,6 +4,8 @@ A name has its unit in brackets behind it: `depth [m]`. What the bare form has b
 their places: `column4` and so on. Neither form says its coordinate system. Files of any size come and go in chunks.
 """
 
+from __future__ import annotations
+
 import csv
 from collections.abc import Iterator, Sequence
 from io import StringIO

@@ -1,5 +1,7 @@
 """Cards out of the rows of a table whose columns have the names of the fields."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """Heights of the water at times of exposure, out of the readings of a gauge, and the cards that say them."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Mapping
 from contextlib import suppress

@@ -1,5 +1,7 @@
 """Cards typed as words with blanks between: put into their columns where there is one way to do so."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress

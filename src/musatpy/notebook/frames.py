@@ -1,5 +1,7 @@
 """A solution as frames of pandas, or as a dataset of xarray: the tables of its record."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """What a notebook shows below a cell whose value is a solution or a block."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
 from html import escape
 

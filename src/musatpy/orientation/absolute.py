@@ -5,6 +5,8 @@ of the seven parameters with Cauchy's weights follow, each known component for i
 do not say where up is: the spatial similarity of the full control is another start, if that leads to far less.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,6 +5,8 @@ still fit by plane similarities, with errors of some degrees and some per cent o
 heading come first, as logarithms, so that no scale shrinks; the places follow. Both are linear and robust.
 """
 
+from __future__ import annotations
+
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 

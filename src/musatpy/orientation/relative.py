@@ -8,6 +8,8 @@ one from the assumption of two vertical photos; least squares of the coplanarity
 its minimum. The eight-point method is not used: over flat ground it has no unique answer.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from typing import Self
 

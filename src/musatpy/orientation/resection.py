@@ -3,6 +3,8 @@
 Grunert's direct solution of three points gives the starts, least squares with Cauchy's weights the result.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations

@@ -1,5 +1,7 @@
 """What came of an orientation of one photo, two or three, with sigmas, tests and a verdict."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

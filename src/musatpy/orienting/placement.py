@@ -1,5 +1,7 @@
 """What every orientation of a task has: photos, points and the water, in the system of the job or of a model."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 

@@ -1,5 +1,7 @@
 """What came of the orientation of a strip: first values by triplets, adjusted by IIIA, with joins and a verdict."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,5 +1,7 @@
 """What the ORI card of a block asks for: photos and their sights, and what is known of the water."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np

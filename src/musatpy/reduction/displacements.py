@@ -30,6 +30,8 @@ and R the radius of the earth. Geographic and geocentric jobs have the true shap
 corrected.
 """
 
+from __future__ import annotations
+
 import itertools
 import math
 from abc import ABC, abstractmethod

@@ -18,6 +18,8 @@ A table is interpolated linearly: that is how such tables are used by hand, it d
 continued, and `beyond_table` says so.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property, partial

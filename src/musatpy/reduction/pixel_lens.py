@@ -12,6 +12,8 @@ fx - fy), and the denominator of OpenCV's rational model. Pixels count from the 
 middle of the first one is (0.5, 0.5).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 

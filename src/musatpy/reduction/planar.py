@@ -19,6 +19,8 @@ comparator, else 1:
 The inverse of a small displacement in the plate, by Newton's method.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -7,6 +7,8 @@ which undoes, last influence first, what happened to a ray: the earth's shape, t
 comparator. Marks and crosses of the reseau take the same way as the points, up to the step that they serve.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Protocol
 

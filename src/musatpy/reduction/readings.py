@@ -3,6 +3,8 @@
 Repeated readings of the same mark or point on a plate: their means, and a test of their spread.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -3,6 +3,8 @@
 The parameters of the steps as named numbers with sigmas, for a listing.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import replace
 

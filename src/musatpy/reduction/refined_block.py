@@ -1,5 +1,7 @@
 """The plates of a block of readings: reduced as its cards ask for it, and the block with refined coordinates."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -9,6 +9,8 @@ places exactly, neighbouring cells agree along their common side, and the invers
 exchanged.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 

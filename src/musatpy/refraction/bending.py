@@ -3,6 +3,8 @@
 Okamoto (1982), eq. 22 to 33: the first place where the ray meets the surface, Snell's law about its normal.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,6 +5,8 @@ water. Lengths are in any unit, the same for all; symbols are those of the paper
 factor is the index n.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

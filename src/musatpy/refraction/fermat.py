@@ -10,6 +10,8 @@ within a circle about the ground point (`reach`); where L is convex over that ci
 method cannot miss it (`is_single`). Only the other rays are searched (`search`).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -8,6 +8,8 @@ the caller says that it is to be taken as wet: then the same formulas, smooth th
 water. An adjustment needs that: which rays are wet must not change under its feet.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar

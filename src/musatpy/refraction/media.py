@@ -13,6 +13,8 @@ Wavelengths are those in vacuum, nanometres. (The data behind quan-fry are of wa
 that is 1e-5 of n, within its own error of 1.5e-5.) Temperatures are degrees Celsius, salinities parts per thousand.
 """
 
+from __future__ import annotations
+
 from enum import StrEnum
 
 import numpy as np

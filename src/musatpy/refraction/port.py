@@ -17,6 +17,8 @@ Outside, the ray comes as if from s n on the axis, s = d + t - (d + t r(T, n_g))
 farther on refracts it as that of a camera there.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

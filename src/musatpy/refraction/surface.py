@@ -5,6 +5,8 @@ frozen dataclass (or a function that returns one) that has the three members of 
 here, `waves` has the others; `fermat` finds the incidence points and `bending` the refracted rays of any of them.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol

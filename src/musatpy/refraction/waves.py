@@ -7,6 +7,8 @@ harmonic, half as long and moving with it, about the mean level. The trochoid of
 water: the path of a point inside a rolling circle.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self

@@ -1,5 +1,7 @@
 """The waves of a deck: what linear theory knows of them, what cannot be, and the surface that they make."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 
 import numpy as np

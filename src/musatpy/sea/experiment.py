@@ -5,6 +5,8 @@ their images as if the water were level. The attitudes of the photos do not matt
 plate coordinates and back. Model axes: x along the flight, y across it, z up, m.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

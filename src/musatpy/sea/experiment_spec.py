@@ -1,5 +1,7 @@
 """The spec of a wave experiment: what a TOML file can say, with units, limits and meaning of every key."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
 

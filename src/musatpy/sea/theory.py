@@ -6,6 +6,8 @@ Okamoto (1982) are this theory with g = 9.8 m/s2. The formulas are those of any 
 Dalrymple, Water Wave Mechanics for Engineers and Scientists (1991), chapters 3 and 4.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from enum import StrEnum
 

@@ -1,5 +1,7 @@
 """Compiled beside sounded depths as a picture: against each other, by frequency, and on the map (extra `plots`)."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The orders of the IHO standard S-44, and which of them depths and positions meet."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path

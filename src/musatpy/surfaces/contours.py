@@ -1,5 +1,7 @@
 """Contours of triangles, straight in each, and of grids of nodes; with the greater values on their right."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any

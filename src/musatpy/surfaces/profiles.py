@@ -1,5 +1,7 @@
 """Profiles: points along a line, put in order, cleared of spikes, thinned, and read off at even steps."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

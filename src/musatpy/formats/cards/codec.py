@@ -7,6 +7,8 @@ what stands on few cards, goes through the definition, card by card. So it is wi
 fit with all decimals are written in one go, and each of the different texts once.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
 
 import numpy as np

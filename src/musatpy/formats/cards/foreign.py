@@ -1,5 +1,7 @@
 """What a file is that is no deck: told once, in place of every line that is no card."""
 
+from __future__ import annotations
+
 import codecs
 
 from musatpy.formats.cards.spec import Family

@@ -1,5 +1,7 @@
 """Letters beyond ASCII in a deck: bytes <-> text."""
 
+from __future__ import annotations
+
 import codecs
 
 _UTF_8, _MARKED, LATIN_1 = "utf-8", "utf-8-sig", "latin-1"

@@ -3,6 +3,8 @@
 `python -m musatpy.formats.cards.manual` prints the manual.
 """
 
+from __future__ import annotations
+
 import json
 import sys
 import textwrap

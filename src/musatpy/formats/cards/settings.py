@@ -1,5 +1,7 @@
 """Fields of cards by their names, as people say them: `OP2.water_level=ONE` -> the columns of a card."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """Slips that all of a card has in common: columns moved, commas for points, letters for digits, decimal degrees."""
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Iterator

@@ -1,5 +1,7 @@
 """What a card looks like: fields, cards and families of cards, stated once in TOML and checked on loading."""
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -1,5 +1,7 @@
 """One field of a record <-> its text: what cards can do, and packed angles, codes, numbers that mean "none"."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Any, Literal

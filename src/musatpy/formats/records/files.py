@@ -3,6 +3,8 @@
 On writing come the records between rows that the order of a file asks for.
 """
 
+from __future__ import annotations
+
 import math
 import re
 from collections import Counter

@@ -1,5 +1,7 @@
 """The rows of the files of a family <-> parts of a block."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any

@@ -8,6 +8,8 @@ control that both photos show depends on (13) of its two rays and is left out. T
 points on all three photos, or more on two; the model is that of the first pair, with one scale.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from functools import partial
 from typing import Any

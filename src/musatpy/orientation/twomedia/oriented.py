@@ -4,6 +4,8 @@ Starts are found, the best of them adjusted, gross errors taken out one by one, 
 sigmas, its reliability and a verdict whether the water is determined at all.
 """
 
+from __future__ import annotations
+
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum

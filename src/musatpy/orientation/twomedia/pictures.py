@@ -1,5 +1,7 @@
 """Pictures of an orientation through water and of its study: correlations, basins, precision, errors of a strip."""
 
+from __future__ import annotations
+
 from itertools import cycle
 from typing import Any
 

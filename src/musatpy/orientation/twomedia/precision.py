@@ -3,6 +3,8 @@
 Then how the unknowns depend on one another, in words.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

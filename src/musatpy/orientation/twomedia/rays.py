@@ -7,6 +7,8 @@ of all arrays are trial orientations of the same images, adjusted side by side. 
 each of k points in s orientations, control points (s, k, 3) and the orientations, and gives q misclosures a point.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self

@@ -1,5 +1,7 @@
 """What an orientation is made from: images of points on photos, control, and what is known of the water."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -6,6 +6,8 @@ against all points. Around the one that most of them fit, points go out and come
 that are in, until nothing changes.
 """
 
+from __future__ import annotations
+
 import numpy as np
 from scipy.special import chdtrc, chdtri
 

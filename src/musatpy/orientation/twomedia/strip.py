@@ -5,6 +5,8 @@ is joined to the one before by their common points and stations, and the strip i
 similarity. What these values are worth, and which plane all photos see, is for an adjustment that starts from them.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise

@@ -5,6 +5,8 @@ to it, to other solutions, or nowhere. Its design gives the precision of the pla
 same points under it and the share of them that stand dry.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,6 +4,8 @@ Control points are a table with columns `id`, `sigma` (m) where known, and eithe
 `x,y`, or `z_true` alone, for points that are mapped in another file. Errors are mapped minus true.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

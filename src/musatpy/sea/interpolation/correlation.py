@@ -6,6 +6,8 @@ distance, that of waves of one length from all directions, and the cosine along 
 both die away by a Gaussian factor (products of positive definite functions are so too).
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum

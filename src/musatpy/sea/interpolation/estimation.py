@@ -4,6 +4,8 @@ The likelihood has many maxima in the wave length. The search starts from severa
 of the values (least squares of cosine and sine), lengths spread between the spacing and the extent of the points.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any

@@ -5,6 +5,8 @@ the closed cross-validation, which holds the covariance: with few points a wave 
 only a validation that estimates the covariance again without the points left out shows it.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from enum import StrEnum
 from statistics import NormalDist

@@ -5,6 +5,8 @@ Many points are parted into blocks of neighbours, whose likelihoods are multipli
 stays unbiased and needs far less time.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

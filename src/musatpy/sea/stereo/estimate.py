@@ -1,5 +1,7 @@
 """From surface points to a surface: waves or grid, bad points rejected, covariance by what the residuals say."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial

@@ -4,6 +4,8 @@ Parameters stand in one vector: level, then a, b (m), kx, ky (rad/m) of every wa
 and phase, because these have no derivative where the amplitude is zero.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import cached_property
 

@@ -5,6 +5,8 @@ and sqrt(2) s_xy observed as 0 with a sigma: the curvature that the sea has by n
 as the one under which the heights are most likely (restricted maximum likelihood).
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial

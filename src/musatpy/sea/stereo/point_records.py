@@ -4,6 +4,8 @@ A table has the columns `id,x,y,z` and, all three or none, the sigmas `sx,sy,sz`
 The coordinates may have other names.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -6,6 +6,8 @@ Lomb and Scargle with a floating mean. The sums are products of two matrices, be
 of its parts along x and y.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

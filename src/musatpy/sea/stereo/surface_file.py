@@ -1,5 +1,7 @@
 """The file of an estimated surface (JSON, `surface.schema.json`): all that is needed to use it, sigmas included."""
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
 from typing import Any

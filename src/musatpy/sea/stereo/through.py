@@ -7,6 +7,8 @@ parallax is not in the apparent point; it is that under which the refracted rays
 Axes: those of the surface, Z up (m); every array has one row per point.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 
