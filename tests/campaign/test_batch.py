@@ -13,9 +13,8 @@ import pytest
 from campaign.batches import ROOT, ST_THOMAS, assert_whole, command, decks_in, musat, summary_of
 from cli import commands
 from json_schema import BATCH_MANUAL, BATCH_SCHEMA, load_schema, violations, with_table
-from musatpy.campaign.batch import run_batch
+from musatpy.campaign.batch import Ledger, run_batch
 from musatpy.campaign.batch_jobs import BatchJob, JobOptions, JobState
-from musatpy.campaign.ledger import Ledger
 from musatpy.campaign.manifest import ManifestError, decks_of, plan_of
 from musatpy.campaign.worker import run_job
 from musatpy.errors import MusatError

@@ -23,9 +23,8 @@ from campaign.batches import (
 )
 from musatpy.campaign.baseline_checks import changed_decks, check
 from musatpy.campaign.baselines import BaselineError, accept, load_baseline, save
-from musatpy.campaign.batch import run_batch
+from musatpy.campaign.batch import Ledger, run_batch
 from musatpy.campaign.batch_jobs import BatchJob, JobOptions, JobState
-from musatpy.campaign.ledger import Ledger
 from musatpy.campaign.locks import LockedError, folder_locks
 from musatpy.campaign.manifest import decks_of, plan_of
 from musatpy.campaign.worker import run_job
@@ -151,7 +150,7 @@ def test_a_ledger_that_cannot_be_written_anew_is_still_read_and_added_to(tmp_pat
     def full(files):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("musatpy.campaign.ledger.write_files", full)
+    monkeypatch.setattr("musatpy.campaign.batch.write_files", full)
     again = Ledger(tmp_path)
     again.add(BatchJob(deck=deck), outcome)
     assert Ledger(tmp_path).finished(BatchJob(deck=deck)) is not None

@@ -14,8 +14,8 @@ from musatpy.campaign.batch_jobs import BatchJob, JobOutcome, JobState
 from musatpy.campaign.batch_reports import index_page
 from musatpy.page import compilation_page, run_page
 from musatpy.page.cells import cell_text
-from musatpy.page.flight import hull_area
 from musatpy.page.page_tables import PageReport
+from musatpy.page.run_page import hull_area
 from musatpy.reports import (
     compilation,
     compilation_bottom,

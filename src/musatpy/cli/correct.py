@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli import depth_options, options, sea_correct
+from musatpy.cli import depth_options, options
+from musatpy.cli import sea as sea_commands
 from musatpy.cli.depth_options import POSITIVE
 from musatpy.cli.messages import complain, name_of
 from musatpy.cli.options import FILE, NamedPath, flag, option, options_of
-from musatpy.cli.sea import pair_by
 from musatpy.memory import cores
 
 if TYPE_CHECKING:
@@ -47,8 +47,8 @@ correction_options = options_of(
 @option("--stations CSV", "Take the stations of this table.", FILE)
 @option("--sea SURFACE.json", "Correct through this surface of 'sea fit'.", FILE)
 @option("--by-control CONTROL", "Correct heights by errors at control points.", FILE)
-@option("--control-sigma M", **sea_correct.CONTROL_SIGMA)
-@sea_correct.control_options
+@option("--control-sigma M", **sea_commands.CONTROL_SIGMA)
+@sea_commands.control_options
 @correction_options
 @click.pass_context
 def command(
@@ -96,7 +96,7 @@ def command(
     if by_control is not None:
         if run or stations or sea or any(given[name] for name in _STATIONS):
             raise click.UsageError("--by-control takes no stations and none of their options")
-        sea_correct.correct_by_control(ctx, points, by_control, given)
+        sea_commands.correct_by_control(ctx, points, by_control, given)
         return
     if wrong := [name for name in _CONTROL if given.pop(name) not in (None, False, (), "constant")]:
         raise click.UsageError(
@@ -125,14 +125,14 @@ def _through_sea(ctx: click.Context, points: Path, surface: Path, source: Path, 
 
     if wrong := [name for name in ("surface", "level", "angle") if given[name]]:
         raise click.UsageError(f"--{wrong[0]} does not go with --sea")
-    pair, precision = pair_by(source, given["photos"]), PointPrecision()
+    pair, precision = sea_commands.pair_by(source, given["photos"]), PointPrecision()
     if given["pointing"] is not None:
         focal = given["focal"] if pair.camera is None else float(pair.camera[:, 0].mean())
         if focal is None:
             raise click.UsageError("--pointing needs the focal length of the stations, or --focal")
         sigma = given["pointing"] * MICROMETRE / focal
         precision = PointPrecision(cameras=pair.stations.position, image_sigma=sigma)
-    sea_correct.correct_through(ctx, points, surface, pair, precision, given, source)
+    sea_commands.correct_through(ctx, points, surface, pair, precision, given, source)
 
 
 def correct(ctx: click.Context, points: Path, source: Path, *, is_run: bool, strict: bool, **given: Any) -> None:
@@ -148,11 +148,11 @@ def correct(ctx: click.Context, points: Path, source: Path, *, is_run: bool, str
         raise click.UsageError(message)
     known = {points.suffix.lower(), given["out"].suffix.lower()} <= {*_TABLES_AND_CLOUDS}
     method = ByPhotographs(system=photographs.cameras.system, photographs=photographs, index=index)
-    method, tally = sea_correct.write_corrected(points, method, given, bar=known, **_more(given))
+    method, tally = sea_commands.write_corrected(points, method, given, bar=known, **_more(given))
     for doubt in (doubts := method.doubts(tally)):
         complain(f"{name_of(points)}: doubtful: {doubt}")
     if why := method.rejection(tally):
-        sea_correct.reject(ctx, points, why)
+        sea_commands.reject(ctx, points, why)
     if strict and doubts:
         ctx.exit(ExitStatus.REJECTED)
 
@@ -169,11 +169,11 @@ def _by_job(
         raise click.UsageError(message)
     options.refuse_overwriting([given["out"]], [points, run])
     method = by_file_cameras(run, job, in_model=in_model, **how)
-    method, tally = sea_correct.write_corrected(
+    method, tally = sea_commands.write_corrected(
         points, method, given | {"crs": None} if in_model else given, **_more(given)
     )
     if why := method.rejection(tally):
-        sea_correct.reject(ctx, points, why)
+        sea_commands.reject(ctx, points, why)
 
 
 def _more(given: dict[str, Any]) -> dict[str, Any]:

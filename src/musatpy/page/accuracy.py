@@ -18,7 +18,7 @@ from musatpy.records.tables import Tables, numbers, part, rows_of, texts
 from musatpy.reports import analyses
 from musatpy.reports.headline import CHECKS, CONTROL, differences
 from musatpy.soundings.s44 import NO_ORDER, orders_met, source, survey_orders
-from musatpy.statistics.differences import DifferenceStatistics, difference_statistics
+from musatpy.statistics.analyses import DifferenceStatistics, difference_statistics
 
 SAMPLES = "Control And Check Points: Adjusted Minus Given"
 ORDERS = "Orders Of S-44 Met By The Depths"

@@ -11,15 +11,19 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import pyproj
+
 import musatpy
 from musatpy.errors import RecordError
+from musatpy.geometry.projected import crs_of
+from musatpy.model import CoordinateSystem
 from musatpy.page.rendering import Chapter, Fact, Facts, Page, PagePicture, check_packages, html_of
-from musatpy.page.systems import system_facts
 from musatpy.plots.compiled_pictures import SOUNDINGS
 from musatpy.plots.gallery import KINDS, NO_RECORD, rendered
 from musatpy.plots.picture import Picture
 from musatpy.records.json_files import known_of, read_json_file
 from musatpy.records.tables import Tables, part
+from musatpy.reports.titles import SYSTEMS
 
 _RUN = "schema"  # kind of the record of a run
 _PAGES = {_RUN: "run_page", "compilation": "compilation_page", "soundings": "soundings_page"}
@@ -64,7 +68,7 @@ def page_of_tables(tables: Tables, files: Sequence[Path], particulars: Mapping[s
         f"Made by musatpy {musatpy.__version__} from the record, which has more digits and every row. Blank cells "
         "are numbers that do not exist."
     )
-    job = [*system_facts(tables), *(Fact(label, text) for label, text in (particulars or {}).items())]
+    job = [*_system_facts(tables), *(Fact(label, text) for label, text in (particulars or {}).items())]
     return html_of(replace(page, job=job, map=shown[0] if shown else None, chapters=chapters, closing=closing))
 
 
@@ -93,6 +97,33 @@ def _provenance(tables: Tables, files: Mapping[str, str]) -> Chapter:
         *(Fact(f"SHA-256 of {name}", digest) for name, digest in files.items()),
     ]
     return Chapter(title="Files And Program", parts=[Facts([fact for fact in facts if fact.value])])
+
+
+def _system_facts(tables: Tables) -> Iterator[Fact]:
+    """Yield coordinate system, datum and reference of heights of the answer of a run or of a compilation."""
+    job = part(tables, "job") or part(tables, "options")
+    if not job:
+        return
+    system = CoordinateSystem(job["system"])
+    answer = part(tables, "stated").get("answer") or {}
+    crs = crs_of(answer["definition"]) if answer.get("definition") else None
+    text = str(answer.get("text") or SYSTEMS[system]).partition(";")[0]  # without attitudes and sigmas
+    yield Fact("Coordinate system", text[:1].upper() + text[1:])
+    if system == CoordinateSystem.LOCAL:
+        yield Fact("Datum", "none: a local system")
+        yield Fact("Heights", "Z of the job")
+        return
+    datum = crs.geodetic_crs.datum.name if crs and crs.geodetic_crs and crs.geodetic_crs.datum else ""
+    yield Fact("Datum", datum or f"not named; ellipsoid {_ellipsoid(tables)}")
+    geoid = answer.get("geoid")
+    yield Fact("Heights", f"above the geoid of {geoid}" if geoid else "above the ellipsoid")
+
+
+def _ellipsoid(tables: Tables) -> str:
+    """Return the name of the ellipsoid of a job in full, or its axis and flattening."""
+    stated = part(tables, "ellipsoid") or part(tables, "job").get("ellipsoid") or {}
+    name = stated.get("name") or f"{stated.get('semi_major_axis')} m, 1 : {stated.get('inverse_flattening')}"
+    return str(pyproj.get_ellps_map().get(name, {}).get("description", name))
 
 
 def pictures(gallery: Iterable[Picture[Any]], tables: Tables, job: str) -> Iterator[PagePicture]:

@@ -11,7 +11,7 @@ from musatpy.reports.compilation_points import ENU_SIGMAS, CompilationReport
 from musatpy.reports.fields import Document, Each, Field, Rows, flag, identity, within
 from musatpy.reports.pages import Section, labelled, print_titled
 from musatpy.reports.table import Report
-from musatpy.statistics.differences import DifferenceStatistics, analysis_of
+from musatpy.statistics.analyses import DifferenceStatistics, analysis_of
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.compilation.other_bottoms import ContourArea, ContourDistance, Contoured

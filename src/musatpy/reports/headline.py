@@ -31,7 +31,7 @@ from musatpy.reports.fields import Each, Field, FieldGroup, Node
 from musatpy.reports.table import Content
 from musatpy.reports.values import array_of, at
 from musatpy.statistics import Statistics
-from musatpy.statistics.differences import DifferenceStatistics, axes_of, difference_statistics
+from musatpy.statistics.analyses import DifferenceStatistics, axes_of, difference_statistics
 from musatpy.statistics.quality import FAR, chi_square, untested, weakly_tested
 from musatpy.statistics.verdict import COMMON_ERRORS, sigma0_doubt
 from musatpy.units import MICROMETRE

@@ -10,12 +10,12 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
+from musatpy.formats.short_ids import short_block
 from musatpy.model import Solution
 from musatpy.reports import answer
 from musatpy.reports.fields import Document
-from musatpy.reports.names import with_short_names
 from musatpy.reports.pages import MOST_PAGES, Section, headed, laid_out, page_texts, paginate
-from musatpy.reports.table import Labels, Report, Texts
+from musatpy.reports.table import Labels, Report, Texts, sheet
 from musatpy.statistics import Statistics
 
 _PAGES = (  # modules of this room
@@ -35,6 +35,7 @@ def _modules(names: str) -> tuple[ModuleType, ...]:
 REPORTS = _modules(_PAGES)
 
 _FRONT_PAGES = 2
+_NAMED = {"photos": "photo", "points": "point"}  # tables whose names may be too long for columns
 _ALL = 10**9
 # Rows of tables that have to be cut: first those of statistics, then those of points, stations last.
 _STEPS = (
@@ -112,6 +113,38 @@ def in_columns(
     """Return statistics with names that go into columns, and their sections; the last one is of these names."""
     shown, names = with_short_names(statistics)
     return shown, [*sections_of(shown, brief=brief, on_report=on_report), *names]
+
+
+def with_short_names(statistics: Statistics) -> tuple[Statistics, list[Section]]:
+    """Return statistics with names that go into columns, and the page that says whose they are.
+
+    They are the same where all names fit.
+    """
+    solution = statistics.solution
+    block, renamed = short_block(statistics.block, _NAMED)
+    if not renamed:
+        return statistics, []
+    photos, points = ({old: new for of, new, old in renamed if of == table} for table in _NAMED)
+    findings = (
+        replace(one, photo=photos.get(one.photo, one.photo), point=points.get(one.point, one.point))
+        for one in solution.findings
+    )
+    causes = (
+        replace(
+            one,
+            photos=tuple(photos.get(name, name) for name in one.photos),
+            points=tuple(points.get(name, name) for name in one.points),
+        )
+        for one in solution.causes
+    )
+    short = replace(solution, block=block, findings=tuple(findings), causes=tuple(causes))
+    columns = sheet(
+        ("Kind", "A6", [_NAMED[table] for table, _, _ in renamed]),
+        ("Printed", "A8", [new for _, new, _ in renamed]),
+        ("Name", "A100", [old for _, _, old in renamed]),
+    )
+    page = Section(title="Names", head=columns.head(), lines=columns.lines(None), new_page=True)
+    return Statistics(short), [page]
 
 
 def sections_of(

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.soundings.s44 import survey_orders
-from musatpy.statistics.differences import DifferenceStatistics, difference_statistics
+from musatpy.statistics.analyses import DifferenceStatistics, difference_statistics
 from musatpy.units import FOOT, YARD
 
 BANDS = (0.0, 2.0, 5.0, 10.0, 20.0, np.inf)  # m, limits of the bands of depth

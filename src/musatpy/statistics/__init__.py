@@ -1,11 +1,12 @@
 """Solution -> numbers: what the reports print, and nothing that they print is computed anywhere else."""
 
-from musatpy.statistics.analyses import LARGE_RESIDUAL, PLATE_KINDS, PlateStatistics, Statistics, Words
-from musatpy.statistics.differences import (
+from musatpy.statistics.analyses import (
+    LARGE_RESIDUAL,
+    PLATE_KINDS,
     Analysis,
     DifferenceStatistics,
+    Statistics,
+    Words,
     difference_statistics,
-    metric_components,
-    position_components,
 )
-from musatpy.statistics.gates import elevations, metric_differences, rectangular
+from musatpy.statistics.gates import metric_differences
