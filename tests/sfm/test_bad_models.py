@@ -213,7 +213,9 @@ def test_tracks_of_opensfm(tmp_path: Path, small: Scene, line: str, message: str
 def test_a_reference_of_opensfm_that_is_none(tmp_path: Path, small: Scene) -> None:
     path = write_opensfm(tmp_path, small)
     (tmp_path / "reference_lla.json").write_text('{"latitude": NaN, "longitude": 1, "altitude": 2}')
-    with pytest.raises(ModelError, match=r"reference_lla\.json: latitude, longitude, altitude are not all there"):
+    with pytest.raises(
+        ModelError, match=r"reference_lla\.json: latitude, longitude, altitude of its reference are not all there"
+    ):
         opensfm.read_model(path)
 
 
@@ -230,7 +232,7 @@ XML: list[tuple[str, str, str]] = [
     (
         'sensor_id="0" component_id="0" label="flight 1/DJI_0001',
         'sensor_id="7" label="DJI_0001',
-        "its sensor 7 has no",
+        "sensor 7 has no calibration as frame or fisheye",
     ),
     ("<transform>", "<transform>1 ", "its transform is no rotation and place"),
 ]

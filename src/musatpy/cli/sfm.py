@@ -21,8 +21,9 @@ _import_options = options_of(
                  help="Control: gcp_list.txt, cameras.xml with markers, or a table with images."),
     click.option("--gcp-sigma", type=POSITIVE, default=0.05, show_default=True, metavar="M",
                  help="Of control whose file states none."),
-    click.option("--gnss", type=NamedPath(), metavar="CSV",
-                 help="Times and positions of the photos: what 'exiftool -csv -n' prints."),
+    click.option("--gnss", type=NamedPath(), metavar="CSV|none",
+                 help="Times and positions of the photos: what 'exiftool -csv -n' prints. "
+                      "Default: positions that the model states."),
     click.option("--heights", is_flag=True, help="Take heights of positions without RTK too."),
     click.option("--crs", default="", metavar="CODE",
                  help="System of control that states none: EPSG:code[+vertical], or local."),

@@ -33,8 +33,12 @@ LENSES: tuple[tuple[str, tuple[str, ...] | None], ...] = (
     ("SIMPLE_RADIAL_FISHEYE", (*_PLACED[0], "k1")),
     ("RADIAL_FISHEYE", (*_PLACED[0], "k1", "k2")),
     ("THIN_PRISM_FISHEYE", None),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", None),
+    ("SIMPLE_DIVISION", None),
+    ("DIVISION", None),
+    ("SIMPLE_FISHEYE", _PLACED[0]),
+    ("FISHEYE", _PLACED[1]),
 )
-_NAMES = [name for name, _ in LENSES]
 _POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("colour", "u1", 3), ("error", "<f8"), ("track", "<u8")])
 _TRACK = 43  # bytes before the length of its track
 _IMAGE = struct.Struct("<I7dI")
@@ -229,9 +233,9 @@ def _assembled(paths: list[Path], lenses: dict[int, PixelLens], every: list[_Ima
 
 def _rows(path: Path) -> Iterator[tuple[int, str]]:
     """Yield the lines of a text file that are no comment, with their numbers; blank ones too."""
-    with path.open(encoding="utf-8", errors="surrogateescape") as file:
+    with path.open(encoding="utf-8-sig", errors="surrogateescape") as file:
         for number, line in enumerate(file, 1):
-            if not line.startswith("#"):
+            if not line.lstrip().startswith("#"):
                 yield number, line
 
 

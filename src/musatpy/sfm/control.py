@@ -26,7 +26,7 @@ from musatpy.sfm.model import Model, ModelError, refused
 from musatpy.sfm.times import matched
 
 _UTM = re.compile(r"WGS ?84 UTM ?(\d{1,2}) ?([NS])", re.IGNORECASE)
-_SYSTEM = re.compile(r"EPSG:|\+?proj=|\+init=|\w+\[|WGS ?84", re.IGNORECASE)
+_SYSTEM = re.compile(r"'?(EPSG:|\+?proj=|\+init=|\w+\[|WGS ?84)", re.IGNORECASE)
 _ROW = "x y z px py photo [name], between tabs or blanks"
 _IMAGES = ("photo", "px", "py")
 _PLACES = ((*PLAN, "z"), (*LON_LAT, "z"))
@@ -105,7 +105,12 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def _words(text: str) -> list[str]:
-    return [word.strip() for word in text.split("\t")] if "\t" in text else text.split()
+    """Return the values of a row between tabs, or between blanks where only these part its five numbers."""
+    values, tabbed = text.split(), [word.strip() for word in text.split("\t")]
+    five = (
+        len(row) > 5 and bool(np.isfinite([number(word) for word in row[:5]]).all()) for row in (values, tabbed)
+    )
+    return tabbed if "\t" in text and [*five] != [True, False] else values
 
 
 def _is_list(path: Path) -> bool:
@@ -140,8 +145,10 @@ def _of_list(path: Path) -> tuple[str, list[_Stated]]:
         else:
             rows.append(_Stated(id=words[0], line=line, position=values))
     refused(problems)
-    utm = _UTM.fullmatch(system := lines[0][1])
-    return f"EPSG:{32600 + int(utm[1]) + 100 * (utm[2].upper() == 'S')}" if utm else system, rows
+    system = lines[0][1].strip("'").replace("+north", "")  # which says nothing that PROJ does not take for granted
+    if utm := _UTM.fullmatch(system):
+        system = f"EPSG:{32600 + int(utm[1]) + 100 * (utm[2].upper() == 'S')}"
+    return "EPSG:4326" if system.upper() == "WGS84" else system, rows
 
 
 def _of_table(path: Path) -> tuple[str, list[_Stated]]:

@@ -31,6 +31,7 @@ from musatpy.sfm.wet import LIMIT, Wet, Wetness, read_flags, read_water, wetness
 
 _METRIC = 1e-9  # by which the scale of a file in metres may miss 1
 _PIXEL = 0.0024  # mm
+NONE = Path("none")
 _LEAST_DOUBT = 0.05  # m, of the height of a point of a model that was put in place
 
 
@@ -44,7 +45,7 @@ class Asked:
     images: Path | None = None  # of a model of Metashape, in BINGO's form; None: image.dat beside it
     gcp: Path | None = None
     gcp_sigma: float = 0.05  # m, of control whose file states none
-    gnss: Path | None = None
+    gnss: Path | None = None  # None: positions that the model states; NONE: none of these either
     heights: bool = False  # those of positions without RTK too
     crs: str = ""
     geoid: str = ""  # grid of the heights of control
@@ -175,7 +176,9 @@ def _of_lens(code: IntArray) -> Iterator[str]:
 def clock_lines(exposures: Exposures) -> list[str]:
     """Return what is to be said of times, by their sources, and of the camera's clock."""
     counts = np.bincount(exposures.source, minlength=len(SOURCES)).tolist()
-    lines = [f"times of {count} photos by {name}" for name, count in zip(SOURCES, counts, strict=True) if count]
+    lines = [
+        f"times of {count} photos by {name}" for name, count in zip(SOURCES, counts, strict=True) if name and count
+    ]
     clock = clock_offset(exposures)
     if clock.photos > 1:
         lines.append(f"camera clock {clock.offset:+.1f} s off GPS time, {clock.drift:+.2f} s a day")
@@ -188,9 +191,12 @@ def _size(model: Model) -> str:
 
 
 def _exposures(asked: Asked, model: Model) -> Exposures | None:
-    """Return times and positions of the photos, None where no table of them is given."""
-    if asked.gnss is None:
+    """Return times and positions of the photos by a table, else positions that the model states; None without."""
+    if asked.gnss == NONE or (asked.gnss is None and not np.isfinite(model.reference).any()):
         return None
+    if asked.gnss is None:
+        position, ellipsoid = level_positions(model.reference, model.reference_system, asked.crs, asked.geoid)
+        return None if ellipsoid is None else Exposures.stated(model.photos, position, heights=asked.heights)
     every = read_exposures(asked.gnss, asked.time_zone, heights=asked.heights)
     return every.of(model.photos.tolist(), str(asked.gnss))
 
@@ -203,19 +209,11 @@ def _placed(
     if control is not None:
         level, of_control = level_positions(control.position, control.system, asked.crs, asked.geoid)
         if of_control is None and exposures is not None:
-            message = "control in local metres and positions of GNSS do not go together: no --gnss, or a system"
+            message = "control in local metres and positions of GNSS do not go together: --gnss none, or a system"
             raise ModelError([Problem(message=message, file=str(asked.gcp))])
         ellipsoid = of_control
-    stations, sigma = None, None
-    if exposures is not None:
-        stations, sigma = exposures.position, exposures.sigma
-    elif np.isfinite(model.reference).any():
-        stations, _ = level_positions(model.reference, model.reference_system, asked.crs, asked.geoid)
-        sigma = np.where(np.isfinite(stations), 10.0, np.nan)
+    stations, sigma = (None, None) if exposures is None else (exposures.position, exposures.sigma)
     of_file = file_placement(model)
-    if control is None and stations is None and of_file is not None:
-        nothing = np.full((len(model.photos), 3), np.nan)
-        return Georeference(placement=of_file, control=level, photos=nothing, wrong=(), notes=()), level
     # metres of a model are those of its positions: without RTK they are no better than these
     fixed = exposures is not None and bool(exposures.rtk.all())
     metric = fixed and of_file is not None and abs(of_file.scale - 1.0) < _METRIC
@@ -238,7 +236,7 @@ def _levels(asked: Asked, model: Model, placement: Placement, exposures: Exposur
     if asked.tide is None:
         sigma = 0.05 if np.isnan(asked.level_sigma) else asked.level_sigma
         return None if np.isnan(asked.level) else given_levels(asked.level, sigma, time)
-    if exposures is None:
+    if not np.isfinite(time).any():
         message = "a tide needs the times of the photos: --gnss with a table of exiftool"
         raise ModelError([Problem(message=message, file=str(asked.tide))])
     datum = datum_heights(asked.tide_datum, placement.positions(model.centre))
@@ -312,7 +310,7 @@ def _beside(
 def _digests(asked: Asked) -> dict[str, str]:
     """Return the SHA-256 of all files that went into a job."""
     given = (asked.images, asked.gcp, asked.gnss, asked.tide, asked.water, asked.flags)
-    files = [path for path in given if path is not None]
+    files = [path for path in given if path not in (None, NONE)]
     files += (
         sorted(path for path in asked.path.iterdir() if path.is_file()) if asked.path.is_dir() else [asked.path]
     )

@@ -8,6 +8,7 @@ other way round than in OpenCV; B1 adds to the focal length along x, B2 is the s
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
@@ -22,6 +23,7 @@ from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.model import LOCAL, NO_TURN, Model, ModelError, checked, chosen_component, refused
 
 _K = ("k1", "k2", "k3", "k4")
+_NO = ("false", "0")  # of enabled
 _NO_SHIFT = re.compile(r",\s*TOWGS84\[[0.,\s]*\]", re.IGNORECASE)  # of zeros, which shift nothing
 _DECLARED = re.compile(rb"<!(DOCTYPE|ENTITY)")
 
@@ -29,30 +31,32 @@ _DECLARED = re.compile(rb"<!(DOCTYPE|ENTITY)")
 def read_model(path: Path, component: int = 0) -> Model:
     """Return the stations and lenses of a file, without points and images.
 
-    `component` counts from 1; 0: the only one. Photos that are not aligned are left out, and said. Raises
-    `ModelError` with file and item.
+    `component` counts from 1; 0: the only one. Photos that are disabled or not aligned are left out, and said.
+    Raises `ModelError` with file and item.
     """
     chunk = chunk_of(path)
     lenses = dict(_lenses(path, chunk))
     sizes = {str(sensor.get("id")): _nominal(sensor)[:2] for sensor in chunk.iterfind("./sensors/sensor")}
-    aligned = [camera for camera in chunk.iterfind("./cameras//camera") if camera.find("transform") is not None]
     every = chunk.findall("./cameras//camera")
+    absent = Counter(map(_absence, every))
+    aligned = [camera for camera in every if not _absence(camera)]
     chosen, transform = _component(path, chunk, aligned, component)
-    problems, placed = [], []
+    wrong, placed = dict[str, None](), []
     for camera in chosen:
-        name, matrix = camera.get("label", ""), _matrix(camera.findtext("transform"), 4)
+        name, sensor, matrix = (
+            camera.get("label", ""),
+            camera.get("sensor_id"),
+            _matrix(camera.findtext("transform"), 4),
+        )
         if matrix is None or not np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=NO_TURN):
-            problems.append(
-                Problem(message=f"camera {name}: its transform is no rotation and place", file=str(path))
-            )
-        elif camera.get("sensor_id") not in lenses:
-            message = f"camera {name}: its sensor {camera.get('sensor_id')} has no calibration of the type frame"
-            problems.append(Problem(message=message, file=str(path)))
+            wrong[f"camera {name}: its transform is no rotation and place"] = None
+        elif sensor not in lenses:
+            wrong[f"sensor {sensor} has no calibration as frame or fisheye"] = None
         else:
-            placed.append((name, list(lenses).index(str(camera.get("sensor_id"))), matrix, _reference(camera)))
-    refused(problems)
+            placed.append((name, list(lenses).index(sensor), matrix, _reference(camera)))
+    refused([Problem(message=message, file=str(path)) for message in wrong])
     matrices = np.array([matrix for _, _, matrix, _ in placed]).reshape(-1, 4, 4)
-    left = len(every) - len(aligned)
+    system = stated_system(chunk.findtext("reference"))
     model = Model(
         program="metashape",
         cameras=tuple(lenses),
@@ -68,12 +72,28 @@ def read_model(path: Path, component: int = 0) -> Model:
         pixel=np.zeros((0, 2)),
         pixel_size=np.array([sizes[name] for name in lenses]).reshape(-1, 2),
         initial=tuple(lens for _, lens in _lenses(path, chunk, initial=True)),
-        to_geocentric=transform,
+        to_geocentric=None if system == LOCAL else transform,
         reference=np.array([reference for *_, reference in placed]).reshape(-1, 3),
-        reference_system=stated_system(chunk.findtext("reference")),
-        notes=(f"{left} of {len(every)} photos are not aligned: they are left out",) if left else (),
+        reference_system=system,
+        notes=(
+            *(f"{absent[what]} of {len(every)} photos {what}: they are left out" for what in absent if what),
+            *(
+                f"sensor {sensor.get('label')} has a rolling shutter: what it moves within a photo is not corrected"
+                for sensor in chunk.iterfind("./sensors/sensor")
+                if sensor.find("./property[@name='rolling_shutter'][@value='true']") is not None
+            ),
+        ),
     )
     return checked(model, str(path))
+
+
+def _absence(camera: Element) -> str:
+    """Return why a camera is left out, empty where it is not."""
+    if camera.get("enabled") in _NO:
+        return "are disabled"
+    if camera.find("transform") is None:
+        return "are not aligned" if camera.get("master_id") is None else "follow the master of a rig"
+    return ""
 
 
 def chunk_of(path: Path) -> Element:
@@ -83,12 +103,13 @@ def chunk_of(path: Path) -> Element:
         if _DECLARED.search(data.replace(b"\0", b"")):  # in UTF-16 too
             message = "it declares a document type or entities, which no file of Metashape does"
             raise ModelError([Problem(message=message, file=str(path))])
-        chunk = ElementTree.fromstring(data).find("chunk")
+        chunks = list(ElementTree.fromstring(data).iter("chunk"))
     except (OSError, ElementTree.ParseError) as error:
         raise ModelError([Problem(message=f"it cannot be read: {error}", file=str(path))]) from None
-    if chunk is None:
-        raise ModelError([Problem(message="it has no chunk: it is no export of cameras", file=str(path))])
-    return chunk
+    if len(chunks) != 1:
+        message = f"it has {len(chunks) or 'no'} chunk{'s' * (len(chunks) > 1)}: an export of cameras has one"
+        raise ModelError([Problem(message=message, file=str(path))])
+    return chunks[0]
 
 
 def stated_system(wkt: str | None) -> str:
@@ -110,7 +131,7 @@ def _lenses(path: Path, chunk: Element, initial: bool = False) -> Iterator[tuple
     """
     for sensor in chunk.iterfind("./sensors/sensor"):
         every = [part for part in sensor.iterfind("calibration") if part.get("type") in ("frame", "fisheye")]
-        size = sensor.find("resolution")
+        size = sensor.find(".//resolution")  # its own, else that of its calibration
         if not every or size is None:
             continue
         of = min(every, key=lambda part: (part.get("class") == "adjusted") == initial)
@@ -120,8 +141,12 @@ def _lenses(path: Path, chunk: Element, initial: bool = False) -> Iterator[tuple
             f, cx, cy, p1, p2, b1, b2, *k = (
                 float(of.findtext(key) or 0.0) for key in ("f", "cx", "cy", "p1", "p2", "b1", "b2", *_K)
             )
+            unread = [key for key in ("p3", "p4") if float(of.findtext(key) or 0.0)]
         except ValueError as error:
             raise ModelError([Problem(message=f"sensor {name}: {error}", file=str(path))]) from None
+        if unread:
+            message = f"sensor {name} has {' and '.join(unread)}, which is not read: calibrate it without"
+            raise ModelError([Problem(message=message, file=str(path))])
         w, h, nominal = _nominal(sensor).tolist()
         if initial and of.get("class") == "adjusted" and np.isfinite(nominal / w / h):
             f, b1, cx, cy, p1, p2, b2, *k = nominal / h, nominal / w - nominal / h, *(0.0,) * 9
@@ -193,7 +218,7 @@ def _matrix(text: str | None, size: int) -> FloatArray | None:
 def _reference(camera: Element) -> list[float]:
     """Return the reference position of a camera, as stated; NaN where it has none."""
     reference = camera.find("reference")
-    if reference is None or reference.get("enabled") == "false":
+    if reference is None or reference.get("enabled") in _NO:
         return [np.nan] * 3
     try:
         return [float(reference.get(axis, "nan")) for axis in "xyz"]

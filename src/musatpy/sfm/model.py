@@ -139,14 +139,14 @@ def refused(problems: Sequence[Problem]) -> None:
 
 
 def chosen_component(sizes: Sequence[int], component: int, source: str) -> int:
-    """Return the row of a component, which counts from 1; 0: the only one. `sizes` are numbers of photos.
+    """Return the row of a component, which counts from 1; 0: the only one with photos, `sizes` of them.
 
     Raises `ModelError` where there is none of that number, or several and it is not said which.
     """
-    message = f"it has {len(sizes)} components"
+    message, some = f"it has {len(sizes)} components", [row for row, size in enumerate(sizes) if size] or [0]
     if component > len(sizes):
         raise ModelError([Problem(message=f"{message}, and no number {component}", file=source)])
-    if not component and len(sizes) > 1:
+    if not component and len(some) > 1:
         message = f"{message}, of {', '.join(map(str, sizes))} photos: choose one by --component"
         raise ModelError([Problem(message=message, file=source)])
-    return max(component, 1) - 1
+    return component - 1 if component else some[0]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem
 from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.systems import geographic
 from musatpy.pointfiles.columns import FAR
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.model import Model, ModelError, checked, chosen_component, links, refused
@@ -32,6 +34,7 @@ _LENSES = {
 }
 _HEADER = "OPENSFM_TRACKS_VERSION_"
 _WGS84 = Ellipsoid("WGS84")
+_NO_GPS = 1e3  # m: as good as none, of which OpenSfM says 999999
 
 
 def reconstruction_of(folder: Path) -> Path | None:
@@ -51,8 +54,9 @@ def read_model(path: Path, component: int = 0) -> Model:
     tracks = path.with_name("tracks.csv")
     refused([] if tracks.is_file() else [Problem(message="there is no such file", file=str(tracks))])
     cameras, shots, points = (_items(path, reconstruction, key) for key in ("cameras", "shots", "points"))
-    lenses = {name: _lens(path, name, of) for name, of in cameras.items()}
-    camera, known = links([str(shot.get("camera")) for shot in shots.values()], list(lenses))
+    of_shots = [str(shot.get("camera")) for shot in shots.values()]
+    lenses = {name: _lens(path, name, of) for name, of in cameras.items() if name in of_shots}
+    camera, known = links(of_shots, list(lenses))
     refused(
         [
             Problem(message=f"shot {name}: there is no camera {shot.get('camera')!r}", file=str(path))
@@ -71,6 +75,7 @@ def read_model(path: Path, component: int = 0) -> Model:
     used = seen & kept
     size = np.array([(lens.width, lens.height) for lens in lenses.values()], dtype=float).reshape(-1, 2)
     size = size[camera[photo[used]]]
+    to_geocentric = _reference(path, reconstruction)
     model = Model(
         program="opensfm",
         cameras=tuple(lenses),
@@ -84,7 +89,9 @@ def read_model(path: Path, component: int = 0) -> Model:
         photo=photo[used],
         point=point[used],
         pixel=xy[used] * size.max(axis=1, keepdims=True) + 0.5 * size,
-        to_geocentric=_reference(path.with_name("reference_lla.json")),
+        to_geocentric=to_geocentric,
+        reference=_positions(shots, to_geocentric),
+        reference_system="EPSG:4326",
     )
     return checked(model, str(path))
 
@@ -93,7 +100,8 @@ def _component(path: Path, content: Any, component: int) -> Mapping[str, Any]:
     """Return one of the reconstructions of a file. Raises `ModelError` where it is not said which."""
     if not isinstance(content, list) or not all(isinstance(part, dict) for part in content) or not content:
         raise ModelError([Problem(message="it has no list of reconstructions", file=str(path))])
-    return content[chosen_component([len(part.get("shots", {})) for part in content], component, str(path))]
+    sizes = [len(_items(path, part, "shots")) for part in content]
+    return content[chosen_component(sizes, component, str(path))]
 
 
 def _items(path: Path, reconstruction: Mapping[str, Any], key: str) -> Mapping[str, Mapping[str, Any]]:
@@ -187,18 +195,35 @@ def _finite(values: FloatArray) -> FloatArray:
     return values
 
 
-def _reference(path: Path) -> FloatArray | None:
-    """Return the matrix (4, 4) from east, north, up about the reference to geocentric metres, None without it."""
-    if not path.is_file():
+def _reference(path: Path, reconstruction: Mapping[str, Any]) -> FloatArray | None:
+    """Return the matrix (4, 4) from east, north, up about the reference to geocentric metres, None without one.
+
+    The reference is that of the reconstruction, else that of the file beside it, as older versions write.
+    """
+    beside, content = path.with_name("reference_lla.json"), reconstruction.get("reference_lla")
+    if content is None and beside.is_file():
+        path, content = beside, _json(beside)
+    if content is None:
         return None
-    content = _json(path)
     try:
         place = _finite(np.array([float(content[key]) for key in ("latitude", "longitude", "altitude")]))
     except (KeyError, TypeError, ValueError):
-        message = "latitude, longitude, altitude are not all there as numbers"
+        message = "latitude, longitude, altitude of its reference are not all there as numbers"
         raise ModelError([Problem(message=message, file=str(path))]) from None
     at = place * [DEGREE, DEGREE, 1.0]
     out = np.eye(4)
     out[:3, :3] = _WGS84.frame(at).T
     out[:3, 3] = _WGS84.geocentric(at)
     return out
+
+
+def _positions(shots: Mapping[str, Mapping[str, Any]], to_geocentric: FloatArray | None) -> FloatArray:
+    """Return longitude, latitude (degrees) and height of shots by their receivers; NaN where these say none."""
+    local = np.full((len(shots), 3), np.nan)
+    for row, shot in enumerate(shots.values()):
+        with suppress(KeyError, TypeError, ValueError):
+            local[row] = np.nan if shot["gps_dop"] > _NO_GPS else shot["gps_position"]
+    if to_geocentric is None or np.isnan(local).all():
+        return np.full(local.shape, np.nan)
+    at = geographic(_WGS84, local @ to_geocentric[:3, :3].T + to_geocentric[:3, 3])
+    return at[:, [1, 0, 2]] / [DEGREE, DEGREE, 1.0]

@@ -50,6 +50,21 @@ class Exposures:
     sigma: FloatArray  # (n, 3) m, east, north, up; NaN: not observed
     rtk: BoolArray  # (n,) a fixed solution with its standard deviations
 
+    @classmethod
+    def stated(cls, photos: TextArray, position: FloatArray, *, heights: bool) -> Exposures:
+        """Return the positions (n, 3) that a model states of its photos, as those without RTK; it has no times."""
+        none = np.full(len(photos), np.nan)
+        return cls(
+            photos=photos,
+            time=none,
+            source=np.zeros(len(photos), dtype=np.int64),
+            clock=none,
+            satellite=none,
+            position=position,
+            sigma=np.where(np.isnan(position), np.nan, blind_sigma(heights)),
+            rtk=np.zeros(len(photos), dtype=bool),
+        )
+
     def of(self, names: Sequence[str], file: str) -> Exposures:
         """Return those of photos of a model. Raises `ModelError` that names photos of which none is certain."""
         rows = matched(names, self.photos.tolist())
@@ -230,8 +245,7 @@ class _Tags:
         given = np.column_stack([self.numbers(f"rtkstd{axis}") for axis in ("lon", "lat", "hgt")])
         position = np.column_stack([angles * DEGREE, height])
         rtk = (self.numbers("rtkflag") == FIXED) & (given > 0.0).all(axis=1)
-        blind = np.array([PLAN_SIGMA, PLAN_SIGMA, HEIGHT_SIGMA if heights else np.nan])
-        sigma = np.where(rtk[:, None], given, blind)
+        sigma = np.where(rtk[:, None], given, blind_sigma(heights))
         return position, np.where(np.isnan(position), np.nan, sigma), rtk
 
     def _angle(self, tag: str, negative: str) -> FloatArray:
@@ -249,6 +263,11 @@ class _Tags:
 
     def wrong(self, row: int, tag: str, message: str) -> None:
         self.table.refuse(message, row, self.heading[tag])
+
+
+def blind_sigma(heights: bool) -> FloatArray:
+    """Return the sigmas (3,) m, east, north, up, of positions without RTK; NaN up unless heights are taken."""
+    return np.array([PLAN_SIGMA, PLAN_SIGMA, HEIGHT_SIGMA if heights else np.nan])
 
 
 def matched(names: Sequence[str], files: Sequence[str]) -> IntArray:

@@ -1,0 +1,180 @@
+"""Files as versions of the programs write them, beside those of `written_models`: each is read as these are."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from musatpy.sfm import colmap, metashape, opensfm
+from musatpy.sfm.control import read_control
+from musatpy.sfm.importing import Asked, imported
+from musatpy.sfm.model import ModelError
+from sfm.test_control import gcp_list
+from sfm.written_models import (
+    HEIGHT,
+    LATITUDE,
+    LONGITUDE,
+    Scene,
+    scene,
+    write_colmap,
+    write_metashape,
+    write_opensfm,
+)
+
+RESOLUTION = '<resolution width="4000" height="3000"/>'
+LOCAL = 'LOCAL_CS["Local Coordinates (m)",LOCAL_DATUM["Local Datum",0],UNIT["metre",1]]'
+ROLLING = '<property name="rolling_shutter" value="true"/>'
+
+
+@pytest.fixture(scope="module")
+def small() -> Scene:
+    return scene(wide=2)
+
+
+@pytest.fixture(scope="module")
+def xml(tmp_path_factory: pytest.TempPathFactory, small: Scene) -> str:
+    return write_metashape(tmp_path_factory.mktemp("xml") / "cameras.xml", small).read_text()
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (RESOLUTION, ""),  # then that of the calibration counts
+        ("<chunk ", "<chunks><chunk "),
+        ("</components>", '<component id="1" label="left over"/></components>'),
+        ('<cameras><camera id="0" sensor_id="0" component_id="0"', '<cameras><camera id="0" sensor_id="0"'),
+    ],
+)
+def test_forms_of_metashape(tmp_path: Path, small: Scene, xml: str, old: str, new: str) -> None:
+    text = xml.replace('class="adjusted">', f'class="adjusted">{RESOLUTION}').replace(old, new, 1)
+    (tmp_path / "cameras.xml").write_text(
+        text.replace("</document>", "</chunks></document>" * ("<chunks>" in text) or "</document>")
+    )
+    model = metashape.read_model(tmp_path / "cameras.xml")
+    assert model.photos.tolist() == small.names and (model.lenses[0].width, model.lenses[0].height) == (4000, 3000)
+    assert model.notes == () and model.to_geocentric is not None
+
+
+def test_what_metashape_leaves_out_is_said(tmp_path: Path, small: Scene, xml: str) -> None:
+    text = xml.replace('label="flight 1/DJI_0001.JPG"', 'label="flight 1/DJI_0001.JPG" enabled="false"')
+    more = (
+        '<camera id="90" sensor_id="0" master_id="0" label="a"/><camera id="91" sensor_id="0" label="b"/></cameras>'
+    )
+    text = text.replace("</cameras>", more).replace(RESOLUTION, RESOLUTION + ROLLING, 1)
+    (tmp_path / "cameras.xml").write_text(text)
+    model = metashape.read_model(tmp_path / "cameras.xml")
+    assert model.photos.tolist() == [name for name in small.names if name != "flight 1/DJI_0001.JPG"]
+    assert model.notes == (
+        "1 of 8 photos are disabled: they are left out",
+        "1 of 8 photos follow the master of a rig: they are left out",
+        "1 of 8 photos are not aligned: they are left out",
+        "sensor L has a rolling shutter: what it moves within a photo is not corrected",
+    )
+
+
+def test_local_coordinates_of_metashape_are_no_geocentric_ones(tmp_path: Path, xml: str) -> None:
+    (tmp_path / "cameras.xml").write_text(xml.replace("<reference>EPSG:4326", f"<reference>{LOCAL}"))
+    assert metashape.read_model(tmp_path / "cameras.xml").to_geocentric is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("</p2>", "</p2><p3>0.01</p3>", "sensor L has p3, which is not read: calibrate it without"),
+        ("</p2>", "</p2><p4>x</p4>", "sensor L: "),
+        ("</chunk>", '</chunk><chunk label="2"/>', "it has 2 chunks: an export of cameras has one"),
+        ('type="frame"', 'type="spherical"', r"cameras\.xml: sensor 0 has no calibration as frame or fisheye$"),
+    ],
+)
+def test_what_of_metashape_is_not_read(tmp_path: Path, xml: str, old: str, new: str, message: str) -> None:
+    (tmp_path / "cameras.xml").write_text(xml.replace(old, new))
+    with pytest.raises(ModelError, match=message):
+        metashape.read_model(tmp_path / "cameras.xml")
+
+
+def test_a_reconstruction_with_all_that_opensfm_writes(tmp_path: Path, small: Scene) -> None:
+    """Of version 0.5 on: its reference within it, rigs, positions, and cameras that no shot has."""
+    path = write_opensfm(tmp_path, small)
+    content = json.loads(path.read_text())
+    camera = "v2 dji fc6310 5472 3648 brown 0.6666"
+    cameras: dict[str, Any] = {camera: content[0]["cameras"]["one"], "p": {"projection_type": "spherical"}}
+    for place, shot in zip(small.C, content[0]["shots"].values(), strict=True):
+        shot |= {"camera": camera, "orientation": 1, "gps_dop": 15.0, "gps_position": place, "covariance": []}
+    content[0]["shots"]["flight 1/DJI_0001.JPG"] |= {"gps_dop": 999999.0, "gps_position": [0.0, 0.0, 0.0]}
+    lla = {"latitude": LATITUDE, "longitude": LONGITUDE, "altitude": HEIGHT}
+    content[0] |= {"cameras": cameras, "biases": {}, "rig_instances": {}, "reference_lla": lla}
+    path.write_text(json.dumps([{**content[0], "shots": {}}, content[0]], indent=4))
+    before = opensfm.read_model(write_opensfm(tmp_path / "plain", small))
+    (tmp_path / "reference_lla.json").unlink()
+    model = opensfm.read_model(path)
+    assert model.to_geocentric is not None and before.to_geocentric is not None
+    np.testing.assert_array_equal(model.to_geocentric, before.to_geocentric)
+    np.testing.assert_array_equal(model.residuals(), before.residuals())
+    assert np.isnan(model.reference).any(axis=1).tolist() == [name.endswith("1.JPG") for name in small.names]
+    assert np.abs(model.reference[0, :2] - [LONGITUDE, LATITUDE]).max() < 1e-3
+    assert model.reference[0, 2] - HEIGHT == pytest.approx(small.C[0][2], abs=1e-3)
+
+
+@pytest.mark.parametrize("key", ["shots", "reference_lla"])
+def test_parts_of_a_reconstruction_that_are_none(tmp_path: Path, small: Scene, key: str) -> None:
+    path = write_opensfm(tmp_path, small)
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps([content[0] | {key: 5}]))
+    with pytest.raises(
+        ModelError, match=r"reconstruction\.json: (its shots are no items|latitude, longitude, altitude)"
+    ):
+        opensfm.read_model(path)
+
+
+def test_positions_of_a_model_are_observed_unless_none_are_wanted(tmp_path: Path) -> None:
+    of = scene(0.4)
+    path = write_opensfm(tmp_path / "model", of)
+    content = json.loads(path.read_text())
+    for place, shot in zip(of.C, content[0]["shots"].values(), strict=True):
+        shot |= {"gps_dop": 15.0, "gps_position": place}
+    path.write_text(json.dumps(content))
+    gcp = gcp_list(tmp_path / "gcp_list.txt", of)
+    done = imported(Asked(form="opensfm", path=path.parent, gcp=gcp), "T")
+    stations = done.block.photos.position_sigma
+    assert np.isfinite(stations[:, :2]).all() and np.isnan(stations[:, 2]).all()
+    assert not any(line.startswith("times") for line in done.lines)
+    without = imported(Asked(form="opensfm", path=path.parent, gcp=gcp, gnss=Path("none")), "T")
+    assert np.isnan(without.block.photos.position_sigma).all()
+
+
+@pytest.mark.parametrize(
+    "change", [lambda t: "\ufeff" + t, lambda t: "  # x\n" + t, lambda t: t.replace("\n", " \r\n")]
+)
+def test_text_of_colmap_that_editors_have_changed(tmp_path: Path, small: Scene, change: Any) -> None:
+    expected = colmap.read_model(write_colmap(tmp_path, small))
+    for name in ("cameras.txt", "images.txt", "points3D.txt"):
+        (tmp_path / name).write_text(change((tmp_path / name).read_text()), newline="")
+    model = colmap.read_model(tmp_path)
+    assert model.photos.tolist() == expected.photos.tolist()
+    np.testing.assert_array_equal(model.residuals(), expected.residuals())
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("WGS84 UTM 20N", "+proj=utm +zone=20 +north +ellps=WGS84 +datum=WGS84 +units=m +no_defs=True"),
+        ("WGS84 UTM 20N", "'+proj=utm +zone=20 +ellps=WGS84 +datum=WGS84 +units=m +no_defs'"),
+        (r"(?m)^(\S+)\t(\S+)\t", r"\1 \2 "),
+        (r"(?m)^(\S+)\t(\S+)\t(\S+)\t", r"\1 \2  \3 \t"),
+    ],
+)
+def test_forms_of_gcp_lists(tmp_path: Path, small: Scene, old: str, new: str) -> None:
+    model = colmap.read_model(write_colmap(tmp_path, small))
+    path = gcp_list(tmp_path / "gcp_list.txt", small, points=(2, 9))
+    text = path.read_text().replace("flight 0/", "").replace("flight 1/", "")
+    path.write_text(text)
+    expected = read_control(path, model)
+    path.write_text(re.sub(old, new, text))
+    control = read_control(path, model)
+    np.testing.assert_array_equal(control.pixel, expected.pixel)
+    np.testing.assert_array_equal(control.position, expected.position)
+    path.write_text("WGS84\n" + text.partition("\n")[2])
+    assert read_control(path, model).system == "EPSG:4326"
