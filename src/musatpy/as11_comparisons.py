@@ -22,7 +22,7 @@ from musatpy.errors import CompilationError, SoundingError
 from musatpy.figures import FORM, ImageForm, file_of
 from musatpy.files import write_files
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.reports import compilation_comparisons
+from musatpy.reports import compilation_bottom
 from musatpy.reports import soundings as report
 from musatpy.reports.record import dumps
 from musatpy.soundings.contours import read_contours
@@ -113,8 +113,8 @@ def compare_contours(
     if not compared.distances:
         why = next((row.reason for row in compared.areas), "there is no bottom")
         raise SoundingError.of(f"no contour has a partner: {why}", file=source)
-    text = compilation_comparisons.contour_listing(compared, of.title, of.caution)
-    values = dumps(compilation_comparisons.CONTOURS.record(compared))
+    text = compilation_bottom.contour_listing(compared, of.title, of.caution)
+    values = dumps(compilation_bottom.COMPARED_CONTOURS.record(compared))
     write_files(dict(zip(outputs, (text.encode(), values.encode()), strict=True)))
     return compared
 

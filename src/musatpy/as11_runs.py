@@ -28,7 +28,7 @@ from musatpy.interchange.geojson import write_each
 from musatpy.interchange.layers import Lines, Points
 from musatpy.model import Solution, Verdict
 from musatpy.model.compilation import AGAIN
-from musatpy.reports import compilation, compilation_comparisons
+from musatpy.reports import compilation
 from musatpy.reports.compilation_bottom import contours_csv, grid_csv
 from musatpy.reports.compilation_points import CompilationReport, profiles_csv
 from musatpy.reports.pages import csv_files
@@ -203,9 +203,9 @@ def compare_points(
     count = sum(len(part.rows) for part in done.against)
     if not count:
         raise CompilationError.of("no point of it has a position in the run too", file=deck)
-    values = dumps(compilation_comparisons.AGAINST_RUN.record(done))
-    write_files({listing: compilation_comparisons.point_listing(done).encode(), record: values.encode()})
-    return count, compilation_comparisons.vectors(done), problems
+    values = dumps(compilation.AGAINST_RUN.record(done))
+    write_files({listing: compilation.point_listing(done).encode(), record: values.encode()})
+    return count, compilation.vectors(done), problems
 
 
 def setup_paths(deck: Path, out_dir: Path | None) -> tuple[Path, Path]:

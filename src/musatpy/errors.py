@@ -192,6 +192,11 @@ class InterchangeError(ProblemsError):
     """A file of another program that cannot be read, or written as asked, or an extra package that is missing."""
 
 
+def count_of(number: int, noun: str) -> str:
+    """Return a number with its noun, in the plural where it needs it."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
 def without_names(text: str) -> str:
     """Return what a message has in common with others of its kind: all but names, quoted text and numbers."""
     return _NAMES.sub("", text)

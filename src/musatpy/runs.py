@@ -6,7 +6,6 @@ import datetime
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -133,7 +132,7 @@ def run_deck(
         with numerics("the statistics of the solution"):
             begin(progress, "statistics")
             statistics = Statistics(solution)
-            shown, sections = in_columns(statistics, brief=brief, on_report=partial(begin, progress))
+            shown, sections = in_columns(statistics, brief=brief, progress=progress)
             pages = map(str.encode, printed(shown, sections, carriage_control=carriage_control, date=date))
             tables = csv_files(sections if shown is statistics else sections_of(statistics), listing) if csv else {}
             del sections  # they are gone when they are printed

@@ -22,7 +22,7 @@ from musatpy.compilation.other_bottoms import NO_BOTTOM, NOT_IN_OTHER, NOT_ON_IT
 from musatpy.errors import SoundingError
 from musatpy.interchange.any_file import write_layers
 from musatpy.interchange.layers import Grid
-from musatpy.reports.compilation_comparisons import CONTOURS as DOCUMENT
+from musatpy.reports.compilation_bottom import COMPARED_CONTOURS as DOCUMENT
 from musatpy.soundings.contours import ContourLines
 from record_rows import read_rows, valid_rows
 

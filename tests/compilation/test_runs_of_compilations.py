@@ -19,7 +19,7 @@ from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import AdjustedRun, of_block
 from musatpy.compilation.true_points import Readings, true_points
 from musatpy.model import Program, WaterLevel
-from musatpy.reports.compilation_comparisons import AGAINST_RUN
+from musatpy.reports.compilation import AGAINST_RUN
 from record_rows import read_rows, valid_rows
 
 DECK = stage_readings.FIXTURES / "st_thomas/st_thomas.crd"

@@ -20,12 +20,12 @@ from musatpy.model import Action, CauseKind, Concern, Editing, Finding, Grade, R
 from musatpy.reports import answer
 from musatpy.reports import listing as listing_module
 from musatpy.reports.headline import content_of, headline
-from musatpy.reports.listing import listing, listing_of, uncut
+from musatpy.reports.listing import listing, uncut
 from musatpy.reports.pages import BODY_LINES, PAGE_WIDTH
 from musatpy.reports.record import dumps, record_of
 from musatpy.reports.statistical_tests import HIDDEN
 from musatpy.statistics import Statistics
-from reports.test_listing import pages_of, section
+from reports.test_listing import listing_of, pages_of, section
 from sample_solutions import sample_solution
 
 DECK = FIXTURES / "st_thomas" / "st_thomas.crd"

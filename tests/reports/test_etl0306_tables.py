@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from musatpy.model import CoordinateSystem, Refraction
-from musatpy.reports.listing import listing, listing_of
+from musatpy.reports.listing import listing
 from musatpy.statistics import DifferenceStatistics, Statistics
 from musatpy.units import ARC_SECOND
+from reports.test_listing import listing_of
 from sample_solutions import sample_solution
 
 FIXTURES = Path(__file__).parents[2] / "fixtures" / "etl0306"

@@ -15,13 +15,19 @@ from asa_printer import played
 from blocks import converged
 from musatpy import adjust, model, read_deck
 from musatpy.model.tables import empty
-from musatpy.reports.listing import listing
+from musatpy.reports.listing import in_columns, listing, printed
 from musatpy.reports.pages import PAGE_LINES, PAGE_WIDTH
 from reference.networks import Plan
 from sample_solutions import sample_solution
 
 ST_THOMAS = Path(__file__).parents[2] / "fixtures" / "st_thomas" / "st_thomas.crd"
 CASES = [(system, refraction) for system in model.CoordinateSystem for refraction in model.Refraction]
+
+
+def listing_of(statistics, *, brief=False):
+    """The listing of a solution whose statistics exist already."""
+    shown, sections = in_columns(statistics, brief=brief)
+    return "".join(printed(shown, sections, carriage_control=False, date=None))
 
 
 def pages_of(text):

@@ -112,7 +112,7 @@ def index_page(title: str, folder: Path, jobs: Sequence[BatchJob], outcomes: Seq
 
     That is the worst state, and of it the sigma0 that is farthest from 1. Raises `MusatError` without jinja2.
     """
-    from musatpy.page.cells import number_text
+    from musatpy.page.page_tables import number_text
     from musatpy.page.rendering import render
 
     def order(row: tuple[BatchJob, JobOutcome]) -> tuple[int, float, str]:

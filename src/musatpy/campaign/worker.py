@@ -23,7 +23,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from musatpy.campaign.batch_jobs import GRADES, OUT_OF_MEMORY, BatchJob, JobOutcome, JobState, sha256_of
-from musatpy.errors import MusatError, Problem, and_warnings
+from musatpy.errors import MusatError, Problem, and_warnings, count_of
 from musatpy.files import together
 from musatpy.formats.musat import geoid_files
 from musatpy.memory import take_working_memory
@@ -126,7 +126,7 @@ def _run(
         check_unchanged(job, known.get("deck_sha256"), known["inputs"])
     if fields is None:
         errors = sum(problem.severity == "error" for problem in problems)
-        message = "1 error" if errors == 1 else f"{errors} errors"
+        message = count_of(errors, "error")
         return {"state": JobState.UNUSABLE, "problems": problems, "message": message}
     return fields | {
         "problems": problems,

@@ -16,12 +16,12 @@ from musatpy.cli.messages import (
     complain_of,
     complain_of_each,
     complain_of_verdict,
-    count_of,
     name_of,
     not_done,
     tell,
 )
 from musatpy.cli.options import FILE, NOT_NEGATIVE, POSITIVE, LazyGroup, flag, option, options_of
+from musatpy.errors import count_of
 
 if TYPE_CHECKING:
     from musatpy.as11_runs import CompileResult

@@ -20,7 +20,6 @@ from musatpy.cli.messages import (
     complain_of,
     complain_of_each,
     complain_of_error,
-    count_of,
     name_of,
     styled,
     tell,
@@ -29,7 +28,7 @@ from musatpy.cli.messages import (
 from musatpy.cli.options import FILE, FOLDER, LazyGroup, flag, option, options_of
 from musatpy.cli.progress import Display
 from musatpy.cli.run import check_shown, shown_options
-from musatpy.errors import MissingPackageError, MusatError
+from musatpy.errors import MissingPackageError, MusatError, count_of
 
 if TYPE_CHECKING:
     from musatpy.campaign.baselines import Taken

@@ -9,8 +9,9 @@ import click
 
 from musatpy.cli import options
 from musatpy.cli.decks import STREAM, data_of, write_deck
-from musatpy.cli.messages import complain, complain_of, complain_of_each, count_of, name_of, tell
+from musatpy.cli.messages import complain, complain_of, complain_of_each, name_of, tell
 from musatpy.cli.options import FILE, NOT_NEGATIVE, option
+from musatpy.errors import count_of
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli import depth_options, options
+from musatpy.cli import depth, options
 from musatpy.cli import sea as sea_commands
-from musatpy.cli.depth_options import POSITIVE
+from musatpy.cli.depth import POSITIVE
 from musatpy.cli.messages import complain, name_of
 from musatpy.cli.options import FILE, NamedPath, flag, option, options_of
 from musatpy.memory import cores
@@ -24,9 +24,9 @@ correction_options = options_of(
     option("-o --out", "File of true points to write; its suffix says the format.", FILE, required=True),
     option("--photos NAME,NAME", "Use only these photos, as the two of a model. Default: all.", default=""),
     option("--pointing UM", "Sigma of an image coordinate. Default with --run: that of its plates.", POSITIVE),
-    depth_options.system_options,
-    depth_options.index_options,
-    depth_options.camera_options,
+    depth.system_options,
+    depth.index_options,
+    depth.camera_options,
     options.columns_option,
     option("--layer", "Layer of a GeoPackage that has several.", default=""),
     option("--band", "Band of a raster that has the heights, if it has several.", default=""),
@@ -191,9 +191,19 @@ def _photographs(source: Path, is_run: bool, given: dict[str, Any]) -> tuple[Pho
     if is_run:
         if given["level"] is not None:
             raise click.UsageError("--level: the run has the tides of its photos")
-        limit, camera = depth_options.limit_and_camera(given)
+        limit, camera = depth.limit_and_camera(given)
         run = of_run(source, photos=photos, pointing=pointing, camera=camera, limit=limit)
-        return run, depth_options.index_by(given, run.cameras)
-    cameras = depth_options.cameras_by(source, given)
-    index = depth_options.index_by(given, cameras)
+        return run, depth.index_by(given, run.cameras)
+    cameras = depth.cameras_by(source, given)
+    index = depth.index_by(given, cameras)
     return of_table(source, cameras, index, photos=photos, pointing=pointing), index
+
+
+@click.command(name="correct", hidden=True)
+@click.argument("points", type=FILE)
+@option("--cameras", "Stations: a CSV file or RUN.json.", FILE, name="stations", required=True)
+@correction_options
+@click.pass_context
+def depth_command(ctx: click.Context, /, points: Path, stations: Path, **given: Any) -> None:
+    """Correct points. An old name of `musat correct`."""
+    correct(ctx, points, stations, is_run=stations.suffix.lower() == ".json", **given)

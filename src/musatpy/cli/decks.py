@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli import options
-from musatpy.cli.messages import complain, count_of, name_of, problem_text, tell, tell_as_is
+from musatpy.cli.messages import complain, name_of, problem_text, tell, tell_as_is
 from musatpy.cli.options import FILE, flag, option
-from musatpy.errors import DeckError, Problem, of_each_kind, printable
+from musatpy.errors import DeckError, Problem, count_of, of_each_kind, printable
 
 if TYPE_CHECKING:
     from musatpy.formats.cards.spec import Family

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli import options
-from musatpy.cli.messages import complain, complain_of, count_of, name_of, tell
+from musatpy.cli.messages import complain, complain_of, name_of, tell
 from musatpy.cli.options import FILE, FOLDER, POSITIVE, NamedPath, flag, option
-from musatpy.errors import DeckError, Problem, printable
+from musatpy.errors import DeckError, Problem, count_of, printable
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem

@@ -12,7 +12,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import click
 
-from musatpy.errors import MusatError, Problem, ProblemsError, of_each_kind, printable, shortened
+from musatpy.errors import MusatError, Problem, ProblemsError, count_of, of_each_kind, printable, shortened
 
 if TYPE_CHECKING:
     from musatpy.model.findings import Verdict
@@ -156,8 +156,3 @@ def progress_through(points: Path, quiet: bool) -> Iterator[Callable[[int], None
     length = point_count(points) if points.suffix.lower() in SUFFIXES else points.stat().st_size
     with click.progressbar(length=length, label=name_of(points), file=sys.stderr) as bar:
         yield bar.update
-
-
-def count_of(number: int, noun: str) -> str:
-    """Return a number with its noun, in the plural where it needs it."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

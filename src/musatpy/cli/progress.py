@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import LOG, VERBOSE, asked, count_of, log, name_of, on_terminal, remark
-from musatpy.errors import printable
+from musatpy.cli.messages import LOG, VERBOSE, asked, log, name_of, on_terminal, remark
+from musatpy.errors import count_of, printable
 
 if TYPE_CHECKING:
     from musatpy.campaign.batch import Event

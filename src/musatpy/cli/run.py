@@ -24,7 +24,6 @@ from musatpy.cli.messages import (
     complain_of_each,
     complain_of_error,
     complain_of_verdict,
-    count_of,
     name_of,
     not_done,
     on_terminal,
@@ -33,7 +32,7 @@ from musatpy.cli.messages import (
 )
 from musatpy.cli.options import flag, option, options_of
 from musatpy.cli.progress import LiveLine
-from musatpy.errors import MusatError, ProblemsError
+from musatpy.errors import MusatError, ProblemsError, count_of
 from musatpy.files import together
 
 if TYPE_CHECKING:

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from musatpy.cli import options
-from musatpy.cli.depth_options import POSITIVE, Finite, Numbers, index_by, index_options, system_options
-from musatpy.cli.messages import complain, count_of, name_of, progress_through, tell
+from musatpy.cli.depth import POSITIVE, Finite, Numbers, index_by, index_options, system_options
+from musatpy.cli.messages import complain, name_of, progress_through, tell
 from musatpy.cli.options import FILE, LazyGroup, flag, option, options_of
+from musatpy.errors import SeaError, count_of
 
 if TYPE_CHECKING:
     from musatpy.correction.files import Chosen
@@ -193,7 +194,6 @@ def fit_command(
 
 
 def _fit(path: Path, points: SurfacePoints, model: str, given: dict[str, Any]) -> SurfaceFit:
-    from musatpy.errors import SeaError
     from musatpy.sea.stereo.estimate import fit_fourier, fit_grid
 
     wanted = {name: given[name] for name in _OF[model] if given[name] is not None}
@@ -242,7 +242,6 @@ def correct_through(
     """Correct the points of a file through a surface, intersected in air from a pair of stations."""
     from musatpy.correction.sea_methods import ThroughSurface
     from musatpy.depth.cameras import system_of_points
-    from musatpy.errors import SeaError
     from musatpy.sea.stereo.surface_file import load_map, load_surface
 
     options.refuse_overwriting([given["out"]], [points, stations, surface])

@@ -9,7 +9,7 @@ from decimal import Decimal
 from typing import Any
 from xml.etree import ElementTree
 
-from musatpy.errors import Problem, printable
+from musatpy.errors import Problem, count_of, printable
 from musatpy.listings.findings import Difference, Discrepancy, SectionSummary
 
 SCHEMA_VERSION = "1.0"
@@ -54,9 +54,9 @@ def _remarks(difference: Difference) -> list[str]:
 def verdict(difference: Difference, style: Style = plain) -> str:
     """Return the last line: same or different, with counts."""
     counts = dict(difference.counts)
-    tail = f"{_count(counts.pop('rows compared'), 'row')} compared"
+    tail = f"{count_of(counts.pop('rows compared'), 'row')} compared"
     if passed := sum(section.passed for section in difference.sections):
-        tail += f", {_count(passed, 'difference')} within the rules"
+        tail += f", {count_of(passed, 'difference')} within the rules"
     if difference.same:
         return style(f"same: {tail}", "same")
     kinds = ", ".join(f"{count} {kind}" for kind, count in counts.items())
@@ -146,10 +146,6 @@ def _cut(text: str) -> str:
     return text if len(text) <= _TEXT_WIDTH else f"{text[: _TEXT_WIDTH - 3]}..."
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
 def json_text(difference: Difference) -> str:
     """Return the whole comparison as JSON; numbers of listings are texts, as they are written there."""
     head = {
@@ -207,7 +203,7 @@ def junit_text(difference: Difference) -> str:
     suite, tests = junit_suite(f"{difference.a} {difference.b}", "musat.diff", titles, failures=failed)
     for test, section in zip(tests, difference.sections, strict=True):
         if section.findings:
-            message = _count(len(section.findings), "difference")
+            message = count_of(len(section.findings), "difference")
             failure = ElementTree.SubElement(test, "failure", message=message)
             failure.text = "\n".join(_table(section.findings, _LISTED, plain))
     if remarks := _remarks(difference):

@@ -13,6 +13,7 @@ from functools import partial
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
+from musatpy.errors import count_of
 from musatpy.listings.findings import Difference, Discrepancy, FindingKind, PagePlace, RuleUse, SectionSummary
 from musatpy.listings.judge import (
     FieldSpot,
@@ -337,7 +338,7 @@ class _Sections(SectionComparison):
         side = int(self.lacking[0])
         lines, count = _first_lines(self.sections[side]), len(self.sections[side].lines)
         if not self.allowed(Spot(pages=tuple(line.page for line in lines)), "AB"[side]):
-            self.lonely("section", side, "1 row" if count == 1 else f"{count} rows", place=_place_of(lines))
+            self.lonely("section", side, count_of(count, "row"), place=_place_of(lines))
 
     def around_rows(self, *, moved: bool) -> None:
         """Compare titles and headings, and where the sections stand."""

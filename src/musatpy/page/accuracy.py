@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.page.cells import cell_text
-from musatpy.page.page_tables import page_table, place_of
+from musatpy.page.page_tables import cell_text, page_table, place_of
 from musatpy.page.rendering import Fact, PageTable
 from musatpy.plots.picture import counted
 from musatpy.records.tables import Tables, numbers, part, rows_of, texts

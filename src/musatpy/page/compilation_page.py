@@ -9,15 +9,13 @@ from functools import partial
 import numpy as np
 
 from musatpy.page.accuracy import DepthFigures, analysis_table, order_facts, orders_table
-from musatpy.page.cells import number_text
-from musatpy.page.page_tables import PageReport, chapters_of, page_of, place_of, places_of, tables_of
+from musatpy.page.page_tables import PageReport, chapters_of, number_text, page_of, place_of, places_of, tables_of
 from musatpy.page.rendering import Fact, Facts, Page, Part, Sentences, anchor_of
 from musatpy.plots.picture import counted
 from musatpy.records.tables import Tables, flags, numbers, part, texts
 from musatpy.reports import (
     compilation,
     compilation_bottom,
-    compilation_comparisons,
     compilation_points,
 )
 from musatpy.reports.stated import answered
@@ -36,14 +34,14 @@ _MODELS = (
     *map(_open, (compilation.MODEL_TABLE, compilation.RECOVERED_TABLE)),
     PageReport(compilation.SHORE_TABLE),
 )
-_BOTTOM = tuple(map(_open, (*compilation_points.OF_PROFILES, *compilation_bottom.STATED)))
+_BOTTOM = tuple(map(_open, (*compilation_points.OF_PROFILES, *compilation_bottom.BOTTOM_TABLES)))
 _OF_POINTS = tuple(
     PageReport(report, _POINTS)
     for report in (
         compilation_points.POINT_TABLE,
         compilation_points.RAY_TABLE,
         compilation_points.APPARENT_TABLE,
-        compilation_comparisons.RUN_TABLE,
+        compilation.RUN_TABLE,
     )
 )
 

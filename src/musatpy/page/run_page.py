@@ -13,7 +13,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.model import Cause, Refraction
 from musatpy.page import accuracy, page_tables
-from musatpy.page.cells import cell_text, number_text, significant, size_text
+from musatpy.page.page_tables import cell_text, number_text, significant, size_text
 from musatpy.page.rendering import Fact, Facts, Page, PageTable, Part, Sentences
 from musatpy.plots.picture import NothingToShowError, counted
 from musatpy.plots.plane import plane_of

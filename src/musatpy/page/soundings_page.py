@@ -9,8 +9,7 @@ import numpy as np
 
 from musatpy.errors import MusatError
 from musatpy.model import Grade
-from musatpy.page.cells import number_text
-from musatpy.page.page_tables import PageReport, chapters_of, tables_of
+from musatpy.page.page_tables import PageReport, chapters_of, number_text, tables_of
 from musatpy.page.rendering import Fact, Facts, Page, Part, anchor_of
 from musatpy.plots.compiled_pictures import differences_of
 from musatpy.plots.picture import NothingToShowError, counted

@@ -1,4 +1,7 @@
-"""The listings and the records of a compilation and of models set up (`musat as11 compile`, `musat as11 setup`)."""
+"""The listings and the records of a compilation and of models set up (`musat as11 compile`, `musat as11 setup`).
+
+And of compiled points beside those of the run: AS-11 less MUSAT, as Table 6-7 has them (`as11 compare-points`).
+"""
 
 from __future__ import annotations
 
@@ -11,13 +14,14 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model.tables import POSITION_UNIT
-from musatpy.reports import compilation_bottom, compilation_comparisons, compilation_points, headline, job_record
+from musatpy.reports import analyses, compilation_bottom, compilation_points, headline, job_record
 from musatpy.reports.answer import MARKS, verdict_section
 from musatpy.reports.compilation_points import ENU_SIGMAS, CompilationReport
 from musatpy.reports.editing import position
-from musatpy.reports.fields import Document, Each, Field, FieldGroup, Rows, flag, identity
+from musatpy.reports.fields import Document, Each, Field, FieldGroup, Rows, flag, identity, within
 from musatpy.reports.pages import Section, labelled, print_titled, wrapped
 from musatpy.reports.table import Report, Texts, sentences_at
+from musatpy.statistics.analyses import DifferenceStatistics, analysis_of
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.compilation.against_run import AgainstRun
@@ -106,6 +110,56 @@ RECOVERED: Each[CompilationReport, AgainstRun] = Each(
               words={True: "yes", False: "NO", None: "NO"}),
     ),
 )  # fmt: skip
+
+
+def _all(path: str, of: str = "set_up") -> Callable[[CompilationReport], Any]:
+    """Return what takes the values of all models, one after the other: as set up, or `against` the run."""
+    return lambda done: np.concatenate([attrgetter(path)(part) for part in getattr(done, of)])
+
+
+BESIDE_RUN: Rows[CompilationReport, CompilationReport] = Rows(
+    "against_run", "one row per point that the run has too", (
+        identity("model", lambda c: np.concatenate([[part.model.name] * len(part.rows) for part in c.against])),
+        identity("point", lambda c: _points_of(c)),
+        flag("shared", "its readings are those of the run", "Same", "S", _all("shared", "against")),
+        Field("difference", "3 number", "compiled minus run, east, north, up", _all("difference", "against"),
+              ("East\nm", "North\nm", "Up\nm"), "F7.4"),
+        Field("length", "number", "of that", _all("length", "against"), "Length\nm", "F8.4"),
+        Field("sigma", "3 number?", "of the difference; null where not known", _all("sigma", "against"), ENU_SIGMAS,
+              "F7.4"),
+        Field("test", "number?", "root of the mean square over its covariance", _all("test", "against"), "Test",
+              "F6.2"),
+        Field("stages", "2x2 number", "read minus predicted, left and right", _all("stages", "against"),
+              [f"{side} {axis}\num" for side in ("Left", "Right") for axis in "xy"], "F7.2"),
+    ),
+)  # fmt: skip
+ANALYSIS: Each[CompilationReport, tuple[str, DifferenceStatistics]] = Each(
+    "analysis",
+    "differences of compiled points from the run in numbers, east, north, up",
+    of=lambda c: _statistics(c),
+    fields=(
+        Field("component", "string", "East, North, Up", lambda d: d[0]),
+        *within(lambda d: d[1], analyses.differences("m", "point")),
+    ),
+)
+CAUTION: Field[CompilationReport] = Field(
+    "caution", "string?", "what is to be known of the run, on every page", lambda c: c.compiled.run.caution or None
+)
+RUN_TABLE = Report("Comparison With The Run", BESIDE_RUN, worst=lambda t: t["length"])
+_ANALYSIS_TABLE = Report(
+    "Ground Point Analysis",
+    ANALYSIS,
+    ("component size", ANALYSIS.column("maximum_id", "Point with Max. Difference", "A8")),
+)
+AGAINST_RUN: Document[CompilationReport] = Document(
+    name="point_comparison_version",
+    version="2.0",
+    title="musatpy comparison of compiled points",
+    about="Compiled points beside those of the run, in metres and millimetres of the stages.",
+    nodes=(CAUTION, BESIDE_RUN, ANALYSIS),
+)
+
+
 WARNINGS_FIELD: Field[CompilationReport] = Field(
     "warnings", "* string", "what is odd about readings and models", lambda c: list(c.warnings)
 )
@@ -116,17 +170,12 @@ DOCUMENT: Document[CompilationReport] = Document(
     about=_ABOUT,
     nodes=(
         *(VERDICT, JOB, MODELS, compilation_points.POINTS, compilation_points.ANSWER, SHORELINES, RECOVERED),
-        *compilation_comparisons.RECORD,
+        *(BESIDE_RUN, ANALYSIS),
         *(compilation_points.PROFILES, compilation_points.SCANS),
         *compilation_bottom.RECORD,
         WARNINGS_FIELD,
     ),
 )
-
-
-def _all(path: str) -> Callable[[CompilationReport], Any]:
-    """Return what takes the values of all models, one after the other."""
-    return lambda setups: np.concatenate([attrgetter(path)(model) for model in setups.set_up])
 
 
 def _models(path: str) -> Callable[[CompilationReport], Any]:
@@ -248,7 +297,7 @@ RUN_POINT_TABLE = Report("Points Of The Run In The Model", RUN_POINTS)
 EXPECTED_TABLE = Report("Standard Errors To Expect", EXPECTED)
 WARNINGS = Texts("Warnings Of Run And Readings", lambda r: sentences_at(r, "warnings"), "warnings")
 SET_UP_TABLES = (GEOMETRY_TABLE, AXES_TABLE, RUN_POINT_TABLE, EXPECTED_TABLE)
-STATED = (*(WARNINGS, MODEL_TABLE, SHORE_TABLE, RECOVERED_TABLE, compilation_comparisons.RUN_TABLE), *SET_UP_TABLES)
+STATED = (*(WARNINGS, MODEL_TABLE, SHORE_TABLE, RECOVERED_TABLE, RUN_TABLE), *SET_UP_TABLES)
 
 
 def sections_of(done: CompilationReport) -> list[Section]:
@@ -265,7 +314,7 @@ def sections_of(done: CompilationReport) -> list[Section]:
         *([SHORE_TABLE.section(done)] if _shorelines(compiled) else []),
         *compilation_points.profile_sections(done),
         *compilation_bottom.sections_of(done),
-        *compilation_comparisons.sections_of(done),
+        *_comparison_sections(done),
     ]
 
 
@@ -308,3 +357,47 @@ def listing_of(
     return print_titled(
         "COMPILATION", title, sections, caution, mark=mark, carriage_control=carriage_control, date=date
     )
+
+
+def point_listing(done: CompilationReport) -> str:
+    """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
+    title, caution = "".join(done.compiled.deck.titles[:1]), done.compiled.run.caution
+    return print_titled("COMPARISON OF POINTS", title, _comparison_sections(done), caution)
+
+
+def _comparison_sections(done: CompilationReport) -> list[Section]:
+    """Return the differences, in the layout of Table 6-7 too; nothing where no point is one of the run."""
+    if not any(len(part.rows) for part in done.against):
+        return []
+    lengths = ", ".join(f"{length:.4f}" for length in vectors(done))
+    lines = {"Least, mean and largest vector, m": lengths}
+    tests = _all("test", "against")(done)
+    if np.isfinite(tests).any():
+        lines["Tests, root of the mean square"] = f"{np.sqrt(np.nanmean(np.square(tests))):.2f}"
+    block = done.compiled.run.block
+    water = "No Refraction Correction" if block.water is None else "Refraction Correction Applied"
+    runs = f"Compiled Less MUSAT-{block.options.program}", water
+    return [
+        RUN_TABLE.section(done, new_page=True),
+        analyses.laid_out(_ANALYSIS_TABLE, _ANALYSIS_TABLE.values(done), runs, {"m": "F16.4"}),
+        Section(title="Comparison With The Run: Vectors And Tests", lines=labelled(lines)),
+    ]
+
+
+def vectors(done: CompilationReport) -> tuple[float, float, float]:
+    """Return the least, the mean and the largest length of the differences, m."""
+    length = _all("length", "against")(done)
+    return float(length.min()), float(length.mean()), float(length.max())
+
+
+def _statistics(done: CompilationReport) -> list[tuple[str, DifferenceStatistics]]:
+    """Return the components of the differences with their statistics, none where there are no differences."""
+    if not any(len(part.rows) for part in done.against):
+        return []
+    units = dict.fromkeys(("East", "North", "Up"), "m")
+    analysis = analysis_of(units, _points_of(done), _all("difference", "against")(done))
+    return list(zip(analysis.components, analysis.statistics, strict=True))
+
+
+def _points_of(done: CompilationReport) -> Any:
+    return np.concatenate([part.model.readings.ids[part.rows] for part in done.against])

@@ -1,4 +1,4 @@
-"""Surfaces and contours of a compilation, as tables and as lines in files."""
+"""Surfaces and contours of a compilation, as tables and as lines in files, and beside those of another source."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.reports.compilation_points import CompilationReport, extremes
-from musatpy.reports.fields import Each, Field, flag, identity
-from musatpy.reports.pages import Section, wrapped
+from musatpy.reports.fields import Document, Each, Field, flag, identity
+from musatpy.reports.pages import Section, print_titled, wrapped
 from musatpy.reports.table import Report, filled
 from musatpy.surfaces.contours import bounds
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from musatpy.compilation.bottom import Bottom, PostGrid
     from musatpy.compilation.compiled import DepthDatum
     from musatpy.compilation.joined_surfaces import EdgeMatch, JoinedSurface
+    from musatpy.compilation.other_bottoms import ContourArea, ContourDistance, Contoured
 
 Level = tuple[str, float, bool, int, float, float]
 
@@ -123,7 +124,7 @@ COLLOCATED_TABLE = Report(
 EDGE_TABLE = Report("Edge Match: The First Model Less The Second", EDGES)
 CONTOUR_TABLE = Report("Contours", CONTOURS)
 HEIGHT_TABLE = Report("Contours Of Height", HEIGHT_CONTOURS)
-STATED = (SURFACE_TABLE, EDGE_TABLE, CONTOUR_TABLE, HEIGHT_TABLE, GRID_TABLE, COLLOCATED_TABLE)
+BOTTOM_TABLES = (SURFACE_TABLE, EDGE_TABLE, CONTOUR_TABLE, HEIGHT_TABLE, GRID_TABLE, COLLOCATED_TABLE)
 
 
 def sections_of(done: CompilationReport) -> list[Section]:
@@ -135,7 +136,7 @@ def sections_of(done: CompilationReport) -> list[Section]:
     return [
         SURFACE_TABLE.section(done, new_page=True),
         Section(title="Surfaces And Their Models", lines=wrapped(names)),
-        *filled(STATED[1:], done),
+        *filled(BOTTOM_TABLES[1:], done),
     ]
 
 
@@ -159,3 +160,54 @@ def contours_csv(bottom: Bottom, places: FilePlaces, datum: DepthDatum) -> str:
             head = f"{number},{sheet.name},{line.level:g},{int(line.index)},{int(line.closed)},"
             lines += [head + text for text in places.texts(bottom.vertices(sheet, line, datum))]
     return "\n".join(lines) + "\n"
+
+
+DISTANCES: Each[Contoured, ContourDistance] = Each(
+    "distances",
+    "one row per depth of a surface and source: its contours, sampled every metre, from those of the other",
+    of=lambda c: c.distances, fields=(
+        Field("surface", "integer", "number, as in the record of a compilation", heading="Surface", edit="I7",
+              is_id=True),
+        Field("depth", "number", "below the datum", heading="Depth\nm", edit="F8.3", is_id=True),
+        Field("of", "string", "source whose contours are sampled", heading="From", edit="A8", is_id=True),
+        Field("length", "number", "of the contours", heading="Length\nm", edit="F10.1"),
+        Field("beyond", "number", "length past open ends of the other or too far, left out", heading="Left out\nm",
+              edit="F10.1"),
+        Field("mean", "number", "of the distances", heading="Mean\nm", edit="F8.2"),
+        Field("rms", "number", "of the distances", heading="RMS\nm", edit="F8.2"),
+        Field("most", "number", "distance that 95 % do not exceed", heading="95 %\nm", edit="F8.2"),
+        Field("mean_depth", "number?", "compiled less the other, by the slope", heading="Mean depth\nm",
+              edit="F10.3"),
+        Field("rms_depth", "number?", "of these", heading="RMS depth\nm", edit="F10.3"),
+        Field("most_depth", "number?", "magnitude that 95 % of these do not exceed", heading="95 % depth\nm",
+              edit="F10.3"),
+    ),
+)  # fmt: skip
+AREAS: Each[Contoured, ContourArea] = Each(
+    "areas", "one row per depth of a surface", of=lambda c: c.areas, fields=(
+        Field("surface", "integer", "number, as in the record of a compilation", heading="Surface", edit="I7",
+              is_id=True),
+        Field("depth", "number", "below the datum", heading="Depth\nm", edit="F8.3", is_id=True),
+        Field("area", "number?", "between the contours", heading="Area\nm2", edit="F14.1", unit="m2"),
+        Field("width", "number?", "of that, by the mean of both lengths", heading="Mean width\nm", edit="F10.2"),
+        Field("reason", "string", "why there is none; empty where there is", heading="Without, because",
+              edit="A60"),
+    ),
+)  # fmt: skip
+COMPARED = (
+    Report("Comparison Of Contours: Distances And Depths By The Slope", DISTANCES),
+    Report("Areas Between Contours", AREAS),
+)
+STATED = (*BOTTOM_TABLES, *COMPARED)
+COMPARED_CONTOURS: Document[Contoured] = Document(
+    name="contour_comparison_version",
+    version="1.0",
+    title="musatpy contour comparison",
+    about="Compiled contours beside those of another source, metres. What does not exist is null",
+    nodes=(DISTANCES, AREAS),
+)
+
+
+def contour_listing(compared: Contoured, title: str, caution: str = "") -> str:
+    """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
+    return print_titled("CONTOURS", title, [table.section(compared) for table in COMPARED], caution)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
@@ -12,6 +12,7 @@ from typing import Any
 
 from musatpy.formats.short_ids import short_block
 from musatpy.model import Solution
+from musatpy.model.progress import Progress, begin
 from musatpy.reports import answer
 from musatpy.reports.fields import Document
 from musatpy.reports.pages import MOST_PAGES, Section, headed, laid_out, page_texts, paginate
@@ -23,8 +24,7 @@ _PAGES = (  # modules of this room
     "common_errors positions control inertial residuals"
 )
 _OF_OTHERS = (  # of programs that most jobs need not
-    "orientation orientation_strip compilation compilation_bottom compilation_comparisons compilation_points "
-    "soundings"
+    "orientation orientation_strip compilation compilation_bottom compilation_points soundings"
 )
 
 
@@ -91,28 +91,16 @@ def listing(
     neither the echo of the input nor residuals, and of tables that would fill more than 40 pages the worst rows.
     The text depends on nothing but the arguments; a `date` is printed only where one is given.
     """
-    return listing_of(Statistics(solution), carriage_control=carriage_control, date=date, brief=brief)
-
-
-def listing_of(
-    statistics: Statistics,
-    *,
-    carriage_control: bool = False,
-    date: datetime.date | None = None,
-    brief: bool = False,
-    on_report: Callable[[str, int, int], None] | None = None,
-) -> str:
-    """Return `listing` of a solution whose statistics exist already; `on_report` is called before each report."""
-    shown, sections = in_columns(statistics, brief=brief, on_report=on_report)
+    shown, sections = in_columns(Statistics(solution), brief=brief)
     return "".join(printed(shown, sections, carriage_control=carriage_control, date=date))
 
 
 def in_columns(
-    statistics: Statistics, *, brief: bool = False, on_report: Callable[[str, int, int], None] | None = None
+    statistics: Statistics, *, brief: bool = False, progress: Progress | None = None
 ) -> tuple[Statistics, list[Section]]:
     """Return statistics with names that go into columns, and their sections; the last one is of these names."""
     shown, names = with_short_names(statistics)
-    return shown, [*sections_of(shown, brief=brief, on_report=on_report), *names]
+    return shown, [*sections_of(shown, brief=brief, progress=progress), *names]
 
 
 def with_short_names(statistics: Statistics) -> tuple[Statistics, list[Section]]:
@@ -147,18 +135,14 @@ def with_short_names(statistics: Statistics) -> tuple[Statistics, list[Section]]
     return Statistics(short), [page]
 
 
-def sections_of(
-    statistics: Statistics, *, brief: bool = False, on_report: Callable[[str, int, int], None] | None = None
-) -> list[Section]:
+def sections_of(statistics: Statistics, *, brief: bool = False, progress: Progress | None = None) -> list[Section]:
     """Return what the pages of a listing behind the answer say."""
     if brief:
-        if on_report:
-            on_report("listing: report", 1, 1)
+        begin(progress, "listing: report", 1, 1)
         return brief_sections(statistics)
     sections: list[Section] = []
     for number, report in enumerate(REPORTS, 1):
-        if on_report:
-            on_report("listing: report", number, len(REPORTS))
+        begin(progress, "listing: report", number, len(REPORTS))
         sections += report.sections(statistics)
     return sections
 

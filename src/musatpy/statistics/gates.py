@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.errors import count_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import (
     Block,
@@ -242,7 +243,7 @@ def straight(statistics: Quality) -> Iterator[Reason]:
     wet = block.points.bathymetric & (statistics.solution.points.status != PointStatus.NOT_DETERMINED)
     if wet.any() and not refracts(block):
         text = (
-            f"refraction NONE: {_many(int(wet.sum()), 'point')} flagged as submerged are adjusted as if there "
+            f"refraction NONE: {count_of(int(wet.sum()), 'point')} flagged as submerged are adjusted as if there "
             "were no water; about a quarter of their depth is missing"
         )
         yield Reason(Grade.DOUBTFUL, Concern.REFRACTION, text, "Options")
@@ -267,7 +268,7 @@ def _datum(statistics: Quality) -> str:
     if not tests.is_of_the_whole(statistics.solution.other_flags):
         return ""
     counts = [
-        f"{len(rows)} of {_many(int((tests.flagged == flagged).sum()), 'point')} {what} the water"
+        f"{len(rows)} of {count_of(int((tests.flagged == flagged).sum()), 'point')} {what} the water"
         for flagged, what in ((True, "flagged as submerged are above"), (False, "without the flag are below"))
         if len(rows := tests.doubted_of(flagged))
     ]
@@ -309,10 +310,6 @@ def _heights(statistics: Quality, rows: IntArray, flag: str) -> str:
 def _who(statistics: Quality, rows: IntArray) -> str:
     ids = statistics.block.points.ids[statistics.flags.point[rows]]
     return f"{named('point', ids)} {'is' if len(ids) == 1 else 'are'}"
-
-
-def _many(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
