@@ -12,32 +12,21 @@ from typing import TypeVar
 
 import numpy as np
 
-from musatpy.adjustment import propagation
+from musatpy.adjustment import propagation, sightings
 from musatpy.adjustment.considered import extended
 from musatpy.adjustment.ground import PARALLEL, settle_group
 from musatpy.adjustment.iteration import State, initial_state
 from musatpy.adjustment.job import build_network
 from musatpy.adjustment.network import Network, PointGroup, group_points, participation
 from musatpy.adjustment.result import bathymetric_points
-from musatpy.adjustment.sightings import image_coordinates, rays_to, residuals, straight_rays
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
 from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, in_parts
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in
 from musatpy.errors import AdjustmentError
-from musatpy.geometry.collinearity import (
-    attitude_from_matrix,
-    attitude_matrix,
-    in_front,
-    nearest_point,
-    widest_angle,
-)
+from musatpy.geometry import collinearity
 from musatpy.geometry.geodesy import surface
-from musatpy.model import (
-    Block,
-    PlateMeasurements,
-    Points,
-)
+from musatpy.model import Block, PlateMeasurements, Points
 
 Result = TypeVar("Result")
 _CHUNK = 2**14  # readings at a time
@@ -165,7 +154,7 @@ def _from_rays(run: AdjustedRun, photos: tuple[int, int], readings: Readings) ->
                 cofactors = propagation.depth_cofactors(network, state, piece, covariances, None)
                 depth[point] = np.where(submerged[point], cofactors, np.nan)
     v, rays = np.full((2 * count, 2), np.nan), np.flatnonzero(known[network.point])
-    v[rays] = residuals(network, state, rays)
+    v[rays] = sightings.residuals(network, state, rays)
     out.residual[:] = np.swapaxes(v.reshape(2, count, 2), 0, 1)
     out.wet[:] = line.wet.reshape(2, count).T
     bathymetric = bathymetric_points(block, measured, state, groups, np.sqrt(depth))
@@ -173,7 +162,7 @@ def _from_rays(run: AdjustedRun, photos: tuple[int, int], readings: Readings) ->
         getattr(out, name)[bathymetric.point] = getattr(bathymetric, name)
     bent = np.flatnonzero(known & out.wet.any(axis=1))
     of_both = bent[:, None] + np.array([0, count])
-    _, air = straight_rays(network, state, of_both)
+    _, air = sightings.straight_rays(network, state, of_both)
     places = np.repeat(ground[bent, None], 2, axis=1)
     over = surface(network.frame, network.slope(state.tilt), state.tide[network.photo[of_both]], places)
     angle = np.arccos(np.clip(-np.einsum("kmi,kmi->km", over.normal, air), -1.0, 1.0))
@@ -201,8 +190,8 @@ def network_of_plates(run: AdjustedRun, points: Points, plates: PlateMeasurement
     network = build_network(block, frame, participation(block), run.sea)
     if np.isfinite(run.given).all():  # the axes of the covariances
         axes = frame.axes(frame.working(run.given))
-        M = attitude_matrix(network.attitude) @ network.axes
-        network = replace(network, axes=axes, attitude=attitude_from_matrix(M @ np.swapaxes(axes, 1, 2)))
+        M = collinearity.attitude_matrix(network.attitude) @ network.axes @ np.swapaxes(axes, 1, 2)
+        network = replace(network, axes=axes, attitude=collinearity.attitude_from_matrix(M))
     state = initial_state(network)
     if run.considered:
         wide = extended(block, network, state)
@@ -218,7 +207,7 @@ def images_of(run: AdjustedRun, photos: tuple[int, int], ground: FloatArray, sub
     _, network, state = network_of(run, photos, Readings.of(np.zeros((len(ground), 2, 2)), submerged, 1.0))
     state = replace(state, ground=ground)
     network = network.with_plates(network.xy, water_line(network, state, submerged).wet)
-    xy = image_coordinates(network, state, np.arange(2 * len(ground)), ground[network.point])
+    xy = sightings.image_coordinates(network, state, np.arange(2 * len(ground)), ground[network.point])
     return np.swapaxes(xy.reshape(2, len(ground), 2), 0, 1)
 
 
@@ -243,7 +232,8 @@ def nearest_to_rays(network: Network, state: State, groups: Iterable[PointGroup]
     ground = state.ground.copy()
     for group in groups:
         X = ground[group.point]
-        nearest = nearest_point(*rays_to(network, state, group.rays, np.repeat(X[:, None], group.rays.shape[1], 1)))
+        rays = sightings.rays_to(network, state, group.rays, np.repeat(X[:, None], group.rays.shape[1], 1))
+        nearest = collinearity.nearest_point(*rays)
         ground[group.point] = np.where(np.isfinite(nearest), nearest, X)
     return replace(state, ground=ground)
 
@@ -261,11 +251,11 @@ def _lost(network: Network, state: State, groups: Iterable[PointGroup]) -> dict[
     """Return why points have no position."""
     reasons: dict[int, str] = {}
     for group in groups:
-        _, direction = straight_rays(network, state, group.rays)
+        _, direction = sightings.straight_rays(network, state, group.rays)
         X = state.ground[group.point]
         photo = network.photo[group.rays]
-        seen = in_front(X[:, None] - state.position[photo], state.M[photo]).all(axis=1)
-        parallel = widest_angle(direction) < PARALLEL
+        seen = collinearity.in_front(X[:, None] - state.position[photo], state.M[photo]).all(axis=1)
+        parallel = collinearity.widest_angle(direction) < PARALLEL
         reasons |= dict.fromkeys(group.point[~seen].tolist(), BEHIND)
         reasons |= dict.fromkeys(group.point[parallel].tolist(), PARALLEL_RAYS)
     return reasons

@@ -12,29 +12,12 @@ import numpy as np
 
 from musatpy import model
 from musatpy.errors import DeckError, Problem
-from musatpy.formats import assembly, mapping, system_rows
+from musatpy.formats import assembly, job_tables, mapping, system_rows
 from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.cards.settings import Setting, deck_with
 from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.formats.checks.systems import statements
 from musatpy.formats.draft import draft_of, draft_of_rows
-from musatpy.formats.job_tables import (
-    COVARIANCES,
-    KEYS,
-    PLACES,
-    ROLES,
-    RoleRows,
-    Table,
-    Tables,
-    blank,
-    card_family,
-    flags_of,
-    keys_of,
-    nothing,
-    roles_of,
-    size,
-    with_flags,
-)
 from musatpy.formats.records.layout import OPTION_OF_CAMERAS, OPTION_OF_SYSTEM
 from musatpy.formats.statements import entered_draft
 
@@ -43,29 +26,31 @@ if TYPE_CHECKING:
     from musatpy.systems import Statement
 
 # What is in words of the statement.
-_STATED = (*PLACES, *COVARIANCES, "attitudes", "tides", "matrices")
+_STATED = (*job_tables.PLACES, *job_tables.COVARIANCES, "attitudes", "tides", "matrices")
 
 
 def held_attributes(role: str) -> tuple[str, ...]:
     """Return the model attributes of a role; none of what states a deck, because parts are as the adjustment is."""
-    return () if role in system_rows.TABLES else tuple(nothing(role))
+    return () if role in system_rows.TABLES else tuple(job_tables.nothing(role))
 
 
-def parts_of(block: model.Block) -> Tables:
+def parts_of(block: model.Block) -> job_tables.Tables:
     """Return everything that a block says, in the words of the adjustment, and how it and its answer are stated."""
-    said = assembly.tables_of(block, card_family())
-    parts = {role: {path: np.asarray(table[path]) for path in nothing(role)} for role, table in said.items()}
+    said = assembly.tables_of(block, job_tables.card_family())
+    parts = {
+        role: {path: np.asarray(table[path]) for path in job_tables.nothing(role)} for role, table in said.items()
+    }
     return _stating(block.given_in, block.stated_in) | parts
 
 
-def deck_parts(path: Any, name: str | None = None) -> Tables:
+def deck_parts(path: Any, name: str | None = None) -> job_tables.Tables:
     """Return what a deck says that need not be whole: a camera card and options will do.
 
     `path` may be the bytes of a deck, which messages call `name`. What it states in other words comes in those of
     the adjustment. Raises `DeckError` with every card that cannot be read, or that makes no statement,
     `SystemsError`, and `OSError`.
     """
-    family = card_family()
+    family = job_tables.card_family()
     deck = read_cards(path, family, name)
     missing = [one for one in deck.problems if one.line is None and one.card]  # cards that a whole deck must have
     errors = [one for one in deck.problems if one.severity == "error" and one not in missing]
@@ -83,7 +68,9 @@ def deck_parts(path: Any, name: str | None = None) -> Tables:
     return parts | {"options": assembly.single_values(draft.options, "options")}
 
 
-def given_parts(deck: Path | None, settings: Sequence[Setting] = (), cameras: Sequence[str] = ()) -> Tables:
+def given_parts(
+    deck: Path | None, settings: Sequence[Setting] = (), cameras: Sequence[str] = ()
+) -> job_tables.Tables:
     """Return what a deck says that need not be whole, with settings in place of what it says, and camera cards.
 
     Without a deck the options are those of the settings, none where these do not say the system of the job. Raises
@@ -102,7 +89,7 @@ def given_parts(deck: Path | None, settings: Sequence[Setting] = (), cameras: Se
     return given
 
 
-def with_control_sigmas(given: Tables, sigmas: Sequence[float]) -> tuple[Tables, int]:
+def with_control_sigmas(given: job_tables.Tables, sigmas: Sequence[float]) -> tuple[job_tables.Tables, int]:
     """Return parts whose control has `sigmas` (3,) of east, north, up, m, where it has none; with their number."""
     table = given.get("control")
     if table is None:
@@ -125,18 +112,20 @@ def _linked(draft: Draft, needed: str) -> model.Block:
         raise DeckError.of(f"{needed}: {error}") from error
 
 
-def _stating(given_in: model.SystemSpec | None, stated_in: model.SystemSpec | None) -> Tables:
+def _stating(given_in: model.SystemSpec | None, stated_in: model.SystemSpec | None) -> job_tables.Tables:
     """Return the tables that say how a job and its answer are stated, none where they are not."""
     tables = system_rows.values_of({system_rows.IN: given_in, system_rows.OUT: stated_in})
-    return {role: table for role, table in tables.items() if size(table)}
+    return {role: table for role, table in tables.items() if job_tables.size(table)}
 
 
-def spec_of(parts: Tables, role: str) -> model.SystemSpec | None:
+def spec_of(parts: job_tables.Tables, role: str) -> model.SystemSpec | None:
     """Return how a job (`system_rows.IN`) or its answer (`OUT`) is stated, None where it is not."""
-    return system_rows.spec_of(role, {name: parts.get(name) or nothing(name) for name in system_rows.STATING})
+    return system_rows.spec_of(
+        role, {name: parts.get(name) or job_tables.nothing(name) for name in system_rows.STATING}
+    )
 
 
-def statement_of(parts: Tables) -> Statement | None:
+def statement_of(parts: job_tables.Tables) -> Statement | None:
     """Return the statement that other agencies' files follow, both ways: that of the job, else of its answer.
 
     The job's comes first because its deck completes the files when they are read again. None where there is none,
@@ -150,28 +139,28 @@ def statement_of(parts: Tables) -> Statement | None:
     return statement_on(spec, ellipsoid_of(parts))
 
 
-def cards_of_parts(parts: Tables, family: Family) -> Iterator[tuple[CardSpec, Table]]:
+def cards_of_parts(parts: job_tables.Tables, family: Family) -> Iterator[tuple[CardSpec, job_tables.Table]]:
     """Yield the cards that say the parts, in words of the adjustment (see `assembly.cards_of`)."""
     said = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
     for spec, values, angle in assembly.cards_of_tables(said, family, system_of(parts)):
         yield spec, mapping.scatter(spec, values, angle)
 
 
-def system_of(parts: Tables) -> model.CoordinateSystem | None:
+def system_of(parts: job_tables.Tables) -> model.CoordinateSystem | None:
     """Return the coordinate system of the job, None where no options are known."""
     options = parts.get("options")
     return None if options is None else model.CoordinateSystem(str(options["options.system"][0]))
 
 
-def ellipsoid_of(parts: Tables) -> model.EllipsoidSpec | None:
+def ellipsoid_of(parts: job_tables.Tables) -> model.EllipsoidSpec | None:
     """Return the ellipsoid of the job, None where none is known."""
     spec: model.EllipsoidSpec | None = mapping.single_of(
-        "ellipsoid", parts.get("ellipsoid") or nothing("ellipsoid")
+        "ellipsoid", parts.get("ellipsoid") or job_tables.nothing("ellipsoid")
     )
     return spec
 
 
-def missing_parts(parts: Tables) -> list[Problem]:
+def missing_parts(parts: job_tables.Tables) -> list[Problem]:
     """Return what a block must have and the parts do not."""
     lacks = []
     if "options" not in parts:
@@ -187,18 +176,23 @@ def missing_parts(parts: Tables) -> list[Problem]:
     return [Problem(message=message) for message in lacks]
 
 
-def block_of(parts: Tables) -> model.Block:
+def block_of(parts: job_tables.Tables) -> model.Block:
     """Return the block that the parts make; raises `DeckError` for what they lack."""
-    family = card_family()
+    family = job_tables.card_family()
     if problems := missing_parts(parts):
         raise DeckError(problems)
     said = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
-    rows = {role: RoleRows.of(role, roles_of(family)[role], said.get(role) or nothing(role)) for role in ROLES}
+    rows = {
+        role: job_tables.RoleRows.of(
+            role, job_tables.roles_of(family)[role], said.get(role) or job_tables.nothing(role)
+        )
+        for role in job_tables.ROLES
+    }
     block = _linked(draft_of_rows(rows, read_cards(b"", family)), "the parts do not fit together")
     return replace(block, given_in=spec_of(parts, system_rows.IN), stated_in=spec_of(parts, system_rows.OUT))
 
 
-def merged(given: Tables, read: Tables) -> Tables:
+def merged(given: job_tables.Tables, read: job_tables.Tables) -> job_tables.Tables:
     """Return the parts that files `read`, and `given` for the rest.
 
     A table that the files hold stands in the place of the given one. Attributes that they do not hold come from the
@@ -208,24 +202,26 @@ def merged(given: Tables, read: Tables) -> Tables:
     for role, table in read.items():
         parts[role] = _completed(role, table, given.get(role))
     _add_cameras(parts)
-    flags = flags_of([*given.items(), *parts.items()])
-    return {role: with_flags(role, table, flags) for role, table in parts.items()}
+    flags = job_tables.flags_of([*given.items(), *parts.items()])
+    return {role: job_tables.with_flags(role, table, flags) for role, table in parts.items()}
 
 
-def _completed(role: str, table: Table, given: Table | None) -> Table:
+def _completed(role: str, table: job_tables.Table, given: job_tables.Table | None) -> job_tables.Table:
     """Return a table with all attributes of its role: those that it lacks from the given row of the same name."""
-    rows = np.full(size(table), -1)  # the last one of the given is blank
-    if given is not None and role in KEYS:
-        places = {key: row for row, key in reversed(list(enumerate(keys_of(role, given))))}
-        rows = np.array([places.get(key, -1) for key in keys_of(role, table)], dtype=int)
-    source = nothing(role) if given is None else given
+    rows = np.full(job_tables.size(table), -1)  # the last one of the given is blank
+    if given is not None and role in job_tables.KEYS:
+        places = {key: row for row, key in reversed(list(enumerate(job_tables.keys_of(role, given))))}
+        rows = np.array([places.get(key, -1) for key in job_tables.keys_of(role, table)], dtype=int)
+    source = job_tables.nothing(role) if given is None else given
     return {
-        path: table[path] if path in table else np.concatenate([source[path], blank(role, path, 1)])[rows]
+        path: table[path]
+        if path in table
+        else np.concatenate([source[path], job_tables.blank(role, path, 1)])[rows]
         for path in held_attributes(role)
     }
 
 
-def _add_cameras(parts: Tables) -> None:
+def _add_cameras(parts: job_tables.Tables) -> None:
     """Give photos without camera the only one that there is."""
     stations, cameras = parts.get("stations"), parts.get("cameras")
     if stations is None or cameras is None or len(cameras["cameras.ids"]) != 1:

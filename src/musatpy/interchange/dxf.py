@@ -24,18 +24,7 @@ import pyproj
 from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError, Problem
 from musatpy.files import write_file
-from musatpy.interchange.layers import (
-    LayerColumn,
-    Lines,
-    Points,
-    fault,
-    gdal_options,
-    package,
-    placed,
-    refuse,
-    require_content,
-    upsets,
-)
+from musatpy.interchange import layers as gis
 
 _USE = "DXF files need"
 _DEPTH = "depth"  # column by which lines go to layers, and whose numbers stand at points
@@ -62,47 +51,48 @@ class Entity:
     closed: bool = False
 
 
-def write(path: Path, layers: Mapping[str, Points | Lines], text_height: float = 2.0) -> None:
+def write(path: Path, layers: Mapping[str, gis.Points | gis.Lines], text_height: float = 2.0) -> None:
     """Write layers by their names: lines on one for each depth (`CONTOURS_2_5`), depths of points as text.
 
     Depths are the column `depth`; `text_height` (m). The same layers give the same bytes. Raises `InterchangeError`
     without ezdxf, for layers in different systems and for names that are too long; `OSError`.
     """
-    writer = package("ezdxf.addons.r12writer", _USE).r12writer
+    writer = gis.package("ezdxf.addons.r12writer", _USE).r12writer
     if len({(layer.crs and layer.crs.to_wkt(), layer.heights) for layer in layers.values()}) > 1:
-        raise refuse(path, "", "layers of different coordinate systems or heights", "one of a drawing")
+        raise gis.refuse(path, "", "layers of different coordinate systems or heights", "one of a drawing")
     out = StringIO()
     out.write("".join(_comments(layer) for layer in list(layers.values())[:1]))
     with writer(out) as drawing:
         for name, layer in layers.items():
-            if isinstance(layer, Points):
+            if isinstance(layer, gis.Points):
                 _draw_points(drawing, _layer_name(path, name), layer, text_height)
             else:
                 _draw_lines(drawing, path, name, layer)
     write_file(path, out.getvalue().encode("cp1252", "replace"))
 
 
-def read(path: Path, crs: pyproj.CRS | None = None, heights: str = "") -> tuple[Points, Lines]:
+def read(path: Path, crs: pyproj.CRS | None = None, heights: str = "") -> tuple[gis.Points, gis.Lines]:
     """Read the points and the lines of a drawing, the names of their layers as a column; notes are passed over.
 
     `crs` and `heights` stand in for what no comment says. Raises `InterchangeError` with all that is wrong: curves
     and other entities that are neither, polylines without heights; `OSError`.
     """
-    package("ezdxf", _USE)
-    require_content(path)
-    with upsets(path, "is no DXF file"):
+    gis.package("ezdxf", _USE)
+    gis.require_content(path)
+    with gis.upsets(path, "is no DXF file"):
         entities = _drawn(path)
         stated, words = _stated(path)
     if not entities:
-        raise refuse(path, "", "the drawing has none", _READ)
+        raise gis.refuse(path, "", "the drawing has none", _READ)
     if problems := [*_no_numbers(path, entities), *_without_heights(path, entities)]:
         raise InterchangeError(problems)
-    place: dict[str, Any] = {"crs": placed(stated or crs), "heights": words or heights}
+    place: dict[str, Any] = {"crs": gis.placed(stated or crs), "heights": words or heights}
     dots = [entity for entity in entities if entity.kind == "POINT"]
     lines = [entity for entity in entities if entity.kind != "POINT"]
     xyz = np.concatenate([np.empty((0, 3)), *(dot.xyz for dot in dots)])
     paths = [np.concatenate([line.xyz, line.xyz[:1]]) if line.closed else line.xyz for line in lines]
-    return Points(xyz=xyz, columns=_layers(dots), **place), Lines.of_paths(paths, columns=_layers(lines), **place)
+    points = gis.Points(xyz=xyz, columns=_layers(dots), **place)
+    return points, gis.Lines.of_paths(paths, columns=_layers(lines), **place)
 
 
 def _drawn(path: Path) -> list[Entity]:
@@ -110,7 +100,7 @@ def _drawn(path: Path) -> list[Entity]:
     kinds = _plain_kinds(path)
     if kinds and (plain := _by_gdal(path, kinds)) is not None:
         return plain
-    drawing = package("ezdxf", _USE).readfile(path)
+    drawing = gis.package("ezdxf", _USE).readfile(path)
     entities = [entity for entity in drawing.modelspace() if entity.dxftype() not in _NOTES]
     if problems := [*_strange(path, entities)]:
         raise InterchangeError(problems)
@@ -160,9 +150,9 @@ def _is_plain(kind: bytes, group: bytes, text: bytes) -> bool:
 
 def _by_gdal(path: Path, kinds: list[str]) -> list[Entity] | None:
     """Return the points and lines of a plain drawing, of known kinds; None where GDAL has others."""
-    raw, shapely = package("pyogrio.raw", _USE), package("shapely", _USE)
-    encoding = package("ezdxf.filemanagement", _USE).dxf_file_info(path).encoding
-    with gdal_options(_USE, {"DXF_ENCODING": encoding}):
+    raw, shapely = gis.package("pyogrio.raw", _USE), gis.package("shapely", _USE)
+    encoding = gis.package("ezdxf.filemanagement", _USE).dxf_file_info(path).encoding
+    with gis.gdal_options(_USE, {"DXF_ENCODING": encoding}):
         meta, _, encoded, values = raw.read(path, layer="entities", columns=["Layer", "PaperSpace", "Text"])
     fields = dict(zip(meta["fields"], values, strict=True))
     xyz, index = shapely.get_coordinates(shapely.from_wkb(encoded), include_z=True, return_index=True)
@@ -178,7 +168,7 @@ def _by_gdal(path: Path, kinds: list[str]) -> list[Entity] | None:
     ]
 
 
-def _comments(layer: Points | Lines) -> str:
+def _comments(layer: gis.Points | gis.Lines) -> str:
     """Return the comments that say the system of a layer, and what its heights are above."""
     texts = {_CRS: layer.crs.to_string() if layer.crs is not None else "", _HEIGHTS: layer.heights}
     return "".join(
@@ -200,14 +190,14 @@ def _stated(path: Path) -> tuple[pyproj.CRS | None, str]:
     return (pyproj.CRS.from_user_input(definition) if definition else None), words
 
 
-def _draw_points(drawing: Any, name: str, points: Points, text_height: float) -> None:
+def _draw_points(drawing: Any, name: str, points: gis.Points, text_height: float) -> None:
     for place, text in zip(_rounded(points.xyz), _depth_texts(points, len(points.xyz), ".1f"), strict=True):
         drawing.add_point(place, layer=name)
         if text:
             drawing.add_text(text, insert=place, height=text_height, layer=name)
 
 
-def _draw_lines(drawing: Any, path: Path, name: str, lines: Lines) -> None:
+def _draw_lines(drawing: Any, path: Path, name: str, lines: gis.Lines) -> None:
     depths = _depth_texts(lines, len(lines.vertices), "g")
     names = [f"{name}_{depth}" if depth else name for depth in depths]
     known = {text: _layer_name(path, text) for text in dict.fromkeys(names)}
@@ -215,7 +205,7 @@ def _draw_lines(drawing: Any, path: Path, name: str, lines: Lines) -> None:
         drawing.add_polyline(_rounded(vertices), closed=is_ring, layer=known[text])
 
 
-def _depth_texts(layer: Points | Lines, count: int, form: str) -> list[str]:
+def _depth_texts(layer: gis.Points | gis.Lines, count: int, form: str) -> list[str]:
     """Return the depths of a layer as text, empty where it has none."""
     column = layer.columns.get(_DEPTH)
     depths = [math.nan] * count if column is None else column.values.astype(float).tolist()
@@ -230,7 +220,7 @@ def _layer_name(path: Path, text: str) -> str:
     """Return a name as Release 12 has them: capitals, digits, `-` and `_`. Raises `InterchangeError`."""
     name = re.sub(r"[^A-Z0-9_-]", "_", text.upper())
     if len(name) > _LONGEST:
-        raise refuse(path, f"layer {text}", f"a name of {len(name)} characters", f"{_LONGEST} at most")
+        raise gis.refuse(path, f"layer {text}", f"a name of {len(name)} characters", f"{_LONGEST} at most")
     return name
 
 
@@ -238,7 +228,7 @@ def _strange(path: Path, entities: list[Any]) -> Iterator[Problem]:
     """Yield what a drawing has that is neither point nor line."""
     kinds = Counter((entity.dxf.layer, why) for entity in entities if (why := _reason(entity)))
     for (layer, kind), count in kinds.items():
-        yield fault(path, f"layer {layer}", f"{count} of the kind {kind}", _READ)
+        yield gis.fault(path, f"layer {layer}", f"{count} of the kind {kind}", _READ)
 
 
 def _reason(entity: Any) -> str:
@@ -273,7 +263,7 @@ def _is_closed(entity: Any) -> bool:
 def _no_numbers(path: Path, entities: Sequence[Entity]) -> Iterator[Problem]:
     for entity in entities:
         if not np.isfinite(entity.xyz).all():
-            yield fault(path, f"layer {entity.layer}", "a coordinate is no number", "x, y and z")
+            yield gis.fault(path, f"layer {entity.layer}", "a coordinate is no number", "x, y and z")
 
 
 def _without_heights(path: Path, entities: Sequence[Entity]) -> Iterator[Problem]:
@@ -282,8 +272,8 @@ def _without_heights(path: Path, entities: Sequence[Entity]) -> Iterator[Problem
     if lines and not any(line.xyz[:, 2].any() for line in lines):
         kinds = ", ".join(sorted({line.kind for line in lines}))
         expected = "3-D polylines, or polylines with an elevation"
-        yield fault(path, "", f"no line has a height (2-D): {kinds}", expected)
+        yield gis.fault(path, "", f"no line has a height (2-D): {kinds}", expected)
 
 
-def _layers(entities: Sequence[Entity]) -> dict[str, LayerColumn]:
-    return {"layer": LayerColumn.of(np.array([entity.layer for entity in entities], dtype=np.str_))}
+def _layers(entities: Sequence[Entity]) -> dict[str, gis.LayerColumn]:
+    return {"layer": gis.LayerColumn.of(np.array([entity.layer for entity in entities], dtype=np.str_))}

@@ -27,18 +27,7 @@ from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError
 from musatpy.files import write_file
 from musatpy.geometry.projected import no_network
-from musatpy.interchange.layers import (
-    LayerColumn,
-    Lines,
-    Points,
-    Polygons,
-    continuous,
-    cut_at_180,
-    fault,
-    refuse,
-    require_content,
-    upsets,
-)
+from musatpy.interchange import layers as gis
 
 _PLAN, _SPACE = "OGC:CRS84", "EPSG:4979"
 _SAME = ("urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:OGC::CRS84", "EPSG:4326")  # in files before RFC 7946
@@ -47,20 +36,20 @@ _HEIGHT = "z"
 _POINT, _LINE, _AREA = "Point", "LineString", "Polygon"
 
 
-def write(path: Path, layer: Points | Lines) -> None:
+def write(path: Path, layer: gis.Points | gis.Lines) -> None:
     """Write points, lines or areas.
 
     Raises `InterchangeError` where they cannot be brought to WGS 84 without a guess, and where heights whose datum
     is not the system's differ along a line; `OSError`.
     """
-    paths = [point[None] for point in layer.xyz] if isinstance(layer, Points) else layer.paths()
+    paths = [point[None] for point in layer.xyz] if isinstance(layer, gis.Points) else layer.paths()
     index = np.repeat(np.arange(len(paths)), [len(line) for line in paths])
     xyz = np.concatenate([np.empty((0, 3)), *paths])
     positions, members = _to_wgs84(path, layer, xyz)
     properties = {name: _values(column) for name, column in layer.columns.items()}
     if positions.shape[1] == 2:
         if _HEIGHT in properties:
-            raise refuse(path, f"column {_HEIGHT}", "it has the name of the heights", "another name")
+            raise gis.refuse(path, f"column {_HEIGHT}", "it has the name of the heights", "another name")
         properties[_HEIGHT] = [_line_height(path, i, line[:, 2]) for i, line in enumerate(paths)]
     units = {name: column.unit for name, column in layer.columns.items() if column.unit}
     drawn = np.split(positions, np.searchsorted(index, np.arange(1, len(paths))))
@@ -78,7 +67,7 @@ def write(path: Path, layer: Points | Lines) -> None:
     write_file(path, text.encode())
 
 
-def write_each(layers: Mapping[str, Points | Lines], stem: Path) -> tuple[list[Path], list[str]]:
+def write_each(layers: Mapping[str, gis.Points | gis.Lines], stem: Path) -> tuple[list[Path], list[str]]:
     """Write layers to `STEM.LAYER.geojson`, and return these files, and why a layer has none. Raises `OSError`."""
     written, refused = [], []
     for name, layer in layers.items():
@@ -91,19 +80,19 @@ def write_each(layers: Mapping[str, Points | Lines], stem: Path) -> tuple[list[P
     return written, refused
 
 
-def read(path: Path, heights: str = "") -> Points | Lines:
+def read(path: Path, heights: str = "") -> gis.Points | gis.Lines:
     """Read points or lines; `heights` stands in for what the file does not say.
 
     Raises `InterchangeError` with all that is wrong (another system or geometry, features without heights);
     `OSError`.
     """
-    require_content(path)
-    with upsets(path, "is no GeoJSON"):
+    gis.require_content(path)
+    with gis.upsets(path, "is no GeoJSON"):
         content = json.loads(path.read_bytes())
     members = _mapping(content)
     features = [_mapping(feature) for feature in _listed(members.get("features"))]
     if not features:
-        raise refuse(path, "", "there are no features", "a FeatureCollection with points or lines")
+        raise gis.refuse(path, "", "there are no features", "a FeatureCollection with points or lines")
     _require_wgs84(path, members)
     kinds = Counter(_mapping(feature.get("geometry")).get("type") for feature in features)
     kind = _POINT if kinds[_POINT] > kinds[_LINE] else _LINE
@@ -113,7 +102,7 @@ def read(path: Path, heights: str = "") -> Points | Lines:
         try:
             paths.append(_vertices(feature, kind, in_space))
         except _FeatureError as error:
-            problems.append(fault(path, f"feature {position}", *error.args))
+            problems.append(gis.fault(path, f"feature {position}", *error.args))
     if problems:
         raise InterchangeError(problems)
     place: dict[str, Any] = {
@@ -121,17 +110,17 @@ def read(path: Path, heights: str = "") -> Points | Lines:
         "heights": str(members.get("heights", "")) or heights,
         "columns": _columns(features, _mapping(members.get("units")), () if in_space else (_HEIGHT,)),
     }
-    return Points(xyz=np.concatenate(paths), **place) if kind == _POINT else Lines.of_paths(paths, **place)
+    return gis.Points(xyz=np.concatenate(paths), **place) if kind == _POINT else gis.Lines.of_paths(paths, **place)
 
 
-def _to_wgs84(path: Path, layer: Points | Lines, xyz: FloatArray) -> tuple[FloatArray, dict[str, str]]:
+def _to_wgs84(path: Path, layer: gis.Points | gis.Lines, xyz: FloatArray) -> tuple[FloatArray, dict[str, str]]:
     """Return longitude, latitude and, where the system has heights, height, rounded; and what the file says of it.
 
     Raises `InterchangeError` where the way to WGS 84 is not known.
     """
     crs, wanted = layer.crs, "longitude and latitude of WGS 84 (RFC 7946)"
     if crs is None:
-        raise refuse(path, "", "the coordinates are local", wanted)
+        raise gis.refuse(path, "", "the coordinates are local", wanted)
     if not len(xyz):
         return np.empty((0, 2)), {}
     in_space = len(crs.axis_info) == 3
@@ -144,11 +133,11 @@ def _to_wgs84(path: Path, layer: Points | Lines, xyz: FloatArray) -> tuple[Float
             if not group.transformers:
                 grids = sorted({grid.short_name for way in group.unavailable_operations for grid in way.grids})
                 lacking = f" without {', '.join(grids)}" if grids else ""
-                raise refuse(path, "", f"PROJ has no transformation from {crs.name} to WGS 84{lacking}", wanted)
+                raise gis.refuse(path, "", f"PROJ has no transformation from {crs.name} to WGS 84{lacking}", wanted)
             way = group.transformers[0]
             positions = _transformed(way, xyz if in_space else xyz[:, :2])
         except ProjError as error:
-            raise refuse(path, "", f"{crs.name} does not reach the coordinates ({error})", wanted) from error
+            raise gis.refuse(path, "", f"{crs.name} does not reach the coordinates ({error})", wanted) from error
     positions = _rounded(positions)
     accuracy = f"{way.accuracy:g} m" if way.accuracy >= 0.0 else "unknown"
     members = {"transformation": f"{way.description}; accuracy {accuracy}"}
@@ -170,7 +159,7 @@ def _area(crs: pyproj.CRS, xyz: FloatArray) -> AreaOfInterest:
     if geodetic is None:
         raise ProjError("it stands nowhere on the ellipsoid")
     plan = pyproj.Transformer.from_crs(crs, GeographicCRS(datum=geodetic.datum), always_xy=True)
-    degrees = continuous(_transformed(plan, xyz[:, : len(crs.axis_info)]))
+    degrees = gis.continuous(_transformed(plan, xyz[:, : len(crs.axis_info)]))
     (west, south), (east, north) = degrees[:, :2].min(axis=0), degrees[:, :2].max(axis=0)
     return AreaOfInterest((west + 180.0) % 360.0 - 180.0, south, (east + 180.0) % 360.0 - 180.0, north)
 
@@ -185,15 +174,17 @@ def _line_height(path: Path, position: int, heights: FloatArray) -> float:
     """Return the height of a point or of all vertices of a line. Raises `InterchangeError`."""
     if np.ptp(heights) > 0.0:
         expected = "a system with heights, or lines at one height each"
-        raise refuse(path, f"line {position + 1}", "heights above a datum that the system does not say", expected)
+        raise gis.refuse(
+            path, f"line {position + 1}", "heights above a datum that the system does not say", expected
+        )
     return float(np.round(heights[0], _DECIMALS[2]) + 0.0)
 
 
-def _geometry(vertices: FloatArray, layer: Points | Lines) -> dict[str, Any]:
+def _geometry(vertices: FloatArray, layer: gis.Points | gis.Lines) -> dict[str, Any]:
     """Return vertices (k, 2 or 3) as a geometry, of several parts where the antimeridian cuts it."""
-    is_area = isinstance(layer, Polygons)
-    parts = [_rounded(part).tolist() for part in cut_at_180(vertices, is_area)]
-    if isinstance(layer, Points):
+    is_area = isinstance(layer, gis.Polygons)
+    parts = [_rounded(part).tolist() for part in gis.cut_at_180(vertices, is_area)]
+    if isinstance(layer, gis.Points):
         return {"type": _POINT, "coordinates": parts[0][0]}
     coordinates = [[part] for part in parts] if is_area else parts
     kind = _AREA if is_area else _LINE
@@ -202,7 +193,7 @@ def _geometry(vertices: FloatArray, layer: Points | Lines) -> dict[str, Any]:
     return {"type": kind, "coordinates": coordinates[0]}
 
 
-def _values(column: LayerColumn) -> list[Any]:
+def _values(column: gis.LayerColumn) -> list[Any]:
     """Return values as JSON has them: what is no number is null."""
     return [None if value != value else value for value in column.values.tolist()]
 
@@ -245,7 +236,7 @@ def _vertices(feature: dict[str, Any], kind: str, in_space: bool) -> FloatArray:
 
 def _columns(
     features: list[dict[str, Any]], units: dict[str, Any], left_out: Sequence[str]
-) -> dict[str, LayerColumn]:
+) -> dict[str, gis.LayerColumn]:
     """Return the properties of features; one that some of them lack is NaN there, or an empty text."""
     rows = [_mapping(feature.get("properties")) for feature in features]
     names = dict.fromkeys(name for row in rows for name in row if name not in left_out)
@@ -254,7 +245,7 @@ def _columns(
         values = [_scalar(row.get(name)) for row in rows]
         if all(value is None or isinstance(value, int | float) for value in values) and None in values:
             values = [np.nan if value is None else float(value) for value in values]
-        columns[name] = LayerColumn.of(values, str(units.get(name, "")))
+        columns[name] = gis.LayerColumn.of(values, str(units.get(name, "")))
     return columns
 
 
@@ -268,7 +259,7 @@ def _require_wgs84(path: Path, members: dict[str, Any]) -> None:
     stated = members.get("crs")
     name = _mapping(_mapping(stated).get("properties")).get("name", stated)
     if stated is not None and name not in _SAME:
-        raise refuse(path, "crs", str(name), "WGS 84, the only system of RFC 7946")
+        raise gis.refuse(path, "crs", str(name), "WGS 84, the only system of RFC 7946")
 
 
 def _has_third(coordinates: Any) -> bool:

@@ -18,20 +18,7 @@ import pyproj
 from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError
 from musatpy.files import whole_path
-from musatpy.interchange.layers import (
-    LayerColumn,
-    Lines,
-    Points,
-    Polygons,
-    cut_at_180,
-    fault,
-    gdal_options,
-    package,
-    placed,
-    refuse,
-    require_content,
-    upsets,
-)
+from musatpy.interchange import layers as gis
 
 _USE = "GeoPackages need"
 _LAST_CHANGE = "1983-09-01T00:00:00.000Z"  # the month of ETL-0306: equal layers make equal files
@@ -55,14 +42,14 @@ CREATE TABLE gpkg_data_column_constraints (
 _EXTENSION = ("gpkg_schema", "http://www.geopackage.org/spec121/#extension_schema", "read-write")
 
 
-def write(path: Path, layers: Mapping[str, Points | Lines]) -> None:
+def write(path: Path, layers: Mapping[str, gis.Points | gis.Lines]) -> None:
     """Write layers by their names; the same layers give the same bytes.
 
     Raises `InterchangeError` without the packages and for what GDAL refuses; `OSError`.
     """
-    raw, shapely = package("pyogrio.raw", _USE), package("shapely", _USE)
-    with upsets(path, "cannot be written"), whole_path(path) as temporary:
-        with gdal_options(_USE, _FIXED):
+    raw, shapely = gis.package("pyogrio.raw", _USE), gis.package("shapely", _USE)
+    with gis.upsets(path, "cannot be written"), whole_path(path) as temporary:
+        with gis.gdal_options(_USE, _FIXED):
             for position, (name, layer) in enumerate(layers.items()):
                 fields = list(layer.columns)
                 raw.write(
@@ -80,63 +67,65 @@ def write(path: Path, layers: Mapping[str, Points | Lines]) -> None:
         _describe(temporary, layers)
 
 
-def read(path: Path, layer: str = "", crs: pyproj.CRS | None = None, heights: str = "") -> Points | Lines:
+def read(path: Path, layer: str = "", crs: pyproj.CRS | None = None, heights: str = "") -> gis.Points | gis.Lines:
     """Read a layer, the only one unless it is named; `crs` and `heights` stand in for what the file does not say.
 
     Undefined systems say none: a Cartesian one is local without `crs`; one of longitude and latitude takes a `crs`
     that is geographic, and has degrees on no ellipsoid without it. Geometries of several parts become a point or a
     line each. Raises `InterchangeError` with all that is wrong; `OSError`.
     """
-    pyogrio, shapely = package("pyogrio", _USE), package("shapely", _USE)
-    require_content(path)
-    with upsets(path, "is no GeoPackage"):
+    pyogrio, shapely = gis.package("pyogrio", _USE), gis.package("shapely", _USE)
+    gis.require_content(path)
+    with gis.upsets(path, "is no GeoPackage"):
         names = [str(name) for name, _ in pyogrio.list_layers(path)]
         name = _layer_name(path, names, layer)
         meta, _, encoded, values = pyogrio.raw.read(path, layer=name)
         units, description, srs = _described(path, name)
     fields = [str(field) for field in meta["fields"]]
     columns = {
-        field: LayerColumn.of(value, units.get(field, "")) for field, value in zip(fields, values, strict=True)
+        field: gis.LayerColumn.of(value, units.get(field, "")) for field, value in zip(fields, values, strict=True)
     }
-    with upsets(path, f"layer {name} cannot be read"):
+    with gis.upsets(path, f"layer {name} cannot be read"):
         geometries = shapely.from_wkb(encoded)
     _check(shapely, path, name, geometries)
     parts, rows = shapely.get_parts(geometries, return_index=True)
     columns = {
-        field: LayerColumn(values=column.values[rows], unit=column.unit) for field, column in columns.items()
+        field: gis.LayerColumn(values=column.values[rows], unit=column.unit) for field, column in columns.items()
     }
     xyz, index = shapely.get_coordinates(parts, include_z=True, return_index=True)
     is_defined = bool(meta["crs"]) and srs not in (_CARTESIAN, _GEOGRAPHIC)
     if srs == _GEOGRAPHIC and crs is not None and not crs.is_geographic:
         found = "longitude and latitude of no datum (srs_id 0)"
-        raise refuse(path, f"layer {name}", found, "a geographic system, or coordinates of the one that is meant")
+        raise gis.refuse(
+            path, f"layer {name}", found, "a geographic system, or coordinates of the one that is meant"
+        )
     stated = pyproj.CRS.from_user_input(meta["crs"]) if is_defined else crs
-    place: dict[str, Any] = {"crs": placed(stated), "heights": description or heights, "columns": columns}
+    place: dict[str, Any] = {"crs": gis.placed(stated), "heights": description or heights, "columns": columns}
     if shapely.get_type_id(parts[0]) == _POINT:
-        return Points(xyz=xyz, **place)
-    return Lines.of_paths(_split(xyz, index, len(parts)), **place)
+        return gis.Points(xyz=xyz, **place)
+    return gis.Lines.of_paths(_split(xyz, index, len(parts)), **place)
 
 
-def _geometry_type(layer: Points | Lines) -> str:
-    if isinstance(layer, Points):
+def _geometry_type(layer: gis.Points | gis.Lines) -> str:
+    if isinstance(layer, gis.Points):
         return "Point Z"
-    if not isinstance(layer, Polygons):
+    if not isinstance(layer, gis.Polygons):
         return "LineString Z"
     return "Polygon Z" if len(_areas(layer)) == len(layer.vertices) else "MultiPolygon Z"
 
 
-def _areas(layer: Polygons) -> list[tuple[int, FloatArray]]:
+def _areas(layer: gis.Polygons) -> list[tuple[int, FloatArray]]:
     """Return the rings of areas with their rows; those of degrees are cut at 180 (RFC 7946)."""
     is_angular = layer.crs is not None and layer.crs.is_geographic
-    rings = [cut_at_180(path, is_area=True) if is_angular else [path] for path in layer.paths()]
+    rings = [gis.cut_at_180(path, is_area=True) if is_angular else [path] for path in layer.paths()]
     return [(row, ring) for row, parts in enumerate(rings) for ring in parts]
 
 
-def _encoded(shapely: Any, layer: Points | Lines) -> Any:
+def _encoded(shapely: Any, layer: gis.Points | gis.Lines) -> Any:
     """Return the geometries as WKB."""
-    if isinstance(layer, Points):
+    if isinstance(layer, gis.Points):
         geometries = shapely.points(layer.xyz)
-    elif isinstance(layer, Polygons):
+    elif isinstance(layer, gis.Polygons):
         rows, rings = zip(*_areas(layer), strict=True) if layer.vertices else ((), ())
         geometries = shapely.polygons([shapely.linearrings(ring) for ring in rings])
         if len(rings) > len(layer.vertices):
@@ -148,15 +137,15 @@ def _encoded(shapely: Any, layer: Points | Lines) -> Any:
     return shapely.to_wkb(geometries, output_dimension=3, flavor="iso")
 
 
-def _stored(column: LayerColumn) -> Any:
+def _stored(column: gis.LayerColumn) -> Any:
     return column.values.astype(object) if column.is_text else column.values
 
 
-def _local(layer: Points | Lines) -> dict[str, str]:
+def _local(layer: gis.Points | gis.Lines) -> dict[str, str]:
     return {"SRID": str(_CARTESIAN)} if layer.crs is None else {}
 
 
-def _describe(path: Path, layers: Mapping[str, Points | Lines]) -> None:
+def _describe(path: Path, layers: Mapping[str, gis.Points | gis.Lines]) -> None:
     """Write the units of columns into a GeoPackage."""
     units = [
         (name, field, f"unit: {column.unit}")
@@ -196,16 +185,18 @@ def _layer_name(path: Path, names: list[str], wanted: str) -> str:
         return wanted
     there = f"layers {', '.join(names)}" if names else "no layer"
     if wanted:
-        raise refuse(path, f"layer {wanted}", f"it is missing among {there}" if names else there, "a layer there")
+        raise gis.refuse(
+            path, f"layer {wanted}", f"it is missing among {there}" if names else there, "a layer there"
+        )
     if len(names) != 1:
-        raise refuse(path, "", there, "one, or the name of the one that is meant")
+        raise gis.refuse(path, "", there, "one, or the name of the one that is meant")
     return names[0]
 
 
 def _check(shapely: Any, path: Path, name: str, geometries: Any) -> None:
     """Raise `InterchangeError` unless there are 3-D geometries, all of them points or all of them lines."""
     if not len(geometries):
-        raise refuse(path, f"layer {name}", "it has no features", "points or lines")
+        raise gis.refuse(path, f"layer {name}", "it has no features", "points or lines")
     kinds = shapely.get_type_id(geometries)
     is_point, is_line = np.isin(kinds, (_POINT, _MANY_POINTS)), np.isin(kinds, (_LINE, _MANY_LINES))
     wanted, is_wanted = ("points", is_point) if is_point.sum() > is_line.sum() else ("lines", is_line)
@@ -217,13 +208,13 @@ def _check(shapely: Any, path: Path, name: str, geometries: Any) -> None:
     for row in np.flatnonzero(~is_wanted | is_empty | ~finite).tolist():
         place = f"layer {name} feature {row + 1}"
         if is_empty[row]:
-            problems.append(fault(path, place, "it has no geometry", wanted))
+            problems.append(gis.fault(path, place, "it has no geometry", wanted))
         elif not is_wanted[row]:
-            problems.append(fault(path, place, f"a {geometries[row].geom_type}", wanted))
+            problems.append(gis.fault(path, place, f"a {geometries[row].geom_type}", wanted))
         elif not has_z[row]:
-            problems.append(fault(path, place, "it has no heights (2-D)", "x, y and z"))
+            problems.append(gis.fault(path, place, "it has no heights (2-D)", "x, y and z"))
         else:
-            problems.append(fault(path, place, "a coordinate is no number", "x, y and z"))
+            problems.append(gis.fault(path, place, "a coordinate is no number", "x, y and z"))
     if problems:
         raise InterchangeError(problems)
 

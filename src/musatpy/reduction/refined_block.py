@@ -7,20 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from musatpy import model
 from musatpy.errors import DeckError, PlatesError
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.model import (
-    LENS_PARAMETERS,
-    Atmosphere,
-    Block,
-    ComparatorSpec,
-    CoordinateSystem,
-    Curvature,
-    Polynomials,
-    ReductionOptions,
-    Transformation,
-)
 from musatpy.model.tables import taken
 from musatpy.reduction.displacements import DOWN, Model
 from musatpy.reduction.distortion import Lens, Side
@@ -33,15 +23,15 @@ from musatpy.units import MICROMETRE
 _AXES = {False: ("X", "Y"), True: ("D1", "D2")}  # of side marks, of corner marks
 
 
-def reduction_of(block: Block) -> tuple[PlateReduction, ...]:
+def reduction_of(block: model.Block) -> tuple[PlateReduction, ...]:
     """Return the reduction of all plates of a block of readings, as its cards ask for it.
 
     Raises `DeckError` where they ask for the earth's curvature in a job that is not in a grid, or the calibrations
     of a camera contradict each other.
     """
-    options = block.reduction or ReductionOptions()
+    options = block.reduction or model.ReductionOptions()
     plan = _plan(options, block.comparator)
-    if plan.curvature and block.options.system is not CoordinateSystem.LOCAL:
+    if plan.curvature and block.options.system is not model.CoordinateSystem.LOCAL:
         raise DeckError.of(f"earth curvature belongs to jobs in a grid, not to {block.options.system} ones")
     cameras = [_calibration(block, row, options) for row in range(len(block.cameras.ids))]
     plates = [_readings(block, row, options.ground_height) for row in range(len(block.photos.ids))]
@@ -51,19 +41,19 @@ def reduction_of(block: Block) -> tuple[PlateReduction, ...]:
     )
 
 
-def _plan(options: ReductionOptions, spec: ComparatorSpec | None) -> ReductionPlan:
-    kinds = {Transformation.NONE: None, Transformation.DISTANCES: PlanarKind.AFFINE}
+def _plan(options: model.ReductionOptions, spec: model.ComparatorSpec | None) -> ReductionPlan:
+    kinds = {model.Transformation.NONE: None, model.Transformation.DISTANCES: PlanarKind.AFFINE}
     kind = (
         kinds[options.transformation]
         if options.transformation in kinds
         else PlanarKind(options.transformation.value)
     )
-    model = None if options.atmosphere is Atmosphere.NONE else Model(options.atmosphere.value)
+    atmosphere = None if options.atmosphere is model.Atmosphere.NONE else Model(options.atmosphere.value)
     plan = ReductionPlan(
         fiducials=kind,
         limits=FiducialLimits(residual=_limit(options.residual_limit)),
-        refraction=model,
-        curvature=options.curvature is Curvature.YES,
+        refraction=atmosphere,
+        curvature=options.curvature is model.Curvature.YES,
     )
     if spec is None:
         return plan
@@ -81,7 +71,7 @@ def _limit(given: float) -> float:
     return given if np.isfinite(given) else float("inf")
 
 
-def refined(block: Block, reductions: Sequence[PlateReduction], *, go_on: bool) -> Block:
+def refined(block: model.Block, reductions: Sequence[PlateReduction], *, go_on: bool) -> model.Block:
     """Return the block with refined plate coordinates, one row for each point of a photo.
 
     Sigmas are those of the readings, taken through the reduction, missing where a reading has none; the flag is
@@ -124,11 +114,11 @@ def _refusal(plate: PlateReduction) -> str:
     return f"{message}{without}; residuals x y in um: {residuals}"
 
 
-def _calibration(block: Block, camera: int, options: ReductionOptions) -> Calibration:
+def _calibration(block: model.Block, camera: int, options: model.ReductionOptions) -> Calibration:
     """Return what the cards of a camera (a row) say. Raises `DeckError` where they contradict each other."""
     fiducials = block.fiducials.camera == camera
     has_plates = (block.photos.camera[block.plates.photo] == camera).any()
-    by_distances = options.transformation is Transformation.DISTANCES and has_plates
+    by_distances = options.transformation is model.Transformation.DISTANCES and has_plates
     return Calibration(
         focal_length=float(block.cameras.focal_length[camera]),
         principal_point=block.cameras.principal_point[camera],
@@ -137,11 +127,13 @@ def _calibration(block: Block, camera: int, options: ReductionOptions) -> Calibr
         mark_sigma=block.fiducials.sigma[fiducials],
         distances=_distances(block, camera) if by_distances else None,
         reseau=_reseau(block, camera),
-        lens=None if camera in block.lens_unknowns.of(LENS_PARAMETERS).camera else lens_of(block, camera, options),
+        lens=None
+        if camera in block.lens_unknowns.of(model.LENS_PARAMETERS).camera
+        else lens_of(block, camera, options),
     )
 
 
-def _distances(block: Block, camera: int) -> MarkDistances:
+def _distances(block: model.Block, camera: int) -> MarkDistances:
     """Return the calibrated distances of a camera; raises `DeckError` for one without its axes."""
     table = block.mark_distances
     rows = np.flatnonzero(table.camera == camera)
@@ -161,7 +153,7 @@ def _distances(block: Block, camera: int) -> MarkDistances:
     )
 
 
-def _reseau(block: Block, camera: int) -> Grid | None:
+def _reseau(block: model.Block, camera: int) -> Grid | None:
     """Return the calibrated reseau of a camera, in the grid of its rows and columns; None where it has none."""
     table = block.reseau
     crosses = np.flatnonzero(table.camera == camera)
@@ -174,7 +166,7 @@ def _reseau(block: Block, camera: int) -> Grid | None:
     return Grid(ids=ids, xy=xy)
 
 
-def lens_of(block: Block, camera: int, options: ReductionOptions) -> Lens | None:
+def lens_of(block: model.Block, camera: int, options: model.ReductionOptions) -> Lens | None:
     """Return the distortion of a camera, of its principal point where no other is given; None where it has none."""
     rows = block.distortion.camera == camera
     kinds, values = block.distortion.kind[rows], block.distortion.values[rows]
@@ -186,7 +178,7 @@ def lens_of(block: Block, camera: int, options: ReductionOptions) -> Lens | None
             centre = block.lenses.centre[row]
     if not rows.any() and k0 == 0.0:
         return None
-    sign = -1.0 if options.polynomials is Polynomials.CORRECTION else 1.0
+    sign = -1.0 if options.polynomials is model.Polynomials.CORRECTION else 1.0
     coefficients = {}
     for kind in ("RADL", "DCEN"):
         given = values[kinds == kind]
@@ -208,7 +200,7 @@ def lens_of(block: Block, camera: int, options: ReductionOptions) -> Lens | None
         raise DeckError.of(f"camera {name}: {error}") from None
 
 
-def _readings(block: Block, photo: int, ground_height: float) -> PlateReadings:
+def _readings(block: model.Block, photo: int, ground_height: float) -> PlateReadings:
     marks = block.fiducial_measurements.photo == photo
     points = block.plates.photo == photo
     crosses = block.cross_measurements.photo == photo
@@ -230,10 +222,10 @@ def _readings(block: Block, photo: int, ground_height: float) -> PlateReadings:
     )
 
 
-def _height(block: Block, photo: int) -> float:
+def _height(block: model.Block, photo: int) -> float:
     """Return the height (m) of an exposure station in the job's system, NaN where it is not given."""
     position = block.photos.position[photo]
-    if block.options.system is not CoordinateSystem.GEOCENTRIC:
+    if block.options.system is not model.CoordinateSystem.GEOCENTRIC:
         return float(position[2])
     if block.ellipsoid is None or not np.isfinite(position).all():
         return float("nan")

@@ -30,12 +30,7 @@ FORMS = tuple((*plan, value) for plan in (LON_LAT, PLAN) for value in ("depth", 
 VALUES = tuple(FileColumn(name=name, unit="m") for name in ("depth", "height"))
 _DATE = "date"
 NO_DATES = "no column date, by which soundings could be left out"
-_COLUMNS = (
-    *MAP_PLACES,
-    *VALUES,
-    SIGMA,
-    FileColumn(name="name", kind="text", required=False, blank=True),
-)
+_COLUMNS = (*MAP_PLACES, *VALUES, SIGMA, FileColumn(name="name", kind="text", required=False, blank=True))
 _DATES = FileColumn(name=_DATE, kind="date", blank=True, expected="a date YYYY-MM-DD")
 
 

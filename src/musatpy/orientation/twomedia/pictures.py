@@ -7,34 +7,25 @@ from typing import Any
 
 import numpy as np
 
+from musatpy import figures
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.figures import (
-    BAND,
-    BLUE,
-    FORM,
-    GREY,
-    INK,
-    RED,
-    ImageForm,
-    add_bar,
-    add_room,
-    file_of,
-    name_rows,
-    name_ticks,
-    new_panels,
-    styled,
-)
 from musatpy.orientation.twomedia.oriented import LIMIT, Oriented
 from musatpy.orientation.twomedia.rays import PLANE_SYMBOLS, SYMBOLS, WATER, paper_partials
 from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, Basins, LevelPrecision
 
-_OUTCOMES = (("this solution", BLUE, "o"), ("another solution", RED, "x"), ("no solution", GREY, "."))
+_OUTCOMES = (
+    ("this solution", figures.BLUE, "o"),
+    ("another solution", figures.RED, "x"),
+    ("no solution", figures.GREY, "."),
+)
 _LINES = 0.4  # inches, of more than one of ticks and labels
 _STRONG = 0.95  # correlation from which its number is printed
 
 
-@styled
-def correlation_picture(oriented: Oriented, title: str = "", form: ImageForm = FORM) -> tuple[str, bytes]:
+@figures.styled
+def correlation_picture(
+    oriented: Oriented, title: str = "", form: figures.ImageForm = figures.FORM
+) -> tuple[str, bytes]:
     """Return the matrix of the correlations of all unknowns, under the symbols of Okamoto and Mori."""
     J = paper_partials(oriented.at)
     covariance = J @ oriented.covariance @ J.T
@@ -45,21 +36,21 @@ def correlation_picture(oriented: Oriented, title: str = "", form: ImageForm = F
     sigma = np.sqrt(np.diagonal(covariance)[unknown])
     matrix = covariance[np.ix_(unknown, unknown)] / np.outer(sigma, sigma)
     size, what = 0.5 + 0.42 * len(matrix), f"{oriented.method.name}: correlations (numbers from {_STRONG:g})"
-    figure, ((plot,),) = new_panels([size], [size], f"{what}\n{title}")
+    figure, ((plot,),) = figures.new_panels([size], [size], f"{what}\n{title}")
     drawn = plot.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
     for row, column in np.argwhere((np.abs(matrix) >= _STRONG) & ~np.eye(len(matrix), dtype=bool)):
         label = f"{matrix[row, column]:z.3f}".replace("0.", ".")
         plot.text(column, row, label, ha="center", va="center", color="white", fontsize=7)
-    name_ticks(plot, np.arange(len(matrix)), symbols[unknown])
-    name_rows(plot, symbols[unknown])
-    add_bar(plot, drawn, "")
-    return file_of(figure, form)
+    figures.name_ticks(plot, np.arange(len(matrix)), symbols[unknown])
+    figures.name_rows(plot, symbols[unknown])
+    figures.add_bar(plot, drawn, "")
+    return figures.file_of(figure, form)
 
 
-@styled
-def basins_picture(basins: Basins, title: str = "", form: ImageForm = FORM) -> tuple[str, bytes]:
+@figures.styled
+def basins_picture(basins: Basins, title: str = "", form: figures.ImageForm = figures.FORM) -> tuple[str, bytes]:
     """Return the shares of the starts that lead to the solution, elsewhere and nowhere, and where they lie."""
-    figure, ((left, right),) = new_panels([4.2] * 2, [2.8], title)
+    figure, ((left, right),) = figures.new_panels([4.2] * 2, [2.8], title)
     places, shares = np.arange(len(basins.levels)), 100.0 * basins.shares
     below = np.cumsum(shares, axis=1) - shares
     for case, (label, colour, _) in enumerate(_OUTCOMES):
@@ -70,9 +61,9 @@ def basins_picture(basins: Basins, title: str = "", form: ImageForm = FORM) -> t
         "errors of the start (one sigma): angles, lengths, slopes\nH: height of the cameras over the water"
     )
     left.set_ylabel("starts, %")
-    add_room(figure, below=_LINES)
+    figures.add_room(figure, below=_LINES)
     _starts(right, basins)
-    return file_of(figure, form)
+    return figures.file_of(figure, form)
 
 
 def _starts(plot: Any, basins: Basins) -> None:
@@ -90,38 +81,44 @@ def _starts(plot: Any, basins: Basins) -> None:
     plot.set_ylim(bottom=0.0)
 
 
-@styled
+@figures.styled
 def precision_picture(
-    precision: LevelPrecision, title: str = "", limit: float = LIMIT, form: ImageForm = FORM
+    precision: LevelPrecision, title: str = "", limit: float = LIMIT, form: figures.ImageForm = figures.FORM
 ) -> tuple[str, bytes]:
     """Return the sigma of the level over the depth, a line for each share of dry points.
 
     Under the dashed line it is less than `limit` of the mean depth: there the water is determined.
     """
-    figure, ((plot,),) = new_panels([5.6], [4.0], title)
+    figure, ((plot,),) = figures.new_panels([5.6], [4.0], title)
     for share, marker, sigma in zip(precision.shares, cycle("os^Dv"), precision.sigma.T, strict=False):
-        plot.loglog(precision.depths, sigma, f"{marker}-", color=BLUE, label=f"{100 * share:.0f} % dry")
+        plot.loglog(precision.depths, sigma, f"{marker}-", color=figures.BLUE, label=f"{100 * share:.0f} % dry")
     label = f"{100 * limit:g} % of the depth"
-    plot.loglog(precision.depths, limit * precision.depths, "--", color=GREY, label=label)
-    plot.loglog(precision.depth, precision.at_hand, "*", markersize=10, color=RED, label="as measured")
+    plot.loglog(precision.depths, limit * precision.depths, "--", color=figures.GREY, label=label)
+    plot.loglog(precision.depth, precision.at_hand, "*", markersize=10, color=figures.RED, label="as measured")
     plot.set_xlabel("mean depth / height of the cameras over the water")
     plot.set_ylabel("sigma of the level / height of the cameras over the water")
     plot.grid(which="both")
-    return file_of(figure, form)
+    return figures.file_of(figure, form)
 
 
-@styled
+@figures.styled
 def strip_picture(
-    photos: TextArray, sigma: FloatArray, differences: FloatArray, title: str = "", form: ImageForm = FORM
+    photos: TextArray,
+    sigma: FloatArray,
+    differences: FloatArray,
+    title: str = "",
+    form: figures.ImageForm = figures.FORM,
 ) -> tuple[str, bytes]:
     """Return the sigmas (m, 3) of stations along a strip, with what its first values differ (m, 3) from these."""
-    figure, panels = new_panels([9.0], [1.2] * 3, title, sharex=True)
+    figure, panels = figures.new_panels([9.0], [1.2] * 3, title, sharex=True)
     place = np.arange(len(photos))
     for axis, (plot, name) in enumerate(zip(panels[:, 0], "XYZ", strict=True)):
-        plot.fill_between(place, -sigma[:, axis], sigma[:, axis], label="one sigma", **BAND)
-        plot.plot(place, differences[:, axis], color=RED, marker=".", linewidth=1.0, label="triplets less IIIA")
-        plot.axhline(0.0, color=INK, linewidth=0.5)
+        plot.fill_between(place, -sigma[:, axis], sigma[:, axis], label="one sigma", **figures.BAND)
+        plot.plot(
+            place, differences[:, axis], color=figures.RED, marker=".", linewidth=1.0, label="triplets less IIIA"
+        )
+        plot.axhline(0.0, color=figures.INK, linewidth=0.5)
         plot.set_ylabel(f"{name}, m")
-    name_ticks(plot, place, photos)
+    figures.name_ticks(plot, place, photos)
     plot.set_xlabel("photo")
-    return file_of(figure, form)
+    return figures.file_of(figure, form)

@@ -15,17 +15,8 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import CollocationError
-from musatpy.sea.interpolation import prediction
+from musatpy.sea.interpolation import estimation, prediction
 from musatpy.sea.interpolation.correlation import SignalKind
-from musatpy.sea.interpolation.estimation import (
-    Empirical,
-    Estimate,
-    empirical,
-    estimate,
-    extent,
-    residuals,
-    spacing,
-)
 from musatpy.sea.interpolation.likelihood import Uncertain, uncertain
 
 GROUPS = 5  # of control points that are left out together in the verdict
@@ -60,7 +51,7 @@ class InterpolationOptions:
 class Candidate:
     """The estimate of one family, and its cross-validation."""
 
-    estimate: Estimate
+    estimate: estimation.Estimate
     validation: prediction.CrossValidation
 
     @property
@@ -90,7 +81,7 @@ class Interpolation:
     outliers: tuple[Outlier, ...]
     critical: float  # standardised error from which a point is an outlier
     candidates: tuple[Candidate, ...]
-    empirical: Empirical
+    empirical: estimation.Empirical
     spacing: float  # m
     reach: float  # m
     options: InterpolationOptions
@@ -158,15 +149,15 @@ def interpolate(observed: prediction.Observed, options: InterpolationOptions | N
     kept = observed.rows(used)
     best = candidates[0].estimate
     collocation = prediction.Collocation(kept, best.covariance, options.trend)
-    gap, wide = spacing(kept.place), extent(kept.place)
+    gap, wide = estimation.spacing(kept.place), estimation.extent(kept.place)
     return Interpolation(
         observed=observed,
         used=used,
         outliers=tuple(outliers),
         critical=critical,
         candidates=candidates,
-        empirical=empirical(
-            kept.place, residuals(kept, options.trend), width=wide / 2.0 / _CLASSES, classes=_CLASSES
+        empirical=estimation.empirical(
+            kept.place, estimation.residuals(kept, options.trend), width=wide / 2.0 / _CLASSES, classes=_CLASSES
         ),
         spacing=gap,
         reach=_reach(options, candidates[0], wide),
@@ -192,7 +183,7 @@ def _reach(options: InterpolationOptions, best: Candidate, wide: float) -> float
 def _candidates(observed: prediction.Observed, options: InterpolationOptions) -> tuple[Candidate, ...]:
     candidates = []
     for family in options.families:
-        estimated = estimate(observed, options.trend, family, free_noise=options.free_noise)
+        estimated = estimation.estimate(observed, options.trend, family, free_noise=options.free_noise)
         validation = prediction.Collocation(observed, estimated.covariance, options.trend).cross_validation
         candidates.append(Candidate(estimate=estimated, validation=validation))
     return tuple(sorted(candidates, key=lambda candidate: candidate.estimate.criterion))
@@ -208,7 +199,7 @@ def grouped(
     for group in range(min(GROUPS, count)):
         out = member == group
         rest = observed.rows(~out)
-        covariance = estimate(rest, options.trend, family, free_noise=options.free_noise).covariance
+        covariance = estimation.estimate(rest, options.trend, family, free_noise=options.free_noise).covariance
         predicted = prediction.Collocation(rest, covariance, options.trend).predict(observed.place[out])
         error[out] = observed.value[out] - predicted.value
         sigma[out] = np.sqrt(predicted.sigma**2 + covariance.noise + observed.sigma[out] ** 2)
