@@ -6,7 +6,7 @@ import pytest
 
 from cli.commands import musat
 from musatpy.formats.job_tables import card_family
-from musatpy.keypunch.words import tidied, tidy_card
+from musatpy.keypunch.typed import tidied, tidy_card
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 TYPED = """TTL A strip, typed

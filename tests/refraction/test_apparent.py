@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from musatpy.depth.views import departure, pair_factor
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.refraction.apparent import (
     CLOSE,
@@ -17,7 +18,6 @@ from musatpy.refraction.apparent import (
     apparent_points,
     true_points,
 )
-from musatpy.refraction.depth_factor import departure, pair_factor
 from reference.rays import incidence_distance
 
 FOOT = 0.3048

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from musatpy.arrays import FloatArray
+from musatpy.compilation.profiles import profile
 from musatpy.errors import SurfaceError
 from musatpy.surfaces import tin as surfaces_of_points
 from musatpy.surfaces.contours import Contours, bounds, contours, grid_contours, levels_between
-from musatpy.surfaces.profiles import profile
 from musatpy.surfaces.tin import FEW, INSIDE, LAND, LONG_EDGE, OUTSIDE, Tin, planes_at
 
 

@@ -74,7 +74,7 @@ def card_command(
             settings.append(setting_of(spec, field.strip(), value))
     family = next(family for family in families if spec.mnemonic in family.cards)
     if table is not None:
-        from musatpy.keypunch.rows import cards_of_table
+        from musatpy.keypunch.typed import cards_of_table
 
         tell("\n".join(cards_of_table(table, spec, family)))
         return
@@ -113,7 +113,7 @@ def tidy_command(ctx: click.Context, deck: Path, out: Path, formats: Path | None
     Exit status: 0 every card is in its columns, 1 some are not.
     """
     from musatpy.formats.job_tables import card_family
-    from musatpy.keypunch.words import tidied
+    from musatpy.keypunch.typed import tidied
 
     result = tidied(data_of(deck), card_family(formats), name_of(deck))
     write_deck(out, result.data)

@@ -257,7 +257,7 @@ def _camera_cards(texts: Sequence[str]) -> list[str]:
     from musatpy.formats.cards.manual import card_of
     from musatpy.formats.cards.settings import SettingError, setting_of
     from musatpy.formats.job_tables import card_family
-    from musatpy.keypunch.rows import cards_of_table
+    from musatpy.keypunch.typed import cards_of_table
 
     family, cards = card_family(), list[str]()
     spec = family.cards["CAM"]

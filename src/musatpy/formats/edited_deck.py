@@ -10,8 +10,8 @@ from functools import partial
 
 from musatpy import model
 from musatpy.formats import assembly
+from musatpy.formats.cards.codec import bytes_of, text_of
 from musatpy.formats.cards.deck import CardDeck, Columns, read_cards
-from musatpy.formats.cards.letters import bytes_of, text_of
 from musatpy.formats.cards.settings import Setting, card_with
 from musatpy.formats.cards.spec import END_MNEMONIC, CardSpec, Family
 from musatpy.formats.musat import check_deck, deck_bytes

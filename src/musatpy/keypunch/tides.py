@@ -14,8 +14,8 @@ from scipy.interpolate import PchipInterpolator
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import DeckError, Problem
+from musatpy.formats.cards.codec import bytes_of, text_of
 from musatpy.formats.cards.deck import CardDeck, read_cards
-from musatpy.formats.cards.letters import bytes_of, text_of
 from musatpy.formats.cards.settings import blank_card, card_with, setting_of
 from musatpy.formats.cards.spec import END_MNEMONIC, CardSpec, Family
 from musatpy.pointfiles.columns import FileColumn, Wanted

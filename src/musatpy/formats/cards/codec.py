@@ -1,4 +1,4 @@
-"""Card images <-> columns of values: one field of many cards at a time.
+"""Card images <-> columns of values: one field of many cards at a time; bytes of decks <-> text.
 
 `FieldSpec.decode` is the definition of what a field means. What most cards have, a text, or a number of up to 15
 digits with or without its point, is read by numpy: such digits are an integer that a float holds exactly, and one
@@ -9,6 +9,7 @@ fit with all decimals are written in one go, and each of the different texts onc
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -21,6 +22,7 @@ from musatpy.fortran import FieldError
 Column = FloatArray | TextArray
 
 FEW = 8  # values: operations of numpy on no more than these take longer than one value after the other
+_UTF_8, _MARKED, LATIN_1 = "utf-8", "utf-8-sig", "latin-1"
 _CHUNK = 8192  # cards encoded in one go
 _BLANK = ord(" ")
 _MOST_DIGITS = 15  # 10**15 < 2**53: any such integer is exact in a float
@@ -193,3 +195,20 @@ def _printed(form: str, width: int, values: FloatArray | IntArray) -> ByteArray:
 
 def _characters(text: str, width: int) -> ByteArray:
     return np.frombuffer(text.encode("ascii", "replace"), dtype=np.uint8).reshape(-1, width)
+
+
+def text_of(data: bytes) -> tuple[str, str]:
+    """Return the text of the bytes of a deck without byte order mark, and its encoding: UTF-8, else Latin-1."""
+    encoding = _MARKED if data.startswith(codecs.BOM_UTF8) else _UTF_8
+    try:
+        return data.decode(encoding), encoding
+    except UnicodeDecodeError:
+        return data.decode(LATIN_1), LATIN_1
+
+
+def bytes_of(text: str, encoding: str) -> bytes:
+    """Return the bytes of a text in an encoding; in UTF-8 where that lacks one of the letters."""
+    try:
+        return text.encode(encoding)
+    except UnicodeEncodeError:
+        return text.encode(_UTF_8)

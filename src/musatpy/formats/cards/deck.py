@@ -14,9 +14,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, ByteArray, IntArray
 from musatpy.errors import DeckError, Problem, in_order
 from musatpy.formats.cards import codec
-from musatpy.formats.cards.foreign import foreign, of_survey
-from musatpy.formats.cards.letters import LATIN_1, text_of
-from musatpy.formats.cards.slips import readings
+from musatpy.formats.cards.slips import foreign, of_survey, readings
 from musatpy.formats.cards.spec import CARD_WIDTH, END_MNEMONIC, CardSpec, Family
 
 _CHUNK = 4096  # cards decoded in one go: the numbers of a field stay in the cache
@@ -58,7 +56,7 @@ def card_images(data: bytes) -> CardImages:
     data = data.replace(b"\r\n", b"\n")
     letters, encoding = dict[int, str](), ""
     if not data.isascii():
-        text, encoding = text_of(data)
+        text, encoding = codec.text_of(data)
         text = unicodedata.normalize("NFC", text)
         letters = {number: line for number, line in enumerate(text.split("\n"), 1) if not line.isascii()}
         data = text.encode("ascii", "replace")
@@ -84,7 +82,7 @@ def card_images(data: bytes) -> CardImages:
         for column, letter in enumerate(text, 1)
         if not letter.isascii()
     ]
-    taken = "Latin-1" if encoding == LATIN_1 else ""
+    taken = "Latin-1" if encoding == codec.LATIN_1 else ""
     bad_characters = tuple(sorted(characters))
     return CardImages(
         cards=cards, overlong=overlong, bad_characters=bad_characters, letters=letters, encoding=taken

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from musatpy.errors import MusatError, nearest, nearest_or_all
-from musatpy.formats.cards.letters import bytes_of, text_of
+from musatpy.formats.cards.codec import bytes_of, text_of
 from musatpy.formats.cards.spec import DATA_COLUMNS, END_MNEMONIC, CardSpec, Family, FieldSpec
 from musatpy.fortran import FieldError
 

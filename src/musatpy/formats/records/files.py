@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from musatpy.arrays import IntArray
 from musatpy.errors import DeckError, Problem, in_order
-from musatpy.formats.cards.foreign import of_survey
+from musatpy.formats.cards.slips import of_survey
 from musatpy.formats.records.fields import LONGEST
 from musatpy.formats.records.layout import START, FileSpec, RecordSpec, Value, record_line, record_values
 
