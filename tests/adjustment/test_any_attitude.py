@@ -8,6 +8,7 @@ import pytest
 
 from monuments import FOCAL_LENGTH, Monument, angles, monument, rotation
 from musatpy import adjust, adjustment, verdict
+from musatpy.adjustment.first_lenses import with_first_lenses
 from musatpy.adjustment.initial import initial_photos
 from musatpy.model import Grade, Program, Solution
 from musatpy.orientation.absolute import Targets, absolute_orientation
@@ -138,6 +139,16 @@ def test_a_free_network_with_one_scale_bar_calibrates_its_camera(block: dict[str
     true = np.array([FOCAL_LENGTH + LENS["F"], *(LENS[name] for name in list(LENS)[1:])])
     error = (np.asarray(solution.parameters.value) - true) / np.asarray(solution.parameters.sigma)
     assert np.abs(error).max() < 4.0
+
+
+def test_pairs_tell_the_first_focal_length_and_radial_distortion() -> None:
+    """A focal length 14 % off, images bent by 0.7 mm: to a step of 5 %, K1 to a half."""
+    off = 4.0
+    block = monument(1, photos=6, points=80, control=4, off=None, initial="COMPUTE", lens={**LENS, "F": off}).block
+    first, _, notes = with_first_lenses(block)
+    lens = dict(zip(first.lens_unknowns.parameter.tolist(), first.lens_unknowns.value.tolist(), strict=True))
+    assert lens["F"] == pytest.approx(FOCAL_LENGTH + off, rel=0.05) and "mm of camera C35" in notes[0]
+    assert lens["K1"] == pytest.approx(LENS["K1"], rel=0.5)
 
 
 @pytest.mark.slow

@@ -297,11 +297,12 @@ def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) ->
         from musatpy.adjustment.initial import started  # costs the start of every run else
 
         if block.lens_unknowns.count or block.ports.count:
-            from musatpy.adjustment.lenses import ideal_plates  # most jobs hold their cameras
+            from musatpy.adjustment.first_lenses import with_first_lenses  # most jobs hold their cameras
             from musatpy.adjustment.ports import without_ports
 
-            first, notes = started(without_ports(ideal_plates(block)))
-            block = replace(block, photos=first.photos)
+            block, seen, notes = with_first_lenses(block)
+            first, of_stations = started(without_ports(seen))
+            block, notes = replace(block, photos=first.photos), (*notes, *of_stations)
         else:
             block, notes = started(block)
     _require_water(block)

@@ -227,6 +227,7 @@ class _Forest:
         self.of_photo: dict[int, int] = {}
         self.parts: dict[int, PhotoModel] = {}
         self.pairs_of: dict[int, list[OrientedPair]] = {}
+        self.refused: set[tuple[int, int]] = set()  # models that do not join as they are
         for pair in pairs:
             for photo in (pair.first, pair.second):
                 self.pairs_of.setdefault(photo, []).append(pair)
@@ -252,14 +253,18 @@ class _Forest:
 
     def _store(self, number: int, model: PhotoModel) -> None:
         self.parts[number] = model
+        self.refused = {models for models in self.refused if number not in models}
         self.of_photo.update(dict.fromkeys(model.photo.tolist(), number))
 
     def _join(self, one: int, other: int) -> bool:
         if len(self.parts[one].photo) < len(self.parts[other].photo):
             one, other = other, one
+        if (one, other) in self.refused:
+            return False
         whole, part = self.parts[one], self.parts[other]
         move = between(whole, part, self._bridges(whole, part), self.floor)
         if move is None:
+            self.refused.add((one, other))
             return False
         del self.parts[other]
         self._store(one, _united(whole, part.moved(move)))
