@@ -168,7 +168,7 @@ def test_what_is_wrong_is_told_with_its_place(tmp_path: Path) -> None:
         ],
     ) == [
         ":3 cols 1-5 sourcefile: 'a.jpg' stands in line 2 already",
-        ":6 cols 13-14 gpslatitude: '91' is not a number",
+        ":6 cols 13-14 gpslatitude: '91' is not a number from -90 to 90, as 'exiftool -n' prints it",
     ]
     assert faults(
         tmp_path,

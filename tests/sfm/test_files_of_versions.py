@@ -6,12 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyproj
 import pytest
 
 from musatpy.sfm import colmap, metashape, opensfm
 from musatpy.sfm.control import read_control
 from musatpy.sfm.importing import Asked, imported
 from musatpy.sfm.model import ModelError
+from musatpy.sfm.tides import read_tide
+from musatpy.sfm.times import read_exposures
+from musatpy.sfm.wet import read_water
 from sfm.test_control import gcp_list
 from sfm.written_models import (
     HEIGHT,
@@ -178,3 +182,53 @@ def test_forms_of_gcp_lists(tmp_path: Path, small: Scene, old: str, new: str) ->
     np.testing.assert_array_equal(control.position, expected.position)
     path.write_text("WGS84\n" + text.partition("\n")[2])
     assert read_control(path, model).system == "EPSG:4326"
+
+
+def test_readings_as_noaa_has_them(tmp_path: Path) -> None:
+    """Of its page, day and time apart and zones above, and of its interface, with readings that are missing."""
+    minutes = range(0, 60, 6)
+    page = '"Date","Time (GMT)","Predicted (m)","Preliminary (m)","Verified (m)"\n'
+    page += "".join(f'"2024/05/17","12:{m:02d}","9","-","{"-" if m == 30 else m / 100}"\n' for m in minutes)
+    service = "Date Time, Water Level, Sigma, O or I (for verified), F, R, L, Quality \n"
+    service += "".join(f"2024-05-17 12:{m:02d},{'' if m == 30 else m / 100},0.003,0,0,0,0,v\n" for m in minutes)
+    for text, zone, sigma in ((page, "", 0.01), (service, "UTC", 0.003)):
+        (tmp_path / "tide.csv").write_text(text)
+        tide = read_tide(tmp_path / "tide.csv", zone, 0.01)
+        assert (tide.time - 1715947200.0).tolist() == [60.0 * m for m in minutes if m != 30]
+        assert tide.level.tolist() == [m / 100 for m in minutes if m != 30] and set(tide.sigma) == {sigma}
+    (tmp_path / "tide.csv").write_text(page.replace("(m)", "(ft)"))
+    with pytest.raises(ModelError, match="column Verified is in ft: m is needed"):
+        read_tide(tmp_path / "tide.csv")
+
+
+def test_exposures_as_older_versions_of_exiftool_print_them(tmp_path: Path) -> None:
+    """Tags of DJI beside those of EXIF, by capitals only, and dashes (-f) for what is missing."""
+    head = "SourceFile,GpsLatitude,GpsLongtitude,RtkFlag,DateTimeOriginal,OffsetTimeOriginal,"
+    head += "GPSLatitudeRef,GPSLatitude,GPSLongitudeRef,GPSLongitude,GPSAltitude\n"
+    row = "a.jpg,-33.5,+151.25,-,2019:06:05 10:11:12,+10:00,S,33.5,E,151.25,12\n"
+    (tmp_path / "exif.csv").write_text(head + row)
+    read = read_exposures(tmp_path / "exif.csv")
+    assert np.degrees(read.position[0, :2]) == pytest.approx([-33.5, 151.25]) and not read.rtk.any()
+    (tmp_path / "exif.csv").write_text((head + row).replace(",-33.5,", ",33 deg 30' S,"))
+    with pytest.raises(ModelError, match="is not a number from -90 to 90, as 'exiftool -n' prints it"):
+        read_exposures(tmp_path / "exif.csv")
+
+
+def test_geojson_in_the_system_that_it_states(tmp_path: Path) -> None:
+    """As QGIS writes it, beside a feature that has no place."""
+    plan = np.array([[-64.9, 18.3], [-64.8, 18.3]])
+    ring = [[-64.95, 18.25], [-64.85, 18.25], [-64.85, 18.35], [-64.95, 18.35], [-64.95, 18.25]]
+    way = pyproj.Transformer.from_crs("OGC:CRS84", "EPSG:32620", always_xy=True)
+    geometry = {"type": "MultiPolygon", "coordinates": [[[[*way.transform(*place), 0.0] for place in ring]]]}
+    features: list[Any] = [{"type": "Feature", "geometry": each} for each in (None, geometry)]
+    content: dict[str, Any] = {"type": "FeatureCollection", "features": features}
+    path = tmp_path / "water.geojson"
+    path.write_text(
+        json.dumps(content | {"crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32620"}}})
+    )
+    assert read_water(path, geographic=True).holds(plan).tolist() == [True, False]
+    path.write_text(json.dumps(content | {"crs": {"type": "name", "properties": {"name": "EPSG:1"}}}))
+    with pytest.raises(
+        ModelError, match=r"water\.geojson: it has the coordinate system EPSG:1; expected: one that PROJ"
+    ):
+        read_water(path, geographic=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -26,6 +27,7 @@ _ALIKE = (  # names of one quantity, in lower case
     ("t", "time"),
 )
 _OTHER_NAMES = {name: alike for alike in _ALIKE for name in alike}
+_UNIT = re.compile(r"(.*\S)\s*(?:\[([^][]*)\]|\(([^()]*)\))")  # behind a name
 _UNITS = {"metre": "m", "metres": "m", "meter": "m", "meters": "m", "degree": "deg", "degrees": "deg", "°": "deg"}
 
 
@@ -51,11 +53,9 @@ def numbers(texts: Sequence[str]) -> FloatArray:
 
 
 def parted(heading: str) -> tuple[str, str]:
-    """Return the name and the unit, '' for none, of what stands above a column."""
-    name, bracket, unit = heading.strip().removesuffix("]").rpartition("[")
-    if bracket and name.strip() and heading.rstrip().endswith("]"):
-        return name.strip(), unit.strip()
-    return heading.strip(), ""
+    """Return the name and the unit in brackets, '' for none, of what stands above a column."""
+    both = _UNIT.fullmatch(heading.strip())
+    return (both[1], (both[2] or both[3] or "").strip()) if both else (heading.strip(), "")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +67,9 @@ class FileColumn:
     unit: str = ""  # of its numbers; a file that states another one in brackets is refused
     kind: Literal["number", "text", "date"] = "number"
     required: bool = True
-    blank: bool = False  # whether a cell may be empty (or nan): NaN, '' or no day
+    blank: bool = False  # whether a cell may be empty (or nan, or -): NaN, '' or no day
     unique: bool = False
+    several: bool = False  # the first of several columns counts
     least: float = -FAR
     most: float = FAR
     expected: str = "a number"
@@ -82,7 +83,7 @@ class FileColumn:
         """Return which of some texts cannot stand in it, by their `values` (n,) where it is one of numbers."""
         if values is not None:
             off = np.flatnonzero(~((values >= self.least) & (values <= self.most))).tolist()
-            return [row for row in off if not (self.blank and texts[row].lower() in ("", "nan"))]
+            return [row for row in off if not (self.blank and texts[row].lower() in ("", "nan", "-"))]
         return [row for row, text in enumerate(texts) if not (self._is_text(text) if text else self.blank)]
 
     def _is_text(self, text: str) -> bool:
@@ -152,7 +153,7 @@ class Wanted:
         for column in self.columns:
             at = places.get(column.name, [])
             unit = _UNITS.get(units[at[0]].lower(), units[at[0]].lower()) if at else ""
-            if len(at) > 1:
+            if len(at) > 1 and not column.several:
                 yield f"more than one column {column.name} {among}"
             elif unit and column.unit and unit != column.unit:
                 yield f"column {names[at[0]]} is in {unit}: {column.unit} is needed"

@@ -28,7 +28,12 @@ _COLUMNS = (
     FileColumn(name="time", kind="text", aliases=("t", "date time", "datetime"), expected="a time"),
     FileColumn(name="date", kind="text", aliases=("day",), required=False, expected="a day"),
     FileColumn(
-        name="level", unit="m", aliases=("water level", "height", "tide", "z", "value"), least=-1e4, most=1e4
+        name="level",
+        unit="m",
+        aliases=("water level", "sea level", "verified", "height", "tide", "z", "value"),
+        blank=True,
+        least=-1e4,
+        most=1e4,
     ),
     FileColumn(name="sigma", unit="m", required=False, blank=True, least=0.0, expected="0 or more"),
 )
@@ -114,11 +119,18 @@ class PhotoLevels:
 def read_tide(path: Path, zone: str = "", sigma: float = np.nan) -> Tide:
     """Return the readings of a table: time (or date and time), level and, where it has it, sigma.
 
-    `zone` is that of times that state none, `sigma` (m) that of readings without one. Raises `ModelError` with line
+    Rows without a level are no readings. `zone` is that of times that state none, nor have it above them as UTC or
+    GMT, `sigma` (m) that of readings without one. Raises `ModelError` with line
     and column; `OSError`.
     """
     table = read_table(path, Wanted(columns=_COLUMNS))
+    level = table.numbers("level")
+    for row in np.flatnonzero(np.isnan(level)).tolist() if table.has("level") else ():
+        if (text := table.texts("level")[row]).lower() == "nan":
+            table.refuse(f"'{text}' is not a number", row, "level")
     table.require(ModelError, "there are no readings")
+    above = table.layout.units[table.layout.place("time")].upper()
+    zone = zone or (above if above in ("UTC", "GMT") else "")
     local = zone_of(zone) if zone else None
     texts, given = table.texts("time"), table.numbers("sigma")
     if table.has("date"):
@@ -132,16 +144,17 @@ def read_tide(path: Path, zone: str = "", sigma: float = np.nan) -> Tide:
         elif time.tzinfo is None:
             times[row] = time.replace(tzinfo=local)
     given = np.where(np.isnan(given), sigma, given)
-    if np.isnan(given).any():
+    rows = np.flatnonzero(np.isfinite(level))
+    if np.isnan(given[rows]).any():
         table.refuse("readings have no sigma; expected: a column sigma, or a sigma of all readings")
     at = seconds(times)
-    order = np.argsort(at, kind="stable")
+    order = rows[np.argsort(at[rows], kind="stable")]
     for row in order[1:][np.diff(at[order]) == 0.0].tolist():
         table.refuse(f"'{texts[row]}' stands there twice", row, "time")
-    if len(at) < _LEAST:
-        table.refuse(f"{len(at)} readings do not say how well they are interpolated; expected: {_LEAST} or more")
+    if len(rows) < _LEAST:
+        table.refuse(f"{len(rows)} readings do not say how well they are interpolated; expected: {_LEAST} or more")
     table.require(ModelError)
-    return Tide(file=str(path), time=at[order], level=table.numbers("level")[order], sigma=given[order])
+    return Tide(file=str(path), time=at[order], level=level[order], sigma=given[order])
 
 
 def datum_heights(statement: str, position: FloatArray) -> FloatArray:

@@ -34,7 +34,7 @@ _TEXTS = (*_TIMES, "subsectimeoriginal", "gpslatituderef", "gpslongituderef")
 _ANGLES = {"gpslatitude": 90.0, "gpslongitude": 180.0}
 _NUMBERS = ("absolutealtitude", "gpsaltitude", "gpsaltituderef", "rtkflag", "rtkstdlon", "rtkstdlat", "rtkstdhgt")
 _GROUPS = ("xmp", "composite", "")  # whose columns go before those of others
-_DAY = re.compile(r"((?:19|20)\d\d)[:-](\d\d)[:-](\d\d)[ T]", re.ASCII)
+_DAY = re.compile(r"((?:19|20)\d\d)[:/-](\d\d)[:/-](\d\d)[ T]", re.ASCII)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,9 +135,11 @@ def read_exposures(path: Path, zone: str = "", *, heights: bool = False) -> Expo
     chosen = _chosen(table.layout.names)
     wanted = [source]
     for tag, heading in chosen.items():
-        column = FileColumn(name=heading.lower(), aliases=(), kind="text", required=False, blank=True)
+        column = FileColumn(name=heading.lower(), aliases=(), required=False, blank=True, several=True)
         most = _ANGLES.get(tag, 1e5)
-        wanted.append(column if tag in _TEXTS else replace(column, kind="number", least=-most, most=most))
+        expected = f"a number from {-most:g} to {most:g}, as 'exiftool -n' prints it"
+        numeric = replace(column, least=-most, most=most, expected=expected)
+        wanted.append(replace(column, kind="text") if tag in _TEXTS else numeric)
     table = read_table(path, Wanted(columns=tuple(wanted)))
     table.require(ModelError, "there are no photos")
     tags = _Tags(table=table, heading={tag: heading.lower() for tag, heading in chosen.items()})

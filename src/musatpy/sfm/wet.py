@@ -208,9 +208,24 @@ def _geometries(path: Path, geographic: bool) -> list[dict[str, Any]]:
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig", errors="replace"))
         features = content["features"] if content["type"] == "FeatureCollection" else [content]
-        return [dict(one["geometry"] if one["type"] == "Feature" else one) for one in features]
-    except (ValueError, TypeError, KeyError, RecursionError):
+        geometries = [one["geometry"] if one["type"] == "Feature" else one for one in features]
+        geometries = [dict(geometry) for geometry in geometries if geometry is not None]
+        if not geographic or not content.get("crs"):
+            return geometries
+        system = content["crs"]["properties"]["name"]
+        way = pyproj.Transformer.from_crs(system, "OGC:CRS84", always_xy=True)
+        return [one | {"coordinates": _moved(one["coordinates"], way)} for one in geometries]
+    except pyproj.exceptions.CRSError:
+        raise _refused(path, f"the coordinate system {system}", "one that PROJ knows") from None
+    except (ValueError, TypeError, KeyError, IndexError, RecursionError):
         raise _refused(path, "no features", "GeoJSON") from None
+
+
+def _moved(coordinates: Any, way: pyproj.Transformer) -> Any:
+    """Return coordinates of GeoJSON, lists of positions to any depth, in another system."""
+    if isinstance(coordinates[0], list):
+        return [_moved(part, way) for part in coordinates]
+    return list(way.transform(*coordinates[:2]))
 
 
 def _refused(path: Path, found: str, expected: str) -> ModelError:
