@@ -2,13 +2,14 @@
 
 import json
 import math
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from musatpy.sfm import colmap, metashape, opensfm
-from musatpy.sfm.model import Model, ModelError
+from musatpy.sfm.model import Model
 from sfm.written_models import scene, write_colmap, write_metashape, write_opensfm
 
 EDGES = [(4000.0 * i / 8, 3000.0 * j / 6) for i in range(9) for j in range(7)]
@@ -115,20 +116,48 @@ def test_lenses_of_metashape(tmp_path: Path, kind: str) -> None:
     check(metashape.read_model(path), has, kind == "fisheye", FX, FY, 1.75)
 
 
-def test_names_that_the_text_of_colmap_cannot_have(tmp_path: Path) -> None:
-    """COLMAP's own reader ends a name at its first blank."""
-    model = colmap.read_model(write_colmap(tmp_path / "given", scene(wide=1), binary=True))
-    with pytest.raises(ModelError, match=r"photo flight 0/DJI_0000\.JPG: names in COLMAP's text have no blanks"):
-        colmap.write_model(model, tmp_path / "again")
-    assert not (tmp_path / "again").exists()
+def test_names_with_blanks_are_written_as_binary(tmp_path: Path) -> None:
+    """COLMAP's own reader of text ends a name at its first blank."""
+    of = scene(0.4, wide=1)
+    model = colmap.read_model(write_colmap(tmp_path / "given", of, binary=True))
+    colmap.write_model(model, tmp_path / "binary")
+    assert sorted(path.name for path in (tmp_path / "binary").iterdir()) == [
+        "cameras.bin",
+        "images.bin",
+        "points3D.bin",
+    ]
+    again = colmap.read_model(tmp_path / "binary")
+    assert again.photos.tolist() == of.names and len(again.photo) == len(of.images)
+    assert again.lenses[0].k[:3] == model.lenses[0].k[:3] and again.lenses[0].p == model.lenses[0].p
+    assert np.allclose(again.residuals(), model.residuals(), rtol=0, atol=1e-9)
+    assert np.allclose(again.stored, model.stored, rtol=0, atol=1e-9)
+    entries = (
+        (tmp_path / "binary" / "points3D.bin").read_bytes(),
+        (tmp_path / "given" / "points3D.bin").read_bytes(),
+    )
+    tracks = []  # photos and places of features, counted from the first that belongs to a point
+    for first, data in zip((1, 3), entries, strict=True):
+        at, found = 8, []
+        for _ in again.points:
+            (length,) = struct.unpack_from("<Q", data, at + 43)
+            track = struct.unpack_from(f"<{2 * length}I", data, at + 51)
+            found.append([(photo - first, place - (first == 3)) for photo, place in batched(track)])
+            at += 51 + 8 * length
+        assert at == len(data)
+        tracks.append(found)
+    assert tracks[0] == tracks[1]
 
 
-@pytest.mark.parametrize("written", [False, True])
-def test_models_of_colmap_by_pycolmap(tmp_path: Path, written: bool) -> None:
+def batched(values: tuple[int, ...]) -> list[tuple[int, int]]:
+    return list(zip(values[::2], values[1::2], strict=True))
+
+
+@pytest.mark.parametrize(("written", "text"), [(False, False), (True, True), (True, False)])
+def test_models_of_colmap_by_pycolmap(tmp_path: Path, written: bool, text: bool) -> None:
     """As the script writes them, and as a model that was read is written again."""
     pycolmap = pytest.importorskip("pycolmap")
     of = scene(0.4)
-    if written:
+    if text:
         of.names = [name.replace(" ", "_") for name in of.names]
     model = colmap.read_model(write_colmap(tmp_path / "given", of, binary=not written))
     folder = tmp_path / "given"

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import Problem
@@ -41,7 +42,7 @@ LENSES: tuple[tuple[str, tuple[str, ...] | None], ...] = (
 )
 _POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("colour", "u1", 3), ("error", "<f8"), ("track", "<u8")])
 _TRACK = 43  # bytes before the length of its track
-_IMAGE = struct.Struct("<I7dI")
+_COUNT, _CAMERA, _IMAGE = (struct.Struct(form) for form in ("<Q", "<iiQQ", "<I7dI"))
 _FEATURE = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 
 
@@ -97,56 +98,89 @@ def read_model(folder: Path) -> Model:
 
 
 def write_model(model: Model, folder: Path) -> None:
-    """Write a model into a folder as text, lenses as FULL_OPENCV or OPENCV_FISHEYE. Raises `ModelError`."""
+    """Write a model into a folder, lenses as FULL_OPENCV or OPENCV_FISHEYE. Raises `ModelError`.
+
+    As text, or as binary where the name of a photo has a blank, at which COLMAP's reader of text ends names.
+    """
     refused(
         [
             Problem(message=f"camera {name}: COLMAP has no shear and no fourth radial coefficient of usual lenses")
             for name, lens in zip(model.cameras, model.lenses, strict=True)
             if lens.shear or (not lens.fisheye and len(lens.k) > 3 and lens.k[3])
         ]
-        + [
-            Problem(message=f"photo {name}: names in COLMAP's text have no blanks")
-            for name in model.photos.tolist()
-            if " " in name
-        ]
     )
+    shift = -np.einsum("nij,nj->ni", model.rotation, model.centre)
+    poses = np.column_stack([quaternion(model.rotation), shift]).tolist()
+    rows = _parts(model.photo, len(model.photos))
+    place = np.empty(len(model.photo), dtype=np.int64)  # of an image among the features of its photo
+    for of in rows:
+        place[of] = np.arange(len(of))
+    points = np.zeros(len(model.points), _POINT)
+    points["id"], points["xyz"], points["track"] = np.arange(len(points)) + 1, model.position, model.counts
+    points["colour"] = 128 if model.colour is None else model.colour
+    size = np.nan_to_num(np.linalg.norm(model.residuals(), axis=1))
+    points["error"] = np.bincount(model.point, size, len(points)) / np.maximum(model.counts, 1)
+    track = np.stack([model.photo + 1, place], axis=1)
+    tracks = [track[of].reshape(-1) for of in _parts(model.point, len(points))]
     folder.mkdir(parents=True, exist_ok=True)
+    write = _write_binary if any(" " in name for name in model.photos.tolist()) else _write_text
+    write(model, folder, poses, rows, points, tracks)
+
+
+def _parts(of: IntArray, count: int) -> list[IntArray]:
+    """Return the rows of images (m,) that are of each of so many things."""
+    order = np.argsort(of, kind="stable")
+    return np.split(order, np.searchsorted(of[order], np.arange(1, count))) if count else []
+
+
+def _write_text(
+    model: Model,
+    folder: Path,
+    poses: list[list[float]],
+    rows: list[IntArray],
+    points: NDArray[np.void],
+    tracks: list[IntArray],
+) -> None:
     lines = [
         f"{number} {name} {lens.width} {lens.height} {' '.join(repr(float(value)) for value in values)}"
         for number, lens in enumerate(model.lenses, 1)
         for name, values in (_written(lens),)
     ]
     (folder / "cameras.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    turned = quaternion(model.rotation)
-    shift = -np.einsum("nij,nj->ni", model.rotation, model.centre)
-    order = np.argsort(model.photo, kind="stable")
-    start = np.searchsorted(model.photo[order], np.arange(len(model.photos) + 1))
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.arange(len(order)) - start[model.photo[order]]
     with (folder / "images.txt").open("w", encoding="utf-8") as file:
         for number, name in enumerate(model.photos.tolist()):
-            pose = " ".join(repr(value) for value in (*turned[number].tolist(), *shift[number].tolist()))
+            pose, of = " ".join(map(repr, poses[number])), rows[number]
             file.write(f"{number + 1} {pose} {model.camera[number] + 1} {name}\n")
-            rows = order[start[number] : start[number + 1]]
-            features = zip(model.pixel[rows].tolist(), (model.point[rows] + 1).tolist(), strict=True)
+            features = zip(model.pixel[of].tolist(), (model.point[of] + 1).tolist(), strict=True)
             file.write(" ".join(f"{x!r} {y!r} {point}" for (x, y), point in features) + "\n")
-    _write_points(model, folder / "points3D.txt", place)
+    columns = (points[name].tolist() for name in ("id", "xyz", "colour", "error"))
+    with (folder / "points3D.txt").open("w", encoding="utf-8") as file:
+        for number, xyz, colour, error, track in zip(*columns, tracks, strict=True):
+            file.write(" ".join(map(repr, [number, *xyz, *colour, error, *track.tolist()])) + "\n")
 
 
-def _write_points(model: Model, path: Path, place: IntArray) -> None:
-    """Write the points; `place` (m,) is that of an image among the features of its photo."""
-    size = np.linalg.norm(model.residuals(), axis=1)
-    counts = np.maximum(model.counts, 1)
-    error = np.bincount(model.point, np.nan_to_num(size), len(model.points)) / counts
-    order = np.argsort(model.point, kind="stable")
-    start = np.searchsorted(model.point[order], np.arange(len(model.points) + 1))
-    colour = np.full((len(model.points), 3), 128) if model.colour is None else model.colour
-    tracks = np.stack([model.photo + 1, place], axis=1)[order]
-    with path.open("w", encoding="utf-8") as file:
-        for number, (xyz, rgb) in enumerate(zip(model.position.tolist(), colour.tolist(), strict=True)):
-            track = tracks[start[number] : start[number + 1]].reshape(-1)
-            values = (*(repr(value) for value in xyz), *map(str, rgb), repr(float(error[number])))
-            file.write(f"{number + 1} {' '.join(values)} {' '.join(map(str, track.tolist()))}\n")
+def _write_binary(
+    model: Model,
+    folder: Path,
+    poses: list[list[float]],
+    rows: list[IntArray],
+    points: NDArray[np.void],
+    tracks: list[IntArray],
+) -> None:
+    cameras, images = bytearray(_COUNT.pack(len(model.lenses))), bytearray(_COUNT.pack(len(poses)))
+    for number, lens in enumerate(model.lenses, 1):
+        name, values = _written(lens)
+        cameras += _CAMERA.pack(number, [*dict(LENSES)].index(name), lens.width, lens.height)
+        cameras += np.array(values, dtype="<f8").tobytes()
+    for number, (name, of) in enumerate(zip(model.photos.tolist(), rows, strict=True)):
+        images += _IMAGE.pack(number + 1, *poses[number], int(model.camera[number]) + 1) + name.encode() + b"\0"
+        features = np.zeros(len(of), _FEATURE)
+        features["xy"], features["point"] = model.pixel[of], model.point[of] + 1
+        images += _COUNT.pack(len(of)) + features.tobytes()
+    entries = (point.tobytes() + track.astype("<u4").tobytes() for point, track in zip(points, tracks, strict=True))
+    (folder / "cameras.bin").write_bytes(cameras)
+    (folder / "images.bin").write_bytes(images)
+    (folder / "points3D.bin").write_bytes(b"".join([_COUNT.pack(len(points)), *entries]))
 
 
 def _written(lens: PixelLens) -> tuple[str, tuple[float, ...]]:
@@ -310,7 +344,7 @@ class _Bytes:
     def of(cls, path: Path, smallest: int) -> tuple[_Bytes, int]:
         """Return a file behind its count, and that count of things of `smallest` bytes at least."""
         file = cls(path=path, data=path.read_bytes())
-        count = int(file.take(struct.Struct("<Q"))[0])
+        count = int(file.take(_COUNT)[0])
         if count * smallest > len(file.data):
             message = f"it says that it has {count} entries, which do not go into {len(file.data)} bytes"
             raise ModelError([Problem(message=message, file=str(path))])
@@ -334,7 +368,7 @@ def _binary_cameras(path: Path) -> Iterator[tuple[int, PixelLens]]:
     """Yield the cameras of cameras.bin by their ids."""
     file, count = _Bytes.of(path, 24)
     for _ in range(count):
-        camera, model, width, height = map(int, file.take(struct.Struct("<iiQQ")))
+        camera, model, width, height = map(int, file.take(_CAMERA))
         name, parameters = LENSES[model] if 0 <= model < len(LENSES) else (f"number {model}", None)
         values = file.take(struct.Struct(f"<{len(parameters or ())}d"))
         yield camera, _lens(path, None, name, (width, height), values)
@@ -349,7 +383,7 @@ def _binary_images(path: Path) -> Iterator[_Image]:
         file.need(end + 1 - file.at if end >= 0 else len(file.data))
         name = file.data[file.at : end].decode("utf-8", "surrogateescape")
         file.at = end + 1
-        features = int(file.take(struct.Struct("<Q"))[0])
+        features = int(file.take(_COUNT)[0])
         file.need(features * _FEATURE.itemsize)
         rows = np.frombuffer(file.data, _FEATURE, features, file.at)
         rows = rows[rows["point"] >= 0]
@@ -360,7 +394,7 @@ def _binary_images(path: Path) -> Iterator[_Image]:
 def _binary_points(path: Path) -> _Points3D:
     """Return the points of points3D.bin, each of which has a track of another length behind it."""
     file, count = _Bytes.of(path, _POINT.itemsize)
-    length, places = struct.Struct("<Q").unpack_from, list[int]()
+    length, places = _COUNT.unpack_from, list[int]()
     at, last = file.at, len(file.data) - _POINT.itemsize
     while len(places) < count and at <= last:
         places.append(at)
