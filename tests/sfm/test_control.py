@@ -90,6 +90,14 @@ def placed(model: Model, control: ImagedControl, **options: bool) -> Georeferenc
     return georeferenced(model, ellipsoid, control, level, **options)
 
 
+def test_control_in_another_system_than_positions(exact: Scene, tmp_path: Path, chunk: Model) -> None:
+    control = read_control(gcp_list(tmp_path / "gcp_list.txt", exact, system="WGS84 UTM 33N"), chunk)
+    level, ellipsoid = level_positions(control.position, control.system)
+    at = WGS84.geographic(np.array([geocentric(C) for C in exact.C]))
+    with pytest.raises(ModelError, match=r"gcp_list\.txt: control is 7,\d\d\d km from the positions of the photos"):
+        georeferenced(chunk, ellipsoid, control, level, at, np.ones(at.shape))
+
+
 def off_truth(of: Scene, model: Model, found: Georeference) -> float:
     """Return the largest error of a station, m."""
     at = found.placement

@@ -89,6 +89,8 @@ def test_local_coordinates_of_metashape_are_no_geocentric_ones(tmp_path: Path, x
     [
         ("</p2>", "</p2><p3>0.01</p3>", "sensor L has p3, which is not read: calibrate it without"),
         ("</p2>", "</p2><p4>x</p4>", "sensor L: "),
+        (' y="18.3"', ' y="north"', r"camera flight 0/DJI_0000\.JPG: its reference is not three numbers"),
+        (' label="flight 1/DJI_0001.JPG"', "", "the name of a photo, '', is not text of 1 to 128 letters"),
         ("</chunk>", '</chunk><chunk label="2"/>', "it has 2 chunks: an export of cameras has one"),
         ('type="frame"', 'type="spherical"', r"cameras\.xml: sensor 0 has no calibration as frame or fisheye$"),
     ],
@@ -122,14 +124,23 @@ def test_a_reconstruction_with_all_that_opensfm_writes(tmp_path: Path, small: Sc
     assert model.reference[0, 2] - HEIGHT == pytest.approx(small.C[0][2], abs=1e-3)
 
 
-@pytest.mark.parametrize("key", ["shots", "reference_lla"])
-def test_parts_of_a_reconstruction_that_are_none(tmp_path: Path, small: Scene, key: str) -> None:
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"shots": 5}, "its shots are no items"),
+        ({"reference_lla": 5}, "latitude, longitude, altitude of its reference are not all there"),
+        ({"reference_lla": {"latitude": 95.0, "longitude": 0.0, "altitude": 0.0}}, "latitude, longitude, altitude"),
+        ({"gps_position": [1.0, float("nan"), 2.0]}, "the gps_position of shot flight 0/DJI_0000.JPG is not three"),
+    ],
+)
+def test_parts_of_a_reconstruction_that_are_none(
+    tmp_path: Path, small: Scene, changed: dict[str, Any], message: str
+) -> None:
     path = write_opensfm(tmp_path, small)
     content = json.loads(path.read_text())
-    path.write_text(json.dumps([content[0] | {key: 5}]))
-    with pytest.raises(
-        ModelError, match=r"reconstruction\.json: (its shots are no items|latitude, longitude, altitude)"
-    ):
+    (content[0]["shots"]["flight 0/DJI_0000.JPG"] if "gps_position" in changed else content[0]).update(changed)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ModelError, match=rf"reconstruction\.json: {message}"):
         opensfm.read_model(path)
 
 

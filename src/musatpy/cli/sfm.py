@@ -7,8 +7,9 @@ from typing import Any
 
 import click
 
+from musatpy.cli.depth import NUMBER, POSITIVE
 from musatpy.cli.messages import complain, name_of, tell
-from musatpy.cli.options import POSITIVE, NamedPath, options_of, quiet_option, refuse_overwriting, water_options
+from musatpy.cli.options import NamedPath, options_of, quiet_option, refuse_overwriting, water_options
 
 _JOB = ".job"
 _FORMATS = ("colmap", "opensfm", "metashape")
@@ -34,7 +35,7 @@ _import_options = options_of(
                  help="Height of the tide's zero above the ellipsoid, or a grid of such heights."),
     click.option("--tide-sigma", type=POSITIVE, metavar="M", help="Of readings whose table has none."),
     click.option("--tide-zone", default="", metavar="ZONE", help="Zone of its times that state none."),
-    click.option("--level", type=float, metavar="M", help="Height of the water, where there is no tide."),
+    click.option("--level", type=NUMBER, metavar="M", help="Height of the water, where there is no tide."),
     click.option("--level-sigma", type=POSITIVE, metavar="M", help="Its standard deviation. Default 0.05."),
     water_options,
     click.option("--wet", "flags", type=NamedPath(), metavar="CSV", help="Table with id and wet of points."),

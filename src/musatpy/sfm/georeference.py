@@ -26,6 +26,7 @@ _SAME_EARTH = 1e-3  # m, of semi-axes
 _STEPS, _AT_REST = 50, 1e-9
 _GROSS = 5.0  # robust scales
 _LEAST_WRONG = 5.0  # px, of the image of a control point
+_FAR = 1e5  # m, between control and photos
 _MOST_TURN = 0.1  # rad: the sigma of a turn that is as good as unknown
 
 
@@ -126,6 +127,11 @@ def georeferenced(
         flat = int((np.isfinite(sigma[count:, :2]).all(axis=1) & np.isnan(sigma[count:, 2])).sum())
         numbers = int((rows < count).sum()), int((rows >= count).sum()), flat
         raise ModelError([Problem(message=_too_few(*numbers))])
+    groups = [metres[of] for of in (rows[rows < count], rows[rows >= count]) if len(of)]
+    apart = float(np.linalg.norm(np.median(groups[0], axis=0) - np.median(groups[-1], axis=0)))
+    if apart > _FAR:
+        message = f"control is {apart / 1e3:,.0f} km from the positions of the photos: it is in another system"
+        raise ModelError([Problem(message=message, file=control.source if control else None)])
     middle = metres[rows].mean(axis=0)
     axes = np.eye(3) if ellipsoid is None else ellipsoid.frame(geographic(ellipsoid, middle))
     y = (metres - middle) @ axes.T

@@ -52,8 +52,10 @@ def read_model(path: Path, component: int = 0) -> Model:
             wrong[f"camera {name}: its transform is no rotation and place"] = None
         elif sensor not in lenses:
             wrong[f"sensor {sensor} has no calibration as frame or fisheye"] = None
+        elif np.isinf(reference := _reference(camera)).any():
+            wrong[f"camera {name}: its reference is not three numbers"] = None
         else:
-            placed.append((name, list(lenses).index(sensor), matrix, _reference(camera)))
+            placed.append((name, list(lenses).index(sensor), matrix, reference))
     refused([Problem(message=message, file=str(path)) for message in wrong])
     matrices = np.array([matrix for _, _, matrix, _ in placed]).reshape(-1, 4, 4)
     system = stated_system(chunk.findtext("reference"))
@@ -216,11 +218,9 @@ def _matrix(text: str | None, size: int) -> FloatArray | None:
 
 
 def _reference(camera: Element) -> list[float]:
-    """Return the reference position of a camera, as stated; NaN where it has none."""
+    """Return the reference position of a camera, NaN where it has none, infinite where it is no number."""
     reference = camera.find("reference")
-    if reference is None or reference.get("enabled") in _NO:
+    if reference is None or reference.get("enabled") in _NO or not {*"xyz"} <= reference.attrib.keys():
         return [np.nan] * 3
-    try:
-        return [float(reference.get(axis, "nan")) for axis in "xyz"]
-    except ValueError:
-        return [np.nan] * 3
+    place = [number(reference.attrib[axis]) for axis in "xyz"]
+    return [np.inf if np.isnan(value) else value for value in place]

@@ -97,7 +97,7 @@ def checked(model: Model, source: str) -> Model:
         twice = sorted(name for name, count in Counter(names.tolist()).items() if count > 1)
         problems += [Problem(message=f"two {what} are called {name}", file=source) for name in twice]
     for name in model.photos.tolist():
-        if not name.isprintable() or len(name.encode("utf-8", "replace")) > LONGEST:
+        if not name or not name.isprintable() or len(name.encode("utf-8", "replace")) > LONGEST:
             message = f"the name of a photo, {name[:40]!r}, is not text of 1 to {LONGEST} letters"
             problems.append(Problem(message=message, file=source))
         elif ".." in name.replace("\\", "/").split("/") or name[:1] in ("/", "\\") or name[1:2] == ":":

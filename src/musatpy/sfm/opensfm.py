@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from musatpy.arrays import FloatArray
 from musatpy.errors import Problem
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import geographic
-from musatpy.pointfiles.columns import FAR
+from musatpy.pointfiles.columns import FAR, number
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.model import Model, ModelError, checked, chosen_component, links, refused
 from musatpy.units import DEGREE
@@ -90,7 +89,7 @@ def read_model(path: Path, component: int = 0) -> Model:
         point=point[used],
         pixel=xy[used] * size.max(axis=1, keepdims=True) + 0.5 * size,
         to_geocentric=to_geocentric,
-        reference=_positions(shots, to_geocentric),
+        reference=_positions(path, shots, to_geocentric),
         reference_system="EPSG:4326",
     )
     return checked(model, str(path))
@@ -179,13 +178,13 @@ def _tracks(path: Path) -> tuple[list[str], list[str], FloatArray]:
         )
     except (IndexError, ValueError):
         pass
-    for number, line in ((n, line) for n, line in enumerate(text[first:], first + 1) if line.strip()):
+    for place, line in ((n, line) for n, line in enumerate(text[first:], first + 1) if line.strip()):
         row = line.split("\t")
         try:
             _finite(np.array(row[3:5], dtype=float).reshape(1, 2))
         except (IndexError, ValueError):
             expected = "photo, track, feature, x, y, ... between tabs"
-            raise ModelError([Problem(file=str(path), line=number, found=line[:60], expected=expected)]) from None
+            raise ModelError([Problem(file=str(path), line=place, found=line[:60], expected=expected)]) from None
     raise ModelError([Problem(message="its lines have different lengths", file=str(path))])
 
 
@@ -207,6 +206,8 @@ def _reference(path: Path, reconstruction: Mapping[str, Any]) -> FloatArray | No
         return None
     try:
         place = _finite(np.array([float(content[key]) for key in ("latitude", "longitude", "altitude")]))
+        if (np.abs(place) > (90.0, 360.0, FAR)).any():
+            raise ValueError("no place")
     except (KeyError, TypeError, ValueError):
         message = "latitude, longitude, altitude of its reference are not all there as numbers"
         raise ModelError([Problem(message=message, file=str(path))]) from None
@@ -217,13 +218,15 @@ def _reference(path: Path, reconstruction: Mapping[str, Any]) -> FloatArray | No
     return out
 
 
-def _positions(shots: Mapping[str, Mapping[str, Any]], to_geocentric: FloatArray | None) -> FloatArray:
+def _positions(path: Path, shots: Mapping[str, Mapping[str, Any]], to_geocentric: FloatArray | None) -> FloatArray:
     """Return longitude, latitude (degrees) and height of shots by their receivers; NaN where these say none."""
-    local = np.full((len(shots), 3), np.nan)
-    for row, shot in enumerate(shots.values()):
-        with suppress(KeyError, TypeError, ValueError):
-            local[row] = np.nan if shot["gps_dop"] > _NO_GPS else shot["gps_position"]
-    if to_geocentric is None or np.isnan(local).all():
-        return np.full(local.shape, np.nan)
-    at = geographic(_WGS84, local @ to_geocentric[:3, :3].T + to_geocentric[:3, 3])
+    stated = {
+        name: shot
+        for name, shot in shots.items()
+        if shot.get("gps_position") is not None and not number(str(shot.get("gps_dop"))) > _NO_GPS
+    }
+    at, local = np.full((len(shots), 3), np.nan), _numbers(path, stated, "shot", "gps_position")
+    if to_geocentric is not None and stated:
+        row, _ = links(list(stated), list(shots))
+        at[row] = geographic(_WGS84, local @ to_geocentric[:3, :3].T + to_geocentric[:3, 3])
     return at[:, [1, 0, 2]] / [DEGREE, DEGREE, 1.0]
