@@ -16,7 +16,7 @@ import time
 import pytest
 
 from musatpy.listings import Rules, compare_texts, parse_rules
-from musatpy.listings.output import json_text, junit_text
+from musatpy.listings.findings import json_text, junit_text
 
 LINES = 100_000
 PAGE = 55

@@ -19,7 +19,7 @@ from musatpy.campaign.batch_jobs import BatchJob, JobOutcome, sha256_of
 from musatpy.campaign.manifest import decks_in
 from musatpy.errors import MusatError, printable
 from musatpy.listings import CannotCompareError, Difference, Rules, compare_bytes, load_rules
-from musatpy.listings.output import Style, json_text, junit_document, junit_suite, plain, render
+from musatpy.listings.findings import Style, json_text, junit_document, junit_suite, plain, render
 
 SCHEMA_VERSION = "1.0"
 Likeness = Literal["identical", "within the rules", "different", "failed"]

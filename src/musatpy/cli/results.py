@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -85,16 +85,13 @@ def _pictures_beginning(ctx: click.Context, param: click.Parameter, text: str) -
 @click.pass_context
 def plot_command(
     ctx: click.Context,
+    /,
     records: tuple[Path, ...],
     out_dir: Path | None,
     names: tuple[str, ...],
-    line: Path | None,
-    soundings: Path | None,
-    within: float | None,
-    datum: float,
-    crs: str,
     quiet: bool,
     form: ImageForm,
+    **given: Any,
 ) -> None:
     """Draw the pictures of each RECORD, NAME.json of a run or a compilation, as NAME.PICTURE.svg.
 
@@ -108,7 +105,7 @@ def plot_command(
     with options.usage_errors():
         check_names(names)
         check_stems(records, out_dir)
-    profile = profile_of(line, soundings, crs, datum, within) if line or soundings or within else None
+    profile = profile_of(**given) if any(given[name] for name in ("line", "soundings", "within")) else None
     failed = False
     for record in records:
         try:
@@ -271,7 +268,7 @@ def diff_command(
     """
     from musatpy.files import write_files
     from musatpy.listings import compare_bytes, rounding_rules
-    from musatpy.listings.output import json_text, junit_of_problems, junit_text, render, verdict
+    from musatpy.listings.findings import json_text, junit_of_problems, junit_text, render, verdict
 
     names = str(first), str(second)
     try:

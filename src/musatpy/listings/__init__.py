@@ -9,28 +9,10 @@ from __future__ import annotations
 from decimal import localcontext
 from pathlib import Path
 
-from musatpy.listings.findings import Difference, Discrepancy, PagePlace, RuleUse, SectionSummary
-from musatpy.listings.judge import EXACTLY
+from musatpy.listings.findings import Difference, Discrepancy, PagePlace, SectionSummary
 from musatpy.listings.lines import CannotCompareError, text_of
-from musatpy.listings.rules import Rules, RulesError, load_rules, parse_rules, rounding_rules
+from musatpy.listings.rules import EXACTLY, Rules, RulesError, RuleUse, load_rules, parse_rules, rounding_rules
 from musatpy.listings.weighing import compare_listings
-
-__all__ = [
-    "CannotCompareError",
-    "Difference",
-    "Discrepancy",
-    "PagePlace",
-    "RuleUse",
-    "Rules",
-    "RulesError",
-    "SectionSummary",
-    "compare_bytes",
-    "compare_files",
-    "compare_texts",
-    "load_rules",
-    "parse_rules",
-    "rounding_rules",
-]
 
 
 def compare_files(a: str | Path, b: str | Path, rules: Rules | str | Path | None = None) -> Difference:

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from musatpy.errors import RecordError
-from musatpy.listings.findings import Difference, RuleUse
+from musatpy.listings.findings import Difference
 from musatpy.listings.lines import CUT, CannotCompareError, PrintedLine, paper_of
 from musatpy.listings.records import is_number, read_json
-from musatpy.listings.rules import Rules
+from musatpy.listings.rules import Rules, RuleUse
 from musatpy.listings.sections import ListingRow, ListingSection, numbered, sections_of, squeezed
 from musatpy.listings.tokens import PlacedToken, tokens_of
 from musatpy.listings.weighing import compare_rows, overflows

@@ -9,10 +9,9 @@ from decimal import Decimal
 from functools import cache
 from typing import Any, NamedTuple
 
-from musatpy.listings.findings import Difference, PagePlace, RuleUse
-from musatpy.listings.judge import FieldSpot, RuleSet, Spot, still_open
+from musatpy.listings.findings import Difference, PagePlace
 from musatpy.listings.lines import CannotCompareError
-from musatpy.listings.rules import Rules
+from musatpy.listings.rules import FieldSpot, Rules, RuleSet, RuleUse, Spot, still_open
 from musatpy.listings.tokens import PlacedToken, Token
 from musatpy.listings.weighing import Cell, SectionComparison
 from musatpy.reports.values import at

@@ -14,10 +14,13 @@ from itertools import zip_longest
 from typing import Any, NamedTuple
 
 from musatpy.errors import count_of
-from musatpy.listings.findings import Difference, Discrepancy, FindingKind, PagePlace, RuleUse, SectionSummary
-from musatpy.listings.judge import (
+from musatpy.listings.findings import Difference, Discrepancy, FindingKind, PagePlace, SectionSummary
+from musatpy.listings.lines import PrintedLine, paper_of
+from musatpy.listings.rules import (
     FieldSpot,
+    Rules,
     RuleSet,
+    RuleUse,
     Spot,
     allows,
     decider,
@@ -25,11 +28,8 @@ from musatpy.listings.judge import (
     of_row,
     of_section,
     passes,
-    read_angles,
     still_open,
 )
-from musatpy.listings.lines import PrintedLine, paper_of
-from musatpy.listings.rules import Rules
 from musatpy.listings.sections import PHOTO, POINT, ListingRow, ListingSection, numbered, sections_of
 from musatpy.listings.tokens import PlacedToken, Token
 
@@ -371,7 +371,8 @@ class _Sections(SectionComparison):
         return texts[0] == texts[1] or (not self.in_columns and texts[0].split() == texts[1].split())
 
     def cells(self, a: ListingRow, b: ListingRow, among: RuleSet) -> Iterator[Cell]:
-        angles = a.block >= 0 and (self.a.angles or self.b.angles or read_angles(among))
+        of_angles = any(use.rule.arcsec is not None and use.rule.angle == "dms" for use in among)
+        angles = a.block >= 0 and (self.a.angles or self.b.angles or of_angles)
         first, second = (
             dict(section.cells(row.line.text, angles=angles))
             for section, row in zip(self.sections, (a, b), strict=True)

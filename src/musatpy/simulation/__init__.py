@@ -3,14 +3,3 @@
 from musatpy.simulation.simulate import Simulation, Truth, simulate
 from musatpy.simulation.simulation_spec import SimulationSpec, load_spec, spec_from_table
 from musatpy.simulation.truth import truth_json, truth_record
-
-__all__ = [
-    "Simulation",
-    "SimulationSpec",
-    "Truth",
-    "load_spec",
-    "simulate",
-    "spec_from_table",
-    "truth_json",
-    "truth_record",
-]

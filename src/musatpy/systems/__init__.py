@@ -3,18 +3,3 @@
 from musatpy.model import SystemSpec
 from musatpy.systems.blocks import Stated, StatedSolution, entered, stated, stated_solution
 from musatpy.systems.statement import Axes, Sigmas, Statement, own_statement, statement_of, statement_on
-
-__all__ = [
-    "Axes",
-    "Sigmas",
-    "Stated",
-    "StatedSolution",
-    "Statement",
-    "SystemSpec",
-    "entered",
-    "own_statement",
-    "stated",
-    "stated_solution",
-    "statement_of",
-    "statement_on",
-]

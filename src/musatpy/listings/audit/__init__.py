@@ -5,5 +5,3 @@ Legacy listings, scanned ones included, and our own are read alike: by titles, l
 
 from musatpy.listings.audit.against import SideBySide, side_by_side
 from musatpy.listings.audit.reading import Listing, audit, listing_of, read_listing
-
-__all__ = ["Listing", "SideBySide", "audit", "listing_of", "read_listing", "side_by_side"]
