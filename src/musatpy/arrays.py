@@ -18,6 +18,12 @@ ByteArray = NDArray[np.uint8]
 Result = TypeVar("Result")
 
 
+def rms(values: FloatArray) -> float:
+    """Return the root mean square of what is known of values, NaN of nothing."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(np.square(known)))) if len(known) else np.nan
+
+
 def in_parts(
     work: Callable[[IntArray], Result], rows: IntArray, refusal: type[Exception]
 ) -> Iterator[tuple[IntArray, Result | None]]:

@@ -67,11 +67,12 @@ def search(
 ) -> BlunderSearch:
     """Return what is wrong with a block, whose rays the waves of a `sea` may refract.
 
-    Without an `effort` it is that of an explicit search.
+    Without an `effort` it is that of a search that is asked for: some hundred steps of an adjustment.
 
     Raises `AdjustmentError` where the block cannot be adjusted, `SingularNormalsError`, and `SearchLimitError`.
     """
-    effort = effort or explicit_effort(block)
+    steps = _EFFORT + _FOR_PHOTO * len(block.photos.ids)
+    effort = effort or Effort(left=LEAST + steps * (STEP + len(block.plates.point)))
     begin(progress, "search for blunders: robust weights")
     start, given = best_start(block, progress, sea, effort)
     best = _begun(start, sea)
@@ -96,12 +97,6 @@ def search(
     return BlunderSearch(
         block=block, case=best.case, last=best.last, lookalikes=alike, renamings=renamings, flags=flags
     )
-
-
-def explicit_effort(block: Block) -> Effort:
-    """Return what a search may spend that is asked for: some hundred steps of an adjustment."""
-    steps = _EFFORT + _FOR_PHOTO * len(block.photos.ids)
-    return Effort(left=LEAST + steps * (STEP + len(block.plates.point)))
 
 
 def usual_effort(block: Block, solution: Solution | None, times: float) -> Effort:

@@ -151,18 +151,19 @@ def _computed(block: Block, revision: Hypothesis | None, sea: Sea | None, effort
     """
     if revision is not None:
         block = revised(block, revision)
-    nothing = np.full((len(block.photos.ids), 3), np.nan)
-    alone = replace(
-        block,
-        options=replace(block.options, initial=Initial.COMPUTE),
-        photos=replace(block.photos, position_sigma=nothing, attitude_sigma=nothing),
-    )
+    alone = replace(_unobserved(block), options=replace(block.options, initial=Initial.COMPUTE))
     try:
         scene, state = staged(alone, None, sea, effort)
         scene, state = rebuilt(scene, standing(block, scene.block.photos), state, sea)
     except (AdjustmentError, *GIVEN_UP):
         return None
     return replace(first_case(block, scene, state), taken=() if revision is None else (revision,))
+
+
+def _unobserved(block: Block) -> Block:
+    """Return the block with stations that are given, and not observed."""
+    nothing = np.full((block.photos.count, 3), np.nan)
+    return replace(block, photos=replace(block.photos, position_sigma=nothing, attitude_sigma=nothing))
 
 
 def _misfit(start: Case) -> float:
@@ -256,8 +257,7 @@ def likely(block: Block, found: set[str] | None, effort: Effort) -> Iterator[Hyp
     counts = finite_rows(block.photos.position) & (
         np.isfinite(block.photos.position_sigma).any(axis=1) | (block.options.initial is not Initial.COMPUTE)
     )
-    nothing = np.full((len(counts), 3), np.nan)
-    alone = replace(block, photos=replace(block.photos, position_sigma=nothing, attitude_sigma=nothing))
+    alone = _unobserved(block)
     sights = sights_of(alone)
     effort.spend_start(len(counts))
     models = models_of(alone, sights)

@@ -149,16 +149,12 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
         other = None if type(punched) is DeckFamily else punched
         own = options.formats is not None and other is not None and punched.name == real_path(options.formats).name
     family = card_family(None if own else options.formats)
-    return {
+    same = ("carriage_control", "brief", "csv", "flags", "punch_edits")
+    return {name: getattr(options, name) for name in same} | {
         "family": family,
         "settings": settings_of(options.settings, family),
-        "carriage_control": options.carriage_control,
-        "brief": options.brief,
-        "csv": options.csv,
-        "flags": options.flags,
         "record": RecordContent(options.record or RecordContent.FULL),
         "causes": CauseSearch(options.causes or CauseSearch.USUAL),
-        "punch_edits": options.punch_edits,
         "punch": punch,
         "punch_family": other,
     }
@@ -181,13 +177,8 @@ def _punch(options: JobOptions) -> Any:
     if options.punch is None:
         return None
     try:
-        return Punch.of(
-            options.punch,
-            points=options.punch_points,
-            kind=options.punch_kind,
-            sigmas=options.punch_sigmas,
-            plates=options.punch_plates,
-        )
+        of_punch = {name: getattr(options, f"punch_{name}") for name in ("points", "kind", "sigmas", "plates")}
+        return Punch.of(options.punch, **of_punch)
     except ValueError as error:
         raise MusatError(str(error)) from error
 

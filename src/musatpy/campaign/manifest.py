@@ -129,11 +129,6 @@ def check_jobs(jobs: Sequence[BatchJob], also: Iterable[Path] = ()) -> None:
             written[place] = f"those of {job.deck}"
 
 
-def is_texts(value: Any) -> bool:
-    """Tell whether a value is a list of texts."""
-    return isinstance(value, list) and all(isinstance(entry, str) for entry in value)
-
-
 def _decks(value: Any) -> tuple[str, ...]:
     decks = [value] if isinstance(value, str) else value
     fits = isinstance(decks, list) and bool(decks) and all(isinstance(name, str) and name for name in decks)
@@ -157,8 +152,9 @@ class _JobKeys(JobOptions):
         known = keys(JobOptions)
         given = {known[name].name: value for name, value in table.items() if name in known}
         settings = given.pop("settings", [])
+        are_texts = isinstance(settings, list) and all(isinstance(text, str) for text in settings)
         try:
-            options = JobOptions(**given, settings=tuple(settings) if is_texts(settings) else ())
+            options = JobOptions(**given, settings=tuple(settings) if are_texts else ())
             options.arguments()
         except MusatError as error:
             yield "", str(error)

@@ -31,13 +31,12 @@ STREAM = Path("-")  # as a deck: the standard input; as an output: the standard 
 
 def _source_of(deck: Path) -> Path | bytes:
     """Return where a deck is read from: its path, or of `-` the bytes of the standard input."""
-    return sys.stdin.buffer.read() if deck == STREAM else deck
+    return data_of(deck) if deck == STREAM else deck
 
 
 def data_of(deck: Path) -> bytes:
     """Return the bytes of a deck, or of the standard input."""
-    source = _source_of(deck)
-    return source if isinstance(source, bytes) else source.read_bytes()
+    return sys.stdin.buffer.read() if deck == STREAM else deck.read_bytes()
 
 
 def write_deck(path: Path, data: bytes) -> None:

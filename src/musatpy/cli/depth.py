@@ -123,28 +123,20 @@ def index_by(given: dict[str, Any], cameras: CameraStations | None = None) -> fl
     from musatpy.model import WaterConditions
     from musatpy.model.water import index_fault
 
-    index, temperature, salinity, chlorinity, wavelength, formula = (
-        given[name] for name in ("index", "temperature", "salinity", "chlorinity", "wavelength", "formula")
-    )
-    conditions = (temperature, salinity, chlorinity, wavelength, formula)
+    index, names = given["index"], ("temperature", "salinity", "chlorinity", "wavelength", "formula")
+    stated = {name: given[name] for name in names if given[name] is not None}
     if index is not None:
-        if any(value is not None for value in conditions):
+        if stated:
             raise click.UsageError("--index and conditions of the water: one or the other, not both")
         if fault := index_fault(index, given["liquid"]):
             raise click.UsageError(f"--index: {fault}" + ("" if given["liquid"] else " by --liquid"))
         return float(index)
-    if cameras is not None and cameras.index is not None and all(value is None for value in conditions):
+    if cameras is not None and cameras.index is not None and not stated:
         return cameras.index
-    if temperature is None or wavelength is None or (salinity is None) == (chlorinity is None):
+    if not {"temperature", "wavelength"} <= stated.keys() or ("salinity" in stated) == ("chlorinity" in stated):
         needed = "--temperature, --wavelength and --salinity or --chlorinity"
         raise click.UsageError(f"the water is not known: --index is needed, or {needed}")
-    water = WaterConditions(
-        temperature=temperature,
-        salinity=salinity,
-        chlorinity=chlorinity,
-        wavelength=wavelength,
-        formula=formula or "",
-    )
+    water = WaterConditions(**stated)
     wrong = [f"--{name}: {message}" for name, message in faults(water)]
     if wrong:
         raise click.UsageError("; ".join(wrong))

@@ -202,8 +202,8 @@ def _data(tables: Tables) -> Iterator[Part]:
     }
     yield Facts(
         [
-            Fact(label, _plain(values[0]), detail=details.get(label, ""))
-            for label, values in _known(iterations.SUMMARY.numbers(tables)).items()
+            Fact(label, f"{value:,}" if isinstance(value, int) else significant(value), details.get(label, ""))
+            for label, (value, *_) in _known(iterations.SUMMARY.numbers(tables)).items()
             if not label.startswith(_BY_KIND) or label in details
         ]
     )
@@ -215,10 +215,6 @@ def _known(labels: Mapping[str, Sequence[float | None]]) -> dict[str, list[float
     """Return labels with the numbers that a record has of them."""
     known = {label: [value for value in values if value is not None] for label, values in labels.items()}
     return {label: values for label, values in known.items() if values}
-
-
-def _plain(value: Any) -> str:
-    return f"{value:,}" if isinstance(value, int) else significant(value)
 
 
 def _left_out(tables: Tables) -> Iterator[Part]:

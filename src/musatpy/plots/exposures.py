@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, TextArray
+from musatpy.arrays import FloatArray, TextArray, rms
 from musatpy.figures import BAND, GREY, INK, LETTER, WET, add_bar, name_rows, name_ticks, new_panels, shades
 from musatpy.plots.maps import NORMAL, add_arrows, dress, name_places, view_of
-from musatpy.plots.picture import NothingToShowError, Picture, counted, measure, rms
+from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
 from musatpy.plots.plane import MapPlane, plane_of, turned
 from musatpy.records.tables import Tables, numbers, part, texts
 

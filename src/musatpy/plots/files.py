@@ -72,7 +72,7 @@ def profile_of(
     """
     return profile_picture(
         None if line is None else given_line(line, crs),
-        None if soundings is None else given_soundings(soundings, crs, datum),
+        None if soundings is None else partial(_soundings_on, soundings, crs, datum),
         within,
     )
 
@@ -138,14 +138,6 @@ def given_line(path: Path, crs: str = "") -> Callable[[MapPlane], ProfileLine]:
     return partial(_line_on, path, vertices[0][:, :2], False, layers[0].crs or stated)
 
 
-def given_soundings(path: Path, crs: str = "", datum: float = 0.0) -> Callable[[MapPlane], SoundedPlaces]:
-    """Return the soundings of a file, on any plane; `datum` is the height (m) from which depths count.
-
-    Raises as `given_line`.
-    """
-    return partial(_soundings_on, path, crs, datum)
-
-
 def _line_on(path: Path, xy: FloatArray, angular: bool, crs: pyproj.CRS | None, plane: MapPlane) -> ProfileLine:
     places = _on_plane(path, xy, angular, crs, plane)
     apart = np.append(True, np.linalg.norm(np.diff(places, axis=0), axis=1) > 0.0)
@@ -155,6 +147,7 @@ def _line_on(path: Path, xy: FloatArray, angular: bool, crs: pyproj.CRS | None, 
 
 
 def _soundings_on(path: Path, crs: str, datum: float, plane: MapPlane) -> SoundedPlaces:
+    """Return the soundings of a file on a plane; `datum` is the height (m) from which depths count."""
     soundings = read_soundings(path, plane.system.ellipsoid, crs="" if plane.own and not crs else crs)
     places = _on_plane(path, soundings.place, soundings.angular, None, plane)
     return SoundedPlaces(places=places, height=datum - soundings.depth, sigma=soundings.sigma)

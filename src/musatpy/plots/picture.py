@@ -8,7 +8,6 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
 from musatpy.figures import lay_out, styled
 from musatpy.records.tables import Tables, part
 
@@ -75,9 +74,3 @@ def measure(value: float, unit: str) -> str:
         return f"0 {unit}".rstrip()
     digits = np.clip(2 - np.floor(np.log10(abs(value))), 0, 4) if np.isfinite(value) else 0
     return f"{value:z.{int(digits)}f} {unit}".rstrip()
-
-
-def rms(values: FloatArray) -> float:
-    """Return the root mean square of what is known of values, NaN of nothing."""
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(np.square(known)))) if len(known) else np.nan

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, rms
 from musatpy.figures import DRY, GREY, INK, LIGHT, WET, new_panels
 from musatpy.plots.maps import NORMAL, add_key, draw_rings, magnification, quiver, spacing
-from musatpy.plots.picture import NothingToShowError, Picture, counted, measure, rms
+from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
 from musatpy.plots.plane import frames
 from musatpy.records.tables import Tables, flags, numbers, part, rows_of, texts
 from musatpy.units import MICROMETRE
@@ -309,21 +309,6 @@ class Residuals:
     kind: str
     values: FloatArray
 
-    @property
-    def deviation(self) -> float:
-        """Their root mean square: 1 where the sigmas given are right."""
-        return float(np.sqrt(np.mean(np.square(self.values))))
-
-    def beyond(self, limit: float) -> float:
-        """Return the share that is larger than a limit."""
-        return float(np.mean(np.abs(self.values) > limit))
-
-
-def normal_quantiles(number: int) -> FloatArray:
-    """Return where the values of a standard normal sample, growing, are expected: at (i - 1/2)/n."""
-    normal = NormalDist()  # scipy's would have to be loaded, for this alone
-    return np.array([normal.inv_cdf((row + 0.5) / number) for row in range(number)])
-
 
 def residuals_by_kind(tables: Tables) -> list[Residuals]:
     """Return the residuals of each kind that has some. Raises `NothingToShowError` where none has."""
@@ -343,8 +328,9 @@ def residuals_by_kind(tables: Tables) -> list[Residuals]:
 def normalised_sentence(data: list[Residuals]) -> str:
     """Return what the histograms say."""
     parts = [
-        f"{of_kind.kind}: {counted(len(of_kind.values), 'residual')}, root mean square {of_kind.deviation:.2f}, "
-        f"{of_kind.beyond(NORMAL):.1%} beyond {NORMAL:g} (5 % expected), largest {np.abs(of_kind.values).max():.2f}"
+        f"{of_kind.kind}: {counted(len(of_kind.values), 'residual')}, root mean square {rms(of_kind.values):.2f}, "
+        f"{np.mean(np.abs(of_kind.values) > NORMAL):.1%} beyond {NORMAL:g} (5 % expected), "
+        f"largest {np.abs(of_kind.values).max():.2f}"
         for of_kind in data
     ]
     return "Residuals over their own sigmas; " + "; ".join(parts) + "."
@@ -372,12 +358,13 @@ def _draw_bars(axes: Any, of_kind: Residuals) -> None:
     axes.plot(x, curve, "-", color=WET, linewidth=1.4, label="normal distribution")
     for limit in (-_FAR, _FAR):
         axes.axvline(limit, color=DRY, linestyle="--", label="99.9 %")
-    axes.set(ylabel="residuals", title=f"{of_kind.kind}: {len(of_kind.values):,}, RMS {of_kind.deviation:.2f}")
+    axes.set(ylabel="residuals", title=f"{of_kind.kind}: {len(of_kind.values):,}, RMS {rms(of_kind.values):.2f}")
     axes.locator_params(axis="y", nbins=4, integer=True)
 
 
 def _draw_quantiles(axes: Any, of_kind: Residuals) -> None:
-    expected = normal_quantiles(len(of_kind.values))
+    normal, number = NormalDist(), len(of_kind.values)  # scipy's would have to be loaded, for this alone
+    expected = [normal.inv_cdf((row + 0.5) / number) for row in range(number)]
     ends = [expected[0] - 0.3, expected[-1] + 0.3]
     axes.plot(ends, ends, "-", color=WET, linewidth=1.4)
     axes.plot(expected, of_kind.values, ".", color=INK, label="quantiles")

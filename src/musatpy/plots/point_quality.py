@@ -121,12 +121,6 @@ class RedundancyMap:
     plates: FloatArray  # (m,) redundancy numbers of all plate coordinates
 
 
-def means_of(row: IntArray, values: FloatArray, number: int) -> FloatArray:
-    """Return the means (number,) of values (m,) by their rows (m,), NaN of a row without any."""
-    count = np.bincount(row, minlength=number)
-    return np.bincount(row, values, number) / np.where(count, count, np.nan)
-
-
 def redundancy_map(tables: Tables) -> RedundancyMap:
     """Return rays and redundancy. Raises `NothingToShowError` where no image took part."""
     block, points, observed = point_map(tables), part(tables, "points"), part(tables, "observations")
@@ -140,13 +134,13 @@ def redundancy_map(tables: Tables) -> RedundancyMap:
     plates, row = plates[row >= 0], row[row >= 0]
     if not len(plates):
         raise NothingToShowError("no observed point is in the record")
-    numbers_of_plates = numbers(observed, "redundancy")[plates]
+    numbers_of_plates, images = numbers(observed, "redundancy")[plates], np.bincount(row, minlength=len(ids))
     return RedundancyMap(
         block=block,
         ids=ids,
         submerged=flags(points, "bathymetric"),
         rays=np.nan_to_num(numbers(points, "rays")).astype(np.int64),
-        redundancy=means_of(row, numbers_of_plates, len(ids)),
+        redundancy=np.bincount(row, numbers_of_plates, len(ids)) / np.where(images, images, np.nan),
         plates=numbers_of_plates,
     )
 

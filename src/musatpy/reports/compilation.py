@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, rms
 from musatpy.model.tables import POSITION_UNIT
 from musatpy.reports import analyses, compilation_bottom, compilation_points, headline, job_record
 from musatpy.reports.answer import MARKS, verdict_section
@@ -81,7 +81,7 @@ MODELS: Each[CompilationReport, CompiledModel] = Each(
         Field("working_origin", "3 number", "of the working axes", "stereo.run.frame.origin", unit="m", exact=True),
         Field("points", "integer", "readings", lambda m: len(m.rows), "Points", "I6"),
         Field("compiled", "integer", "of these with a position", lambda m: len(m.rows) - len(m.points.reasons)),
-        Field("y_parallax", "number?", "root mean square of all points", lambda m: _rms(m.points.y_parallax),
+        Field("y_parallax", "number?", "root mean square of all points", lambda m: rms(m.points.y_parallax),
               "RMS py\num", "F7.2"),
     ),
 )  # fmt: skip
@@ -91,7 +91,7 @@ SHORELINES: Each[CompilationReport, tuple[str, FloatArray]] = Each(
         identity("model", lambda s: s[0]),
         Field("points", "integer", "on the shoreline", lambda s: len(s[1]), "Points", "I6"),
         Field("mean", "number", "of the heights", lambda s: s[1].mean(), "Mean\nm", "F8.3"),
-        Field("rms", "number", "root mean square", lambda s: _rms(s[1]), "RMS\nm", "F8.3"),
+        Field("rms", "number", "root mean square", lambda s: rms(s[1]), "RMS\nm", "F8.3"),
         Field("largest", "number", "signed, of the largest magnitude", lambda s: s[1][np.abs(s[1]).argmax()],
               "Largest\nm", "F8.3"),
     ),
@@ -275,11 +275,6 @@ def _shorelines(compiled: Compiled) -> list[tuple[str, FloatArray]]:
         for model in compiled.models
     )
     return [(name, heights) for name, heights in of_models if len(heights)]
-
-
-def _rms(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(np.square(known)))) if len(known) else np.nan
 
 
 # --- the listing ---

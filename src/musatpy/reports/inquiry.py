@@ -13,10 +13,10 @@ from musatpy.records.inquiry import About, InquiredImages
 from musatpy.reports.editing import edited, number_text
 from musatpy.reports.pages import text_of, wrapped
 from musatpy.reports.table import sheet
+from musatpy.statistics.analyses import axes_of
 from musatpy.units import ARC_SECOND, DEGREE
 
 _IMAGES, _NEIGHBOURS, _CAUSES, _ALONE = 12, 6, 3, 12  # of each that are shown
-_ENU, _XYZ = ("East", "North", "Up"), ("X", "Y", "Z")
 _STATUS = {"not_determined": "without a position"}
 
 
@@ -27,7 +27,7 @@ def inquiry_text(record: Mapping[str, Any], about: About) -> str:
     title = f": {record['titles'][0]}" if record["titles"] else ""
     run = f"{record['verdict']['grade']}{sigma0}, MUSAT-{options['program']}, refraction {options['refraction']}"
     lines = [f"{'PHOTO' if about.is_photo else 'POINT'} {about.name}{title}", run, ""]
-    axes = _XYZ if options["system"] == "LOCL" else _ENU
+    axes = axes_of(options["system"])
     lines += (_station if about.is_photo else _point)(about, options["system"], axes)
     lines += [*_images(about, axes), *_others(about, axes), *_without(about), *_causes(about), *_neighbours(about)]
     return text_of(lines)
@@ -50,7 +50,7 @@ def _position(position: Any, sigma: Any, system: str, axes: tuple[str, ...]) -> 
     if system == "GEOG":
         names, edits = ("Latitude", "Longitude", "Height"), ("S20.5", "S20.5", "F11.3")
     else:
-        names, edits = _XYZ, ("F15.3",) * 3
+        names, edits = ("X", "Y", "Z"), ("F15.3",) * 3
     texts = [" ".join(number_text(edit, value).split()) for edit, value in zip(edits, position, strict=True)]
     parts = [f"{name} {text}" for name, text in zip(names, texts, strict=True)]
     yield f"{', '.join(parts)} m"

@@ -56,8 +56,8 @@ WORDS: tuple[Field[Words], ...] = (
           choices=("DMS", "DEG", "GON", "RAD")),
     Field("sigmas", "enum", "what the sigmas of cards and listing are of", "spec.sigmas", choices=("LOCL", "SYST")),
     Field("text", "string", "all this in words", "statement.text"),
-    Field("coordinates", "3 string", "names of the coordinates", "names"),
-    Field("coordinate_units", "3 string", "their units in this record", "units"),
+    Field("coordinates", "3 string", "names of the coordinates", "statement.system.names"),
+    Field("coordinate_units", "3 string", "their units in this record", "statement.system.units"),
 )  # fmt: skip
 _COORDINATES = "that of the coordinates"
 

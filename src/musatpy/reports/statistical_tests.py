@@ -261,7 +261,7 @@ def sections(statistics: Statistics) -> list[Section]:
     sections += [section for report, note in tables if (section := _ranked(report, statistics, note)).worst]
     plane, unit, words = "", "m", statistics.answer_words
     if words and words.has_plane:  # that ellipses are in
-        plane, unit = ", In The Plane Of The System", words.units[0][:14]
+        plane, unit = ", In The Plane Of The System", words.statement.system.units[0][:14]
     return [*sections, *(_ranked(_ellipses(kind, unit), statistics, title=plane) for kind in ("station", "point"))]
 
 

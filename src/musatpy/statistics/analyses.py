@@ -49,16 +49,12 @@ class DifferenceStatistics:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Analysis:
-    """The differences of three components, and the statistics of each.
+    """The differences of three components, and the statistics of each; NaN of what is not part of its sample."""
 
-    Rows are those of `ids`; a component that is not part of its sample is NaN.
-    """
-
-    components: tuple[str, str, str]
-    units: tuple[str, str, str]  # "rad" or "m"
-    ids: TextArray  # (n,)
+    components: tuple[str, ...]
+    units: tuple[str, ...]  # "rad" or "m"
     differences: FloatArray  # (n, 3)
-    statistics: tuple[DifferenceStatistics, DifferenceStatistics, DifferenceStatistics]
+    statistics: tuple[DifferenceStatistics, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,7 +63,7 @@ class PlateStatistics:
 
     count: IntArray  # (n, 3) points
     rms: FloatArray  # (n, 3, 2) mm, x and y; NaN where there is no point of the kind
-    largest: tuple[int, int, int]  # photo of the largest sqrt(x^2 + y^2) of each kind, -1 where there is none
+    largest: tuple[int, ...]  # photo of the largest sqrt(x^2 + y^2) of each kind, -1 where there is none
     total_count: IntArray  # (3,)
     total_rms: FloatArray  # (3, 2) mm
 
@@ -88,8 +84,6 @@ class Words:
 
     spec: model.SystemSpec
     statement: Statement
-    names: tuple[str, str, str]  # of the coordinates
-    units: tuple[str, str, str]
     has_plane: bool  # error ellipses are in the plane of the first two coordinates, not across the vertical
 
 
@@ -164,11 +158,10 @@ class Statistics(Quality):
             np.add.at(sums[:, column], photo[kind], residual[kind] ** 2)
         rms = _root_mean(sums, count)
         total_count = count.sum(axis=0, dtype=np.int64)
-        first, second, third = (_largest(rms[:, kind]) for kind in range(3))
         return PlateStatistics(
             count=count,
             rms=rms,
-            largest=(first, second, third),
+            largest=tuple(_largest(rms[:, kind]) for kind in range(3)),
             total_count=total_count,
             total_rms=_root_mean(sums.sum(axis=0), total_count),
         )
@@ -204,19 +197,21 @@ class Statistics(Quality):
 
         return stated_solution(self.solution, self.answer_words.statement)
 
+    @property
+    def _in_plane(self) -> StatedSolution | None:
+        """The answer, where error ellipses are in the plane of its system."""
+        return self.answer if self.answer_words is not None and self.answer_words.has_plane else None
+
     @cached_property
     def point_ellipses(self) -> Ellipses:
         """Error ellipses of the ground points, in the plane of `Words.has_plane` or across the vertical."""
-        if self.answer is None or self.answer_words is None or not self.answer_words.has_plane:
-            return ellipses(self.solution.points.covariance)
-        return ellipses(self.answer.point_covariance)
+        return ellipses(self._in_plane.point_covariance if self._in_plane else self.solution.points.covariance)
 
     @cached_property
     def station_ellipses(self) -> Ellipses:
         """Error ellipses of the exposure stations, likewise."""
-        if self.answer is None or self.answer_words is None or not self.answer_words.has_plane:
-            return ellipses(self.solution.stations.covariance[:, :3, :3])
-        return ellipses(self.answer.covariance[:, :3, :3])
+        covariance = self._in_plane.covariance if self._in_plane else self.solution.stations.covariance
+        return ellipses(covariance[:, :3, :3])
 
     @cached_property
     def sounding_kinds(self) -> IntArray:
@@ -280,14 +275,11 @@ def difference_statistics(differences: ArrayLike, ids: ArrayLike) -> DifferenceS
 
 def analysis_of(components: dict[str, str], ids: TextArray, differences: FloatArray) -> Analysis:
     """Return the analysis of differences (n, 3) of three components, given by name and unit."""
-    first, second, third = components
-    x, y, z = (difference_statistics(column, ids) for column in differences.T)
     return Analysis(
-        components=(first, second, third),
-        units=(components[first], components[second], components[third]),
-        ids=ids,
+        components=tuple(components),
+        units=tuple(components.values()),
         differences=differences,
-        statistics=(x, y, z),
+        statistics=tuple(difference_statistics(column, ids) for column in differences.T),
     )
 
 
@@ -327,13 +319,7 @@ def words_of(spec: model.SystemSpec | None, block: model.Block) -> Words | None:
     from musatpy.systems import statement_of
 
     statement = statement_of(spec, block)
-    return Words(
-        spec=spec,
-        statement=statement,
-        names=statement.system.names,
-        units=statement.system.units,
-        has_plane=spec.sigmas == "SYST" and statement.system.plane,
-    )
+    return Words(spec=spec, statement=statement, has_plane=spec.sigmas == "SYST" and statement.system.plane)
 
 
 def ellipses(covariance: FloatArray) -> Ellipses:
