@@ -12,19 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli import options
-from musatpy.cli.messages import (
-    QUIET,
-    asked,
-    complain,
-    complain_of,
-    complain_of_each,
-    complain_of_error,
-    name_of,
-    styled,
-    tell,
-    tell_as_is,
-)
+from musatpy.cli import messages, options
 from musatpy.cli.options import FILE, FOLDER, LazyGroup, flag, option, options_of
 from musatpy.cli.progress import Display
 from musatpy.cli.run import check_shown, shown_options
@@ -80,18 +68,18 @@ def _tell_of_trouble(
         if n in expected:
             continue
         if not (known and outcome.kept):
-            complain_of(outcome.problems)
-        if outcome.message and not (asked(QUIET) and outcome.state is JobState.UNUSABLE):
-            complain(f"{name_of(job.deck)}: {outcome.state}: {outcome.message}")
-    complain_of_each(None, result.notes)
+            messages.complain_of(outcome.problems)
+        if outcome.message and not (messages.asked(messages.QUIET) and outcome.state is JobState.UNUSABLE):
+            messages.complain(f"{messages.name_of(job.deck)}: {outcome.state}: {outcome.message}")
+    messages.complain_of_each(None, result.notes)
     warnings = sum(len(outcome.problems) for outcome in result.outcomes if outcome.kept)
-    if known and warnings and not asked(QUIET):
-        complain(
+    if known and warnings and not messages.asked(messages.QUIET):
+        messages.complain(
             f"{count_of(warnings, 'warning')} of jobs that were kept from an earlier run; --warnings prints them"
         )
     if result.interrupted:
         kept = "; what is finished is kept, and the same command goes on from there" if resumable else ""
-        complain(f"interrupted{kept}")
+        messages.complain(f"interrupted{kept}")
 
 
 @click.command(name="batch", short_help="Run many decks in parallel; can be interrupted.")
@@ -150,16 +138,16 @@ def batch_command(
         raise click.UsageError(str(error)) from error
     for stated in {job.options for job in plan.jobs} - {given}:
         check_shown(stated.shown)
-    workers = contextlib.nullcontext() if address is None else cluster(address, complain)
+    workers = contextlib.nullcontext() if address is None else cluster(address, messages.complain)
     with _ended_by_signals(), workers as executor:
         watch = None if quiet else Display()
         result = run_batch(plan, processes=processes, again=again, strict=strict, watch=watch, executor=executor)
         _tell_of_trouble(result, known=not repeated)
         if not quiet:
-            tell(table(result.jobs, result.outcomes), nl=False)
-            summary = f"; summary {name_of(result.summary)}" if result.summary else ""
-            index = f", index {name_of(result.index)}" if result.index else ""
-            tell(f"{verdict(result.outcomes)}{summary}{index}")
+            messages.tell(table(result.jobs, result.outcomes), nl=False)
+            summary = f"; summary {messages.name_of(result.summary)}" if result.summary else ""
+            index = f", index {messages.name_of(result.index)}" if result.index else ""
+            messages.tell(f"{verdict(result.outcomes)}{summary}{index}")
     ctx.exit(result.status)
 
 
@@ -242,15 +230,15 @@ def check_command(
         with _ended_by_signals():
             result = check(base, names, watch=None if quiet else Display(), **given)
     except (OSError, MusatError) as error:
-        complain_of_error(error)
+        messages.complain_of_error(error)
         ctx.exit(_CANNOT_CHECK)
     _tell_of_trouble(result.batch, {n for n, deck in enumerate(result.decks) if deck.same}, resumable=False)
     if junit:
         write_files({junit: check_junit(result).encode()})
     if as_json:
-        tell(check_json(result), nl=False)
+        messages.tell(check_json(result), nl=False)
     elif not (quiet and result.same):
-        tell_as_is(check_text(result, 0 if summary else listed, styled))
+        messages.tell_as_is(check_text(result, 0 if summary else listed, messages.styled))
     ctx.exit(0 if result.same else 1)
 
 
@@ -287,7 +275,7 @@ def list_command(base: Path) -> None:
         entry = baseline.entries[name]
         verdict = "unusable" if entry.fails else entry.state
         program = f"{entry.version} ({entry.sources[:12]})" if entry.sources else entry.version
-        tell(f"{name:<{width}}  {state:<12}  musatpy {program}  {entry.deck_sha256[:12]}  {verdict}")
+        messages.tell(f"{name:<{width}}  {state:<12}  musatpy {program}  {entry.deck_sha256[:12]}  {verdict}")
 
 
 def _tell_taken(ctx: click.Context, taken: Taken, quiet: bool) -> None:
@@ -297,11 +285,15 @@ def _tell_taken(ctx: click.Context, taken: Taken, quiet: bool) -> None:
     outcomes = {job.deck: outcome for job, outcome in zip(taken.batch.jobs, taken.batch.outcomes, strict=True)}
     for name in taken.failed:
         unusable = outcomes[taken.baseline.deck(name)].unusable
-        complain(f"{name}: not taken over" + ("; with --unusable that it cannot be used is" if unusable else ""))
+        messages.complain(
+            f"{name}: not taken over" + ("; with --unusable that it cannot be used is" if unusable else "")
+        )
     if not quiet:
         for verb in ("new", "changed", "dropped"):
             for name in getattr(taken, verb):
-                tell(f"{name}: {verb}")
+                messages.tell(f"{name}: {verb}")
         held = count_of(len(taken.baseline.entries), "deck")
-        tell(f"{name_of(taken.baseline.folder)}: baseline of {held}, {len(taken.unchanged)} unchanged")
+        messages.tell(
+            f"{messages.name_of(taken.baseline.folder)}: baseline of {held}, {len(taken.unchanged)} unchanged"
+        )
     ctx.exit(1 if taken.failed else 0)

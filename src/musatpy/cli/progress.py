@@ -28,7 +28,20 @@ _BAR = 24  # characters
 _SHOWN = 12  # jobs at work that are shown
 
 
-class LiveLine:
+class _Foot:
+    """What is written at the foot of a terminal; one that has gone away, or a pipe, does not end the work."""
+
+    deaf = False  # nobody reads stderr any more
+
+    def _write(self, text: str) -> None:
+        if not self.deaf:
+            try:
+                click.echo(text, nl=False, err=True)
+            except (OSError, ValueError):
+                self.deaf = True
+
+
+class LiveLine(_Foot):
     """A watcher of a run that says on the terminal where it is: phase, what is left as far as known, and the time.
 
     A thread keeps the time going while the run is too busy to tell anything. It ends with the `with` block. With -v
@@ -41,7 +54,6 @@ class LiveLine:
         self._doing = "reading"
         self._options: Options | None = None
         self._width = 0
-        self._deaf = False  # nobody reads stderr any more
         self._lock, self._end = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._keep_time, name="musat live line", daemon=True)
 
@@ -105,15 +117,6 @@ class LiveLine:
         while not self._end.wait(_REDRAWN):
             self.draw()
 
-    def _write(self, text: str) -> None:
-        """Write to stderr; a terminal that has gone away does not end a run."""
-        if self._deaf:
-            return
-        try:
-            click.echo(text, nl=False, err=True)
-        except (OSError, ValueError):
-            self._deaf = True
-
 
 def clock_text(seconds: float) -> str:
     """Return minutes and seconds, and hours where there are any."""
@@ -132,13 +135,12 @@ class _Running:
     doing: str = "reading"
 
 
-class Display:
+class Display(_Foot):
     """Shows events of a batch on stderr; the live block only where that is a terminal."""
 
     def __init__(self) -> None:
         self.jobs: Sequence[BatchJob] = ()
         self.live = on_terminal()
-        self.deaf = False  # nobody reads stderr any more
         self.start = time.monotonic()
         self.running: dict[int, _Running] = {}
         self.ended = self.kept = self.bad = 0
@@ -166,14 +168,6 @@ class Display:
         step = event is not None and event.iteration is None  # begun, read or ended: once for each job
         if self.live and (step or time.monotonic() - self.drawn > _FRESH):
             self._draw()
-
-    def _write(self, text: str) -> None:
-        """Write to stderr; a terminal or a pipe that has gone away does not end a batch."""
-        if not self.deaf:
-            try:
-                click.echo(text, nl=False, err=True)
-            except OSError:
-                self.deaf = True
 
     def _cleared(self) -> str:
         """Return what takes the block away."""

@@ -13,23 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli import options
+from musatpy.cli import messages, options
 from musatpy.cli.decks import STREAM
-from musatpy.cli.messages import (
-    LOG,
-    VERBOSE,
-    asked,
-    complain,
-    complain_of,
-    complain_of_each,
-    complain_of_error,
-    complain_of_verdict,
-    name_of,
-    not_done,
-    on_terminal,
-    tell,
-    tell_as_is,
-)
 from musatpy.cli.options import flag, option, options_of
 from musatpy.cli.progress import LiveLine
 from musatpy.errors import MusatError, ProblemsError, count_of
@@ -177,7 +162,7 @@ def _status_of_stream(
         try:
             result = run(deck, **({"out_dir": Path(folder)} if out_dir is None else {}))
         except OSError as error:
-            complain_of_error(error)
+            messages.complain_of_error(error)
             return ExitStatus.UNUSABLE
         problems = tuple(
             replace(problem, file=str(STREAM)) if problem.file == str(deck) else problem
@@ -185,7 +170,7 @@ def _status_of_stream(
         )
         listing = result.listing
         if listing is not None and out_dir is None:
-            tell_as_is(listing.read_bytes())
+            messages.tell_as_is(listing.read_bytes())
             result = replace(result, listing=STREAM)
         _tell(replace(result, deck=STREAM, problems=problems), quiet, err=out_dir is None)
         return result.status if _show(result, wanted, quiet) else ExitStatus.UNUSABLE
@@ -208,19 +193,20 @@ def _status_of(deck: Path, run: Callable[..., RunResult], wanted: Shown, quiet: 
     from musatpy.runs import ExitStatus
 
     try:
-        live = on_terminal() and not quiet and not asked(VERBOSE)
-        if live or asked(VERBOSE) or asked(LOG):
-            with LiveLine(name_of(deck), live=live) as line:
+        live = messages.on_terminal() and not quiet and not messages.asked(messages.VERBOSE)
+        if live or messages.asked(messages.VERBOSE) or messages.asked(messages.LOG):
+            with LiveLine(messages.name_of(deck), live=live) as line:
                 result = run(deck, progress=line, on_read=line.read)
         else:
             result = run(deck)
     except OSError as error:
-        complain_of_error(error)
+        messages.complain_of_error(error)
         return ExitStatus.UNUSABLE
     if known and result.checked and result.solution is not None:
         count = count_of(len(result.checked), "warning")
         if not quiet:
-            complain(f"{name_of(deck)}: {count} of the unchanged deck, as at its last run; --warnings prints them")
+            counted = f"{count} of the unchanged deck, as at its last run; --warnings prints them"
+            messages.complain(f"{messages.name_of(deck)}: {counted}")
         result = replace(result, problems=tuple(one for one in result.problems if one not in result.checked))
     _tell(result, quiet)
     if not _show(result, wanted, quiet):
@@ -232,34 +218,35 @@ def _tell(result: RunResult, quiet: bool, *, err: bool = False) -> None:
     """Print problems to stderr and, unless `quiet`, the summary to stdout; or to stderr too."""
     solution, verdict = result.solution, result.verdict
     if solution is None or verdict is None or result.listing is None:
-        not_done(result.deck, "run", result.problems)
+        messages.not_done(result.deck, "run", result.problems)
         return
-    name = name_of(result.deck)
-    complain_of(result.problems)
-    complain_of_verdict(result.deck, verdict)
+    name = messages.name_of(result.deck)
+    messages.complain_of(result.problems)
+    messages.complain_of_verdict(result.deck, verdict)
     for cause in solution.causes[:_CAUSES] if verdict.reasons else ():
-        complain(f"{name}: possible cause: {cause}")
+        messages.complain(f"{name}: possible cause: {cause}")
     if verdict.reasons and result.deck.suffix.lower() == ".job":
         from musatpy.sfm.tides import clock_note
 
-        complain_of_each(result.deck, filter(None, [clock_note(result.deck, solution)]))
+        messages.complain_of_each(result.deck, filter(None, [clock_note(result.deck, solution)]))
     if quiet:
         return
-    complain_of_each(result.deck, (f"note: {note}" for note in verdict.notes))
+    messages.complain_of_each(result.deck, (f"note: {note}" for note in verdict.notes))
     if _would_gain(solution):
-        complain(f"{name}: note: with its extra 'fast' such blocks take half the time: {_FAST}")
+        messages.complain(f"{name}: note: with its extra 'fast' such blocks take half the time: {_FAST}")
     kernels = "" if solution.kernels == "numpy" else f"{solution.kernels} kernels, "
-    decks = f", punched deck{'' if len(result.punched) == 1 else 's'} {', '.join(map(name_of, result.punched))}"
-    tell(
+    decks = ", ".join(map(messages.name_of, result.punched))
+    decks = f", punched deck{'' if len(result.punched) == 1 else 's'} {decks}"
+    messages.tell(
         f"{name}: {verdict.grade}, sigma0 {solution.sigma0:.4f}, {_depths_text(solution)}"
         f"{count_of(len(solution.iterations), 'iteration')}, "
-        f"water passes: {len(solution.passes)}, {kernels}listing {name_of(result.listing)}"
+        f"water passes: {len(solution.passes)}, {kernels}listing {messages.name_of(result.listing)}"
         f"{decks if result.punched else ''}",
         err=err,
     )
     if solution.edited is not None:
-        edited = f", edited deck {name_of(result.edited)}" if result.edited else ""
-        tell(f"{name}: {count_of(len(solution.findings), 'blunder')} found{edited}", err=err)
+        edited = f", edited deck {messages.name_of(result.edited)}" if result.edited else ""
+        messages.tell(f"{name}: {count_of(len(solution.findings), 'blunder')} found{edited}", err=err)
 
 
 def _depths_text(solution: Solution) -> str:
@@ -282,20 +269,20 @@ def _show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
         return True
     from musatpy.shown_runs import show_run
 
-    name = name_of(result.deck)
+    name = messages.name_of(result.deck)
     try:
         for shown in show_run(result, wanted):
-            complain_of_each(result.deck, shown.reasons)
-            files = list(map(name_of, shown.files))
+            messages.complain_of_each(result.deck, shown.reasons)
+            files = list(map(messages.name_of, shown.files))
             if shown.kind == "pictures":
                 files = [f"{count_of(len(files), 'picture')}, {files[0]} the first"] if files else []
             if files and not quiet:
-                tell(f"{name}: {'' if shown.kind == 'pictures' else f'{shown.kind} '}{', '.join(files)}")
+                messages.tell(f"{name}: {'' if shown.kind == 'pictures' else f'{shown.kind} '}{', '.join(files)}")
     except ProblemsError as error:
-        complain_of_each(result.deck, (problem.message for problem in error.problems))
+        messages.complain_of_each(result.deck, (problem.message for problem in error.problems))
         return False
     except (OSError, MusatError) as error:
-        complain_of_error(error)
+        messages.complain_of_error(error)
         return False
     return True
 
@@ -344,21 +331,21 @@ def orient_command(
         try:
             result = orient_deck(deck, out_dir, family=family, punch=punch, **given)
         except OSError as error:
-            complain_of_error(error)
+            messages.complain_of_error(error)
             statuses.append(ExitStatus.UNUSABLE)
             continue
         statuses.append(result.status)
         answer = result.answer
         if answer is None:
-            not_done(deck, "oriented", result.problems)
+            messages.not_done(deck, "oriented", result.problems)
             continue
-        complain_of(result.problems)
-        complain_of_verdict(deck, answer.verdict)
+        messages.complain_of(result.problems)
+        messages.complain_of_verdict(deck, answer.verdict)
         if not quiet:
             photos = answer.photos.tolist()
             of = ", ".join(photos) if len(photos) <= 3 else f"{len(photos)} photos"
-            tell(
-                f"{name_of(deck)}: {answer.verdict.grade}, {answer.task.spec.method} of {of}, "
-                f"sigma0 {answer.sigma0:.4f}, {answer.summary}, listing {name_of(result.files[0])}"
+            messages.tell(
+                f"{messages.name_of(deck)}: {answer.verdict.grade}, {answer.task.spec.method} of {of}, "
+                f"sigma0 {answer.sigma0:.4f}, {answer.summary}, listing {messages.name_of(result.files[0])}"
             )
     ctx.exit(ExitStatus.worst(statuses))
