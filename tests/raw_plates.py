@@ -11,7 +11,8 @@ import numpy as np
 
 from musatpy import model
 from musatpy.formats import musat
-from musatpy.reduction.plate_steps import restore
+from musatpy.reduction.planar import solve
+from musatpy.reduction.plate_steps import Step
 from musatpy.reduction.refined_block import reduction_of
 from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
 
@@ -51,6 +52,14 @@ def refined_block() -> model.Block:
     return musat.read_deck(FIXTURES / "st_thomas" / "st_thomas.crd")
 
 
+def before(step: Step, xy: np.ndarray) -> np.ndarray:
+    """Return the points (m, 2) that a step of the reduction takes to points xy (m, 2), by Newton's method."""
+    at = xy
+    for _ in range(10):
+        at = at - solve(step.partials(at), step.apply(at) - xy)
+    return at
+
+
 def raw_block(block: model.Block | None = None, **changes: object) -> model.Block:
     """Return a block as a comparator would have read it; `changes` are of its calibrations and options.
 
@@ -64,7 +73,9 @@ def raw_block(block: model.Block | None = None, **changes: object) -> model.Bloc
     rows, xy = [], []
     for photo, plate in enumerate(reduction_of(block)):
         own = np.flatnonzero(block.plates.photo == photo)
-        readings = restore(plate, block.plates.xy[own])
+        readings = block.plates.xy[own]
+        for applied in reversed(plate.steps):
+            readings = before(applied.step, readings)
         spread = np.zeros_like(readings)
         spread[0] = rng.normal(0.0, 2.0 * MICROMETRE, 2)
         rows += [own, own[:1]]

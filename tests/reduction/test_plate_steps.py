@@ -13,6 +13,7 @@ from musatpy.reduction.fiducials import Axes, Scales
 from musatpy.reduction.planar import PlanarKind, PlanarTransformation, invert
 from musatpy.reduction.readings import mean_readings
 from musatpy.reduction.reseau import Reseau
+from raw_plates import before
 from reduction import plates
 
 VERTICAL = View(focal_length=plates.F, principal_point=plates.PRINCIPAL_POINT, nadir=DOWN)
@@ -63,7 +64,7 @@ def _distances(marks: np.ndarray) -> np.ndarray:
 )
 def test_distances_give_the_fiducial_system(marks, axes):
     """Marks on their axes: shape from the distances, place from the lines that join them."""
-    read = TURN.apply(FILM.inverse(marks))
+    read = TURN.apply(before(FILM, marks))
     fit = fiducials.fit_distances(Scales.AFFINE, read, ENDS, _distances(marks), np.full(6, 0.003), axes)
     np.testing.assert_allclose(fit.plane.apply(read), marks, rtol=0.0, atol=1e-10)  # rounding of 100 mm
     np.testing.assert_allclose(fit.residuals, 0.0, atol=1e-10)
@@ -77,9 +78,8 @@ def test_kinds_of_scales():
         (Scales.UNIFORM, [0.9985, 0.0, 0.0, 0.9985, 0.0, 0.0], 1),
         (Scales.AXES, [0.9985, 0.0, 0.0, 0.9991, 0.0, 0.0], 2),
     ):
-        read = PlanarTransformation(kind=PlanarKind.AFFINE, parameters=np.array(film)).inverse(
-            SIDE_MARKS
-        ) + np.array([130.0, 20.0])
+        shrunk = PlanarTransformation(kind=PlanarKind.AFFINE, parameters=np.array(film))
+        read = before(shrunk, SIDE_MARKS) + np.array([130.0, 20.0])
         fit = fiducials.fit_distances(scales, read, ENDS, _distances(SIDE_MARKS), np.full(6, 0.003), axes)
         np.testing.assert_allclose(fit.plane.apply(read), SIDE_MARKS, rtol=0.0, atol=1e-10)  # rounding
         assert len(fit.metric) == elements

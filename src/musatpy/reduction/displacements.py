@@ -41,9 +41,7 @@ from enum import StrEnum
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.reduction.planar import TOLERANCE
 
-_TURNS = 60
 DOWN = np.array([0.0, 0.0, -1.0])  # the nadir of a vertical photo, in its own system
 DOWN.flags.writeable = False
 _ONE = np.eye(3)
@@ -73,28 +71,6 @@ class Displacement(ABC):
         """Return the displaced images (..., 2) mm of images xy (..., 2)."""
         bent = self._bent(*self._vector(xy))
         return self.view.principal_point - self.view.focal_length * bent[..., :2] / bent[..., 2:]
-
-    def inverse(self, xy: FloatArray) -> FloatArray:
-        """Return the images (..., 2) of displaced ones, NaN where there is none.
-
-        With w = (x' - xp, y' - yp, -f) the image vector is v = l w - n s, l = 1 - n_3 s / f, and of s, which is
-        small, s = t (b + c tan^2(q)): what it is off by shrinks at each turn by about its share in f.
-        """
-        b, c = self.coefficients
-        n, f = self.view.nadir, self.view.focal_length
-        w, along, square = self._vector(xy)
-        down = n[..., 2:] / f
-        s = np.zeros_like(along)
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            for _ in range(_TURNS):
-                scale = 1.0 - down * s
-                t, squared = scale * along - s, scale * (scale * square - 2.0 * s * along) + s * s
-                new = b * t + c * (squared / t - t)
-                change, s = abs(new - s), new
-                if not (change > TOLERANCE).any():
-                    break
-            v = (1.0 - down * s) * w - n * s
-        return np.where(change <= TOLERANCE, self.view.principal_point + v[..., :2], np.nan)
 
     def partials(self, xy: FloatArray) -> FloatArray:
         """Return the derivatives (..., 2, 2) of the displaced images by the images xy."""

@@ -10,8 +10,7 @@ y) from that point and r^2 = x^2 + y^2:
 
 The side says whose radius that is: `MEASURED`, ideal = measured - d(measured), as polynomials of bundle
 adjustments are meant; `IDEAL`, measured = ideal + d(ideal), as certificates are meant that tabulate distortion by
-field angle,
-r = f tan(angle). On either side the direction that has no closed form is iterated (`inversion`).
+field angle, r = f tan(angle); there the ideal place, which has no closed form, is iterated.
 
 A table is interpolated linearly: that is how such tables are used by hand, it does not overshoot, and between radii
 10 mm apart it is within 0.2 um of the smooth curve of a mapping lens. Beyond its last radius the last interval is
@@ -81,7 +80,8 @@ class Lens:
         q = x * x + y * y
         table, slope = self._table(q)
         g = _polynomial(self._k, q) + table
-        dg = 2.0 * (_slope(self._k, q) + slope)  # dg/dx = dg x, dg/dy = dg y
+        _, k1, k2, k3 = self._k
+        dg = 2.0 * (k1 + q * (2.0 * k2 + q * 3.0 * k3) + slope)  # dg/dx = dg x, dg/dy = dg y
         p1, p2, p3 = self._p
         c, ex, ey = 1.0 + p3 * q, p1 * (q + 2 * x * x) + 2 * p2 * x * y, 2 * p1 * x * y + p2 * (q + 2 * y * y)
         mixed = 2 * (p1 * y + p2 * x)  # d ex/dy = d ey/dx
@@ -103,11 +103,9 @@ class Lens:
 
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return the ideal places (..., 2) of measured ones."""
-        return xy - self.distortion(xy) if self.side is Side.MEASURED else self._iterate(xy, 1.0)
-
-    def inverse(self, xy: FloatArray) -> FloatArray:
-        """Return the measured places (..., 2) of ideal ones."""
-        return xy + self.distortion(xy) if self.side is Side.IDEAL else self._iterate(xy, -1.0)
+        if self.side is Side.MEASURED:
+            return xy - self.distortion(xy)
+        return invert(lambda at: at + self.distortion(at), lambda at: np.eye(2) + self.distortion_partials(at), xy)
 
     def partials(self, xy: FloatArray) -> FloatArray:
         """Return the derivatives (..., 2, 2) of the ideal places by the measured ones xy."""
@@ -120,13 +118,6 @@ class Lens:
         if not self.radius.size:
             return np.zeros(xy.shape[:-1], dtype=bool)
         return np.linalg.norm(xy - self.centre, axis=-1) > self.radius[-1]
-
-    def _iterate(self, xy: FloatArray, sign: float) -> FloatArray:
-        return invert(
-            lambda at: at + sign * self.distortion(at),
-            lambda at: np.asarray(np.eye(2) + sign * self.distortion_partials(at)),
-            xy,
-        )
 
     @cached_property
     def _k(self) -> tuple[float, ...]:
@@ -159,7 +150,3 @@ class Lens:
 
 def _polynomial(k: tuple[float, ...], q: FloatArray) -> FloatArray:
     return k[0] + q * (k[1] + q * (k[2] + q * k[3]))
-
-
-def _slope(k: tuple[float, ...], q: FloatArray) -> FloatArray:
-    return k[1] + q * (2.0 * k[2] + q * 3.0 * k[3])

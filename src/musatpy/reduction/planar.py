@@ -95,11 +95,8 @@ class PlanarTransformation:
 
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return the transformed points (..., 2) of xy (..., 2)."""
-        return _homography(self.matrix(), xy)
-
-    def inverse(self, xy: FloatArray) -> FloatArray:
-        """Return the points (..., 2) that the transformation takes to xy (..., 2)."""
-        return _homography(np.asarray(np.linalg.inv(self.matrix())), xy)
+        image = _homogeneous(xy) @ self.matrix().T
+        return image[..., :2] / image[..., 2:]
 
     def partials(self, xy: FloatArray) -> FloatArray:
         """Return the derivatives (..., 2, 2) of the transformed points by xy (..., 2)."""
@@ -120,11 +117,6 @@ def _homogeneous(xy: FloatArray) -> FloatArray:
 
 def _weight(H: FloatArray, xy: FloatArray) -> FloatArray:
     return xy @ H[2, :2] + H[2, 2]
-
-
-def _homography(H: FloatArray, xy: FloatArray) -> FloatArray:
-    image = _homogeneous(xy) @ H.T
-    return image[..., :2] / image[..., 2:]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -274,10 +266,6 @@ class Comparator:
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return plate coordinates (..., 2) mm of readings (..., 2)."""
         return xy @ self.matrix().T
-
-    def inverse(self, xy: FloatArray) -> FloatArray:
-        """Return the readings (..., 2) of plate coordinates (..., 2)."""
-        return solve(self.matrix(), xy)
 
     def partials(self, xy: FloatArray) -> FloatArray:
         """Return the derivatives (..., 2, 2) of the plate coordinates by the readings (..., 2)."""

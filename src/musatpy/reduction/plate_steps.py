@@ -28,9 +28,6 @@ class Step(Protocol):
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return the points after the step."""
 
-    def inverse(self, xy: FloatArray) -> FloatArray:
-        """Return the points before it."""
-
     def partials(self, xy: FloatArray) -> FloatArray:
         """Return the derivatives (m, 2, 2) of the points after it by those before, which are given."""
 
@@ -96,13 +93,6 @@ def reduce_plate(
     return _Reducer(plate, camera, plan).result()
 
 
-def restore(reduction: PlateReduction, xy: FloatArray) -> FloatArray:
-    """Return the readings (m, 2) of refined coordinates xy (m, 2): every step undone, last first."""
-    for applied in reversed(reduction.steps):
-        xy = applied.step.inverse(xy)
-    return xy
-
-
 class _Reducer:
     """One plate on its way: each step takes the points, and the marks and crosses as long as they are needed."""
 
@@ -126,7 +116,9 @@ class _Reducer:
         refusal = self._interior() or self._image()
         if refusal is not None:
             self.xy = np.full_like(self.xy, np.nan)
-        by_reading = self._by_reading()
+        by_reading = np.broadcast_to(np.eye(2), (len(self.xy), 2, 2))
+        for applied in self.steps:
+            by_reading = applied.step.partials(applied.before) @ by_reading
         variance = np.square(self._sigma(self.points, self.plate.point_sigma))
         sigma = np.sqrt(np.einsum("mij,mj->mi", np.square(by_reading), variance))
         return PlateReduction(
@@ -154,13 +146,6 @@ class _Reducer:
         total = np.zeros_like(means.xy)
         np.add.at(total, means.target, np.square(each))
         return np.sqrt(total) / means.count[:, None]
-
-    def _by_reading(self) -> FloatArray:
-        """Return the product of the derivatives of all steps."""
-        total = np.broadcast_to(np.eye(2), (len(self.xy), 2, 2))
-        for applied in self.steps:
-            total = applied.step.partials(applied.before) @ total
-        return total
 
     def _take(self, name: str, step: Step) -> None:
         before = self.xy

@@ -5,8 +5,7 @@ In a cell with corners P_k, k = 1..4, a point has the coordinates s, t of
     P(s, t) = (1-s)(1-t) P_1 + s (1-t) P_2 + (1-s) t P_3 + s t P_4 = sum N_k(s, t) P_k
 
 found in the measured cell by Newton's method and used in the calibrated one. So the crosses go to their calibrated
-places exactly, neighbouring cells agree along their common side, and the inverse is the same with the grids
-exchanged.
+places exactly, and neighbouring cells agree along their common side.
 """
 
 from __future__ import annotations
@@ -22,15 +21,6 @@ from musatpy.reduction.planar import inverse, solve
 _STEPS = 20
 _EDGE = 1e-9  # of a cell: a point on the border of the grid lies inside
 _FOUND = 1e-9  # mm: where the iteration has not come so near, the cell has no such point
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Located:
-    """Where m points lie in a grid."""
-
-    corners: IntArray  # (m, 4) rows of the flattened grid: the corners P_1..P_4 of each point's cell
-    st: FloatArray  # (m, 2)
-    inside: BoolArray  # (m,) False: beyond the grid or in a cell with a cross missing; the nearest cell serves
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,47 +47,36 @@ class Reseau:
 
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return points (m, 2) mm freed from the deformation of the film."""
-        return _moved(xy, self._cells, self.measured, self.calibrated)
-
-    def inverse(self, xy: FloatArray) -> FloatArray:
-        """Return the points (m, 2) on the deformed film of true ones."""
-        return _moved(xy, self._cells, self.calibrated, self.measured)
+        corners, st, _ = self._located(xy)
+        return _place(self.calibrated.reshape(-1, 2)[corners], st)
 
     def inside(self, xy: FloatArray) -> BoolArray:
         """Return whether points (m, 2) lie within cells with all their crosses; others follow the nearest cell."""
-        return locate(xy, self._cells, self.measured.reshape(-1, 2)).inside
+        return self._located(xy)[2]
 
     def partials(self, xy: FloatArray) -> FloatArray:
         """Return the derivatives (m, 2, 2) of the moved points by the points; at a side, of one of its cells."""
-        located = locate(xy, self._cells, self.measured.reshape(-1, 2))
-        by_st = [
-            _by_st(grid.reshape(-1, 2)[located.corners], located.st) for grid in (self.calibrated, self.measured)
-        ]
+        corners, st, _ = self._located(xy)
+        by_st = [_by_st(grid.reshape(-1, 2)[corners], st) for grid in (self.calibrated, self.measured)]
         return by_st[0] @ inverse(by_st[1])
+
+    def _located(self, xy: FloatArray) -> tuple[IntArray, FloatArray, BoolArray]:
+        """Return where points (m, 2) lie among the measured crosses: corners (m, 4) of cells, rows of the flattened
+        grid, s and t (m, 2) there, and whether (m,) they are inside.
+
+        Beyond the grid, and in a cell with a cross missing, the nearest cell serves: the one that a point leaves by
+        the least part of its side.
+        """
+        corner = self.measured.reshape(-1, 2)[self._cells]  # (n, 4, 2)
+        st = _inverse_bilinear(xy[:, None, :], corner[None])  # (m, n, 2)
+        excess = np.maximum(np.abs(st - 0.5).max(axis=-1) - 0.5, 0.0)
+        excess = np.where(np.isfinite(excess), excess, np.inf)
+        best, point = excess.argmin(axis=1), np.arange(len(xy))
+        return self._cells[best], st[point, best], excess[point, best] <= _EDGE
 
     def deformation(self) -> FloatArray:
         """Return calibrated minus measured crosses (r, c, 2), mm."""
         return self.calibrated - self.measured
-
-
-def locate(xy: FloatArray, cells: IntArray, crosses: FloatArray) -> Located:
-    """Return where points (m, 2) lie among cells (n, 4) of crosses (g, 2): the cell that they are in, else nearest.
-
-    The nearest cell is the one that a point leaves by the least part of its side.
-    """
-    corner = crosses[cells]  # (n, 4, 2)
-    st = _inverse_bilinear(xy[:, None, :], corner[None])  # (m, n, 2)
-    excess = np.maximum(np.abs(st - 0.5).max(axis=-1) - 0.5, 0.0)
-    excess = np.where(np.isfinite(excess), excess, np.inf)
-    best = excess.argmin(axis=1)
-    point = np.arange(len(xy))
-    return Located(corners=cells[best], st=st[point, best], inside=excess[point, best] <= _EDGE)
-
-
-def _shape(st: FloatArray) -> FloatArray:
-    """Return N_k(s, t), (..., 4)."""
-    s, t = st[..., 0], st[..., 1]
-    return np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t], axis=-1)
 
 
 def _by_st(corner: FloatArray, st: FloatArray) -> FloatArray:
@@ -108,7 +87,9 @@ def _by_st(corner: FloatArray, st: FloatArray) -> FloatArray:
 
 
 def _place(corner: FloatArray, st: FloatArray) -> FloatArray:
-    return np.einsum("...k,...ki->...i", _shape(st), corner)
+    s, t = st[..., 0], st[..., 1]
+    shape = np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t], axis=-1)  # N_k(s, t)
+    return np.einsum("...k,...ki->...i", shape, corner)
 
 
 def _inverse_bilinear(xy: FloatArray, corner: FloatArray) -> FloatArray:
@@ -122,8 +103,3 @@ def _inverse_bilinear(xy: FloatArray, corner: FloatArray) -> FloatArray:
                 break
         settled = np.abs(xy - _place(corner, st)).max(axis=-1, keepdims=True) < _FOUND
     return np.where(settled, st, np.nan)
-
-
-def _moved(xy: FloatArray, cells: IntArray, source: FloatArray, target: FloatArray) -> FloatArray:
-    located = locate(xy, cells, source.reshape(-1, 2))
-    return _place(target.reshape(-1, 2)[located.corners], located.st)
