@@ -308,7 +308,7 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
     model."""
     import numpy as np
 
-    from musatpy.depth.views import normalised, normalised_table, single_table, single_value
+    from musatpy.depth.views import normalised_table, single_table
 
     view = ModelView(given)
     places, factors = view.over_grid(depths)
@@ -320,10 +320,10 @@ def errors(depths: tuple[float, ...], normal: float, value: float | None, step: 
     x, y = (places[name] for name in ("x", "y"))
     tell(view.heading())
     tell(f"Factors of the apparent depth {normal:g} for all depths: largest departures")
-    tell("\n".join(normalised_table(x, y, factors.depths, normalised(factors, factor))))
+    tell("\n".join(normalised_table(x, y, factors, factor)))
     value = float(np.nanmedian(factor)) if value is None else value
     tell(f"One factor {value:.4f} for the whole model, apparent depth {normal:g}")
-    tell("\n".join(single_table(single_value(factor, value, normal, step))))
+    tell("\n".join(single_table(factor, value, normal, step)))
     missing = np.count_nonzero(np.isnan(factor))
     if missing:
         tell(f"{missing} of {len(factor)} places have no factor: {'; '.join(at_normal.reasons())}")

@@ -2,8 +2,8 @@
 
 By the factor an apparent depth of a stereo pair is to be multiplied; for small angles of incidence it is the index.
 Groeneveld Meijer (1964), Photogrammetric Engineering 30, with the symbols of the paper: Table 1 is `factors` of a
-`VerticalPair`, Figure 4 their contours, Table 2 `normalised`, Table 3 `single_value`. Lengths of a pair are in any
-unit, the same for all; those of stations are metres. Pictures need matplotlib, the extra `plots`.
+`VerticalPair`, Figure 4 their contours, Table 2 `normalised_table`, Table 3 `single_table`. Lengths of a pair are
+in any unit, the same for all; those of stations are metres. Pictures need matplotlib, the extra `plots`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray
 from musatpy.depth.cameras import CameraStations
 from musatpy.depth.correction import Correction
 from musatpy.errors import DepthError
@@ -113,51 +113,6 @@ def factors(model: Correction, x: FloatArray, y: FloatArray, depths: FloatArray)
     return DepthFactors(depths=depths, factor=true.factor.reshape(shape), fault=true.fault.reshape(shape))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Normalised:
-    """The factors of one apparent depth used for all: the largest departure of each depth, and where it is.
-
-    NaN for a depth that has no factor where the one depth has.
-    """
-
-    place: IntArray  # (d,)
-    factor: FloatArray  # (d,) there
-    normal: FloatArray  # (d,) the factor used in its place
-    departure: DepthDeparture  # (d,)
-
-
-def normalised(given: DepthFactors, normal: FloatArray) -> Normalised:
-    """Return what it costs to use the factors `normal` (n,) of one apparent depth for every depth."""
-    off = np.abs(given.factor - normal[:, None])
-    known = np.isfinite(off)
-    place = np.argmax(np.where(known, off, -1.0), axis=0)
-    factor, used = given.factor[place, np.arange(len(given.depths))], normal[place]
-    none = ~known.any(axis=0)
-    factor[none] = used[none] = np.nan
-    return Normalised(place=place, factor=factor, normal=used, departure=departure(factor, used, given.depths))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SingleValue:
-    """One factor used for the whole model: how far the depths by some levels of the right factor are from its."""
-
-    value: float
-    levels: FloatArray  # (l,)
-    departure: DepthDeparture  # (l,) of the levels from the value
-    within: FloatArray  # (l,) the part of the places that do not depart more
-
-
-def single_value(factor: FloatArray, value: float, depth: float, step: float) -> SingleValue:
-    """Return the departures of round levels of factors (n,) at an apparent depth, and of the extremes."""
-    known = factor[np.isfinite(factor)]
-    low, high = float(known.min()), float(known.max())
-    round_levels = step * np.arange(np.ceil(low / step), np.floor(high / step) + 1)
-    levels = np.unique(np.concatenate([[low, high], round_levels]))[::-1]
-    off = departure(value, levels, depth)
-    within = np.array([(np.abs(known - value) <= abs(level - value) + 1e-12).mean() for level in levels])
-    return SingleValue(value=value, levels=levels, departure=off, within=within)
-
-
 def read_places(path: Path) -> dict[str, FloatArray]:
     """Return the columns x, y, or else d1, d2, s, t, of a table.
 
@@ -179,32 +134,43 @@ def factor_table(places: Mapping[str, FloatArray], factors: DepthFactors) -> lis
     return lines + [f"-: {reason}" for reason in factors.reasons()]
 
 
-def normalised_table(x: FloatArray, y: FloatArray, depths: FloatArray, normalised: Normalised) -> list[str]:
-    """Return the largest departure of each apparent depth (Table 2), `-` where there is no factor."""
+def normalised_table(x: FloatArray, y: FloatArray, factors: DepthFactors, normal: FloatArray) -> list[str]:
+    """Return what it costs to use the factors `normal` (n,) of one apparent depth for every depth (Table 2).
+
+    That is the largest departure of each depth, and where it is; `-` for one that has no factor where the one has.
+    """
     heads = ("apparent", "at x", "at y", "F", "F used", "depth", "by F used", "error", "percent")
     lines = ["".join(f"{head:>10}" for head in heads)]
-    off = normalised.departure
-    for i, depth in enumerate(depths.tolist()):
-        place = normalised.place[i]
-        if np.isnan(normalised.factor[i]):
+    away = np.abs(factors.factor - normal[:, None])
+    worst = np.argmax(np.where(np.isfinite(away), away, -1.0), axis=0)
+    for depth, place, F, gap in zip(factors.depths.tolist(), worst, factors.factor.T, away.T, strict=True):
+        if np.isnan(gap[place]):
             lines.append(f"{depth:10.3f}" + f"{'-':>10}" * (len(heads) - 1))
             continue
+        off = departure(F[place], normal[place], depth)
         lines.append(
-            f"{depth:10.3f}{x[place]:10.1f}{y[place]:10.1f}{normalised.factor[i]:10.4f}{normalised.normal[i]:10.4f}"
-            f"{off.depth[i]:10.3f}{off.other_depth[i]:10.3f}{off.error[i]:10.3f}{100.0 * off.relative[i]:10.2f}"
+            f"{depth:10.3f}{x[place]:10.1f}{y[place]:10.1f}{F[place]:10.4f}{normal[place]:10.4f}"
+            f"{off.depth:10.3f}{off.other_depth:10.3f}{off.error:10.3f}{100.0 * off.relative:10.2f}"
         )
     return lines
 
 
-def single_table(single: SingleValue) -> list[str]:
-    """Return how far the right factors depart from one for the whole model, and how much of it is within each."""
+def single_table(factor: FloatArray, value: float, depth: float, step: float) -> list[str]:
+    """Return what it costs to use one factor for a whole model with factors (n,) of an apparent depth (Table 3).
+
+    That is how far the depths by round levels of the right factor, and by its extremes, are from those by the one,
+    and the part of the places that do not depart more.
+    """
     heads = ("F", "depth", "departure", "percent", "of model")
     lines = ["".join(f"{head:>10}" for head in heads)]
-    off = single.departure
-    for i, level in enumerate(single.levels.tolist()):
+    known = factor[np.isfinite(factor)]
+    low, high = float(known.min()), float(known.max())
+    round_levels = step * np.arange(np.ceil(low / step), np.floor(high / step) + 1)
+    for level in np.unique(np.concatenate([[low, high], round_levels]))[::-1].tolist():
+        off = departure(value, level, depth)
+        within = 100.0 * (np.abs(known - value) <= abs(level - value) + 1e-12).mean()
         lines.append(
-            f"{level:10.4f}{off.other_depth[i]:10.3f}{off.error[i]:10.3f}{100.0 * off.relative[i]:10.2f}"
-            f"{100.0 * single.within[i]:9.0f}%"
+            f"{level:10.4f}{off.other_depth:10.3f}{off.error:10.3f}{100.0 * off.relative:10.2f}{within:9.0f}%"
         )
     return lines
 
