@@ -12,6 +12,7 @@ from musatpy.adjustment.first_lenses import with_first_lenses
 from musatpy.adjustment.initial import initial_photos
 from musatpy.model import Grade, Program, Solution
 from musatpy.orientation.absolute import Targets, absolute_orientation
+from musatpy.reports import positions
 from musatpy.reports.positions import STATIONS
 from musatpy.statistics import Statistics
 
@@ -139,6 +140,18 @@ def test_a_free_network_with_one_scale_bar_calibrates_its_camera(block: dict[str
     true = np.array([FOCAL_LENGTH + LENS["F"], *(LENS[name] for name in list(LENS)[1:])])
     error = (np.asarray(solution.parameters.value) - true) / np.asarray(solution.parameters.sigma)
     assert np.abs(error).max() < 4.0
+
+
+def test_lengths_of_micrometres_are_printed_and_a_scale_bar_alone_is_not_tested() -> None:
+    """Small lengths print with six decimals; what has no redundancy has no variance component."""
+    of = self_calibrated(photos=8, points=60, off=(0.01, 0.1), lens=None, noise=0.0001)
+    solution = adjustment.adjust(of.block)
+    sections = {section.title: section for section in positions.sections(Statistics(solution))}
+    row = sections["Adjusted Ground Points"].lines[0].split()
+    printed = np.array(row[3:], dtype=float)
+    np.testing.assert_allclose(printed[:3], solution.points.position[0], atol=0.6e-6)
+    np.testing.assert_allclose(printed[3:], Statistics(solution).point_sigmas[0], atol=0.6e-6)
+    assert "distances" not in Statistics(solution).components
 
 
 def test_pairs_tell_the_first_focal_length_and_radial_distortion() -> None:

@@ -113,4 +113,6 @@ def sections(statistics: Statistics) -> list[Section]:
     ]
     if left:
         note += f" Left out, as their errors are in the sigmas: {' and '.join(left)}."
+    elif not len(errors.test):
+        return []
     return [TESTS.section(statistics, note, new_page=True), *([HIDDEN.section(statistics)] if tested else [])]

@@ -16,7 +16,7 @@ from musatpy.reports import positions, residuals
 from musatpy.reports.editing import number_text
 from musatpy.reports.fields import Each, Field, FieldGroup, Rows, identity, within
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Report, worst_first
+from musatpy.reports.table import Report, is_fine, worst_first
 from musatpy.reports.values import Values
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import Ellipses, ellipses
@@ -218,7 +218,7 @@ def _ellipses(kind: str, unit: str = "m") -> Report[Statistics]:
     def largest(t: Values) -> IntArray:
         """Return the rows that have one, the largest first: by its major axis and the sigma upwards together."""
         size = np.hypot(of(t).major, of(t).vertical)
-        rows = worst_first(size, _LENGTHS)[: np.count_nonzero(np.isfinite(size))]
+        rows = worst_first(size, 2 * _LENGTHS if is_fine(size) else _LENGTHS)[: np.count_nonzero(np.isfinite(size))]
         return rows if is_station else rows[:LISTED]
 
     axes = (

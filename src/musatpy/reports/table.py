@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Generic, Literal, TypeVar
 
@@ -20,6 +20,7 @@ Source = TypeVar("Source")
 Layout = Literal["rows", "across", "xyz", "texts"]
 
 _GAP = "  "  # between columns
+_FINE = 0.0005  # m
 _ROWS = 20_000  # that are edited at a time
 
 
@@ -133,6 +134,8 @@ class Report(Generic[Source]):
     def side_by_side(self, values: Values) -> tuple[Field[Any], ...]:
         """Return what is printed side by side."""
         columns = [part for column in self.stated(values) for part in column.columns(values.system)]
+        if any(_is_fine(column, values) for column in columns):
+            columns = [_in_micrometres(column) for column in columns]
         width = sum(column.width + len(_GAP) for column in columns) - len(_GAP)
         for n, column in enumerate(columns):
             columns[n] = column.fitted(values, PAGE_WIDTH - width)
@@ -173,6 +176,26 @@ def _system_of(source: Any) -> str:
         return "MODEL"
     block = getattr(source, "block", None) or getattr(getattr(source, "run", None), "block", None)
     return str(block.options.system) if block else ""
+
+
+def _is_fine(column: Field[Any], values: Values) -> bool:
+    """Tell whether a column has sigmas of lengths most of which would print as zero."""
+    heading = str(column.heading)
+    if not (heading.startswith("Sigma") and heading.endswith("\nm")):
+        return False
+    return is_fine(np.asarray(column.exactly(values), dtype=float))
+
+
+def is_fine(sigma: FloatArray) -> bool:
+    """Tell whether most sigmas of lengths (n,) m are too small for three decimals."""
+    sigma = sigma[sigma > 0.0]
+    return bool(sigma.size) and bool(np.median(sigma) < _FINE)
+
+
+def _in_micrometres(column: Field[Any]) -> Field[Any]:
+    """Return a column of lengths with six decimals in its width, any other as it is."""
+    lengths = str(column.heading).endswith("\nm") and str(column.edit).endswith((".3", ".4"))
+    return replace(column, edit=f"{str(column.edit)[:-1]}6") if lengths else column
 
 
 def _texts(column: Field[Any], values: Any) -> list[str]:

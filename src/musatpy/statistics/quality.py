@@ -51,7 +51,7 @@ SEEN = 1e-8  # of the squares of a column: what the residuals show below is roun
 FAR = 5.0  # sigmas of a point: what moves it farther and stays hidden makes it weakly checked
 _DECIMALS = 1  # of sigmas, as they are printed
 _BELIEVED = 4.0  # sigmas: no error that one may believe moves anything by more
-_ROUNDING = 1e-5  # redundancy numbers of control below are rounding
+_ROUNDING = 1e-5  # redundancy numbers of control, and of groups, below are rounding
 _UNCHECKED = 0.01  # redundancy numbers below: errors ten times the detectable ones of others would not show
 _CONTROL, _PLATE = ObservationKind.CONTROL, ObservationKind.PLATE
 _UP = 2
@@ -303,7 +303,7 @@ class Quality:
         tests = {}
         for name, rows in self._groups().items():
             redundancy = float(observed.redundancy[rows].sum())
-            if rows.any() and redundancy > 0.0:
+            if redundancy > _ROUNDING:
                 added = float(observed.share[rows].sum()) - redundancy
                 tests[name] = chi_square(float(squares[rows].sum()), redundancy, added)
         return tests
