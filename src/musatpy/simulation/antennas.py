@@ -2,81 +2,100 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from musatpy import model
-from musatpy.arrays import FloatArray
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model.correlations import correlations_of
 from musatpy.model.gnss import AXES, DIRECTIONS
 from musatpy.model.tables import Table
-from musatpy.simulation.scene_keys import AntennaKeys
-from musatpy.simulation.terrain import Scene
-from musatpy.simulation.true_lens import TrueParameter
+from musatpy.simulation.scene_keys import KindKeys, TrueParameter, require_positive
+from musatpy.specs import Triple, key
+
+if TYPE_CHECKING:
+    from musatpy.simulation.terrain import Scene
 
 _NONE = (np.nan, np.nan, np.nan)
 _TURN = 10  # exposures that a turn from strip to strip takes as long as
 _ARM, _SHIFT, _DRIFT, _TIME = 4, 4, 6, 4  # decimals on the cards
 
 
-def state_antennas(scene: Scene) -> tuple[dict[str, Table], tuple[TrueParameter, ...]]:
-    """Return the tables of the block, by name, and the truth of what runs may adjust; nothing without antennas."""
-    keys, flight, draws = scene.spec.antenna, scene.spec.flight, scene.draws
-    if keys is None:
-        return {}, ()
-    strips, of_strip = flight.strips, flight.photos
-    n, stations = strips * of_strip, scene.flight.stations
-    names = [f"L{strip + 1}" for strip in range(strips)]
-    line, number = np.divmod(np.arange(n), of_strip)
-    time = np.round((line * (of_strip + _TURN) + number) * keys.interval, _TIME)
-    since = time - time.reshape(strips, of_strip).mean(axis=1)[line]
-    shift = np.round(draws.normal("antenna shifts", strips, 3) * keys.shift, _SHIFT)
-    drift = np.round(draws.normal("antenna drifts", strips, 3) * keys.drift, _DRIFT)
-    arm_error = np.round(draws.normal("lever arm errors", 3) * keys.lever_arm_error, _ARM)
-    R = correlations_of(np.array([keys.correlation]))[0]
-    error = draws.normal("antenna errors", n, 3) @ np.linalg.cholesky(R).T * keys.error
-    local = error + shift[line] + drift[line] * since[:, None]
-    local += np.einsum("nji,j->ni", attitude_matrix(scene.flight.attitude), np.array(keys.lever_arm))
-    places = scene.world.at_xyz(stations.xyz + np.einsum("nji,nj->ni", stations.vertical, local))
-    tables: dict[str, Table] = {
-        "antenna_positions": model.AntennaPositions(
-            photo=np.arange(n),
-            line=np.array(names)[line],
-            position=places.job,
-            sigma=np.tile(keys.sigma, (n, 1)),
-            correlation=np.tile(keys.correlation if any(keys.correlation) else _NONE, (n, 1)),
-        ),
-        "exposure_times": model.ExposureTimes(photo=np.arange(n), time=time),
-    }
-    if any(keys.lever_arm) or any(arm_error) or keys.lever_arm_sigma or keys.lever_arm_free:
-        tables["lever_arms"] = model.LeverArms(
-            camera=np.zeros(1, dtype=int),
-            offset=np.array([keys.lever_arm]) + arm_error,
-            sigma=np.array([keys.lever_arm_sigma or _NONE]),
-            free=np.array([keys.lever_arm_free]),
-        )
-    if keys.shift_sigma or keys.shift_free or keys.drift_sigma or keys.drift_free:
-        tables["antenna_lines"] = model.AntennaLines(
-            line=np.array(names),
-            shift_sigma=np.tile(keys.shift_sigma or _NONE, (strips, 1)),
-            shift_free=np.full(strips, keys.shift_free),
-            drift_sigma=np.tile(keys.drift_sigma or _NONE, (strips, 1)),
-            drift_free=np.full(strips, keys.drift_free),
-        )
-    return tables, _true(scene.spec.camera.id, names, keys, shift, drift)
+@dataclass(frozen=True, kw_only=True)
+class AntennaKeys(KindKeys):
+    """[antenna]: positions of a satellite antenna at the exposures, each strip a line; none without it."""
 
-
-def _true(
-    camera: str, names: list[str], keys: AntennaKeys, shift: FloatArray, drift: FloatArray
-) -> tuple[TrueParameter, ...]:
-    kinds = model.ObservationKind
-    owned = [(kinds.LEVER_ARM, camera, "ARM", AXES, keys.lever_arm)]
-    for kind, what, of_lines in ((kinds.ANTENNA_SHIFT, "SHIFT", shift), (kinds.ANTENNA_DRIFT, "DRIFT", drift)):
-        owned += [
-            (kind, name, what, DIRECTIONS, tuple(row)) for name, row in zip(names, of_lines.tolist(), strict=True)
-        ]
-    return tuple(
-        TrueParameter(kind=kind, owner=owner, name=f"{what} {axis}", value=value)
-        for kind, owner, what, axes, values in owned
-        for axis, value in zip(axes, values, strict=True)
+    error: Triple = key((0.0, 0.0, 0.0), "actual error east, north, up, 1 sigma", unit="m", low=0.0)
+    sigma: Triple = key((0.05, 0.05, 0.1), "on the cards", unit="m", low=0.0001)
+    correlation: Triple = key(
+        (0.0, 0.0, 0.0),
+        "of the errors, east-north, east-up, north-up: then on GNC cards",
+        low=-0.99,
+        high=0.99,
+        quiet=True,
     )
+    lever_arm: Triple = key((0.0, 0.0, 0.0), "true, along the axes of the photo", unit="m")
+    lever_arm_error: Triple = key((0.0, 0.0, 0.0), "actual error on its card, 1 sigma", unit="m", low=0.0)
+    lever_arm_sigma: Triple | None = key(None, "on its card; absent: held, or free", unit="m", low=0.0001)
+    lever_arm_free: bool = key(False, "free, where it has no sigma")
+    shift: Triple = key((0.0, 0.0, 0.0), "actual shift of each strip, 1 sigma", unit="m", low=0.0)
+    shift_sigma: Triple | None = key(None, "on its card; absent: held, or free", unit="m", low=0.0001)
+    shift_free: bool = key(False, "free, where it has no sigma")
+    drift: Triple = key((0.0, 0.0, 0.0), "actual drift of each strip, 1 sigma", unit="m/s", low=0.0)
+    drift_sigma: Triple | None = key(None, "on its card; absent: held, or free", unit="m/s", low=0.000001)
+    drift_free: bool = key(False, "free, where it has no sigma")
+    interval: float = key(5.0, "from exposure to exposure", unit="s", low=0.001)
+
+    def __post_init__(self) -> None:
+        require_positive(self.correlation)
+
+    def stated(self, scene: Scene) -> tuple[dict[str, Table], tuple[TrueParameter, ...]]:
+        """Return the tables of the block, and the truth of lever arm, shifts and drifts."""
+        flight, draws = scene.spec.flight, scene.draws
+        strips, of_strip = flight.strips, flight.photos
+        n, stations = strips * of_strip, scene.flight.stations
+        names = [f"L{strip + 1}" for strip in range(strips)]
+        line, number = np.divmod(np.arange(n), of_strip)
+        time = np.round((line * (of_strip + _TURN) + number) * self.interval, _TIME)
+        since = time - time.reshape(strips, of_strip).mean(axis=1)[line]
+        shift = np.round(draws.normal("antenna shifts", strips, 3) * self.shift, _SHIFT)
+        drift = np.round(draws.normal("antenna drifts", strips, 3) * self.drift, _DRIFT)
+        arm_error = np.round(draws.normal("lever arm errors", 3) * self.lever_arm_error, _ARM)
+        R = correlations_of(np.array([self.correlation]))[0]
+        error = draws.normal("antenna errors", n, 3) @ np.linalg.cholesky(R).T * self.error
+        local = error + shift[line] + drift[line] * since[:, None]
+        local += np.einsum("nji,j->ni", attitude_matrix(scene.flight.attitude), np.array(self.lever_arm))
+        places = scene.world.at_xyz(stations.xyz + np.einsum("nji,nj->ni", stations.vertical, local))
+        tables: dict[str, Table] = {
+            "antenna_positions": model.AntennaPositions(
+                photo=np.arange(n),
+                line=np.array(names)[line],
+                position=places.job,
+                sigma=np.tile(self.sigma, (n, 1)),
+                correlation=np.tile(self.correlation if any(self.correlation) else _NONE, (n, 1)),
+            ),
+            "exposure_times": model.ExposureTimes(photo=np.arange(n), time=time),
+        }
+        if any(self.lever_arm) or any(arm_error) or self.lever_arm_sigma or self.lever_arm_free:
+            tables["lever_arms"] = model.LeverArms(
+                camera=np.zeros(1, dtype=int),
+                offset=np.array([self.lever_arm]) + arm_error,
+                sigma=np.array([self.lever_arm_sigma or _NONE]),
+                free=np.array([self.lever_arm_free]),
+            )
+        if self.shift_sigma or self.shift_free or self.drift_sigma or self.drift_free:
+            tables["antenna_lines"] = model.AntennaLines(
+                line=np.array(names),
+                shift_sigma=np.tile(self.shift_sigma or _NONE, (strips, 1)),
+                shift_free=np.full(strips, self.shift_free),
+                drift_sigma=np.tile(self.drift_sigma or _NONE, (strips, 1)),
+                drift_free=np.full(strips, self.drift_free),
+            )
+        kinds, camera = model.ObservationKind, scene.spec.camera.id
+        true = TrueParameter.of(kinds.LEVER_ARM, camera, (f"ARM {axis}" for axis in AXES), self.lever_arm)
+        for kind, what, of_lines in ((kinds.ANTENNA_SHIFT, "SHIFT", shift), (kinds.ANTENNA_DRIFT, "DRIFT", drift)):
+            for name, values in zip(names, of_lines.tolist(), strict=True):
+                true += TrueParameter.of(kind, name, (f"{what} {axis}" for axis in DIRECTIONS), values)
+        return tables, true

@@ -2,25 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from musatpy.model import (
-    LENS_PARAMETERS,
-    PORT_PARAMETERS,
-    CoordinateSystem,
-    DistortionSide,
-    Polynomials,
-    WaterConditions,
-)
+from musatpy.model import CoordinateSystem, ObservationKind, WaterConditions
 from musatpy.model.correlations import LEAST_EIGENVALUE, smallest_eigenvalues
 from musatpy.model.water import index_fault
 from musatpy.specs import Area, Pair, Triple, key, require
 
+if TYPE_CHECKING:
+    from musatpy.simulation.terrain import Scene
+
 AREA = "only inside this rectangle: east from, to, north from, to"
 INDEX_DECIMALS = 12  # of an index that is computed: the truth is the same on every machine
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueParameter:
+    """The truth of a parameter that a run may adjust, by the names of its record (`adjusted_parameters`)."""
+
+    kind: ObservationKind
+    owner: str
+    name: str
+    value: float
+
+    @classmethod
+    def of(
+        cls, kind: ObservationKind, owner: str, names: Iterable[str], values: Iterable[float]
+    ) -> tuple[Self, ...]:
+        """Return the truth of the parameters of an owner."""
+        pairs = zip(names, values, strict=True)
+        return tuple(cls(kind=kind, owner=owner, name=name, value=value) for name, value in pairs)
+
+
+class KindKeys:
+    """Keys of one kind of observations or unknowns, which a spec may be without."""
+
+    def stated(self, scene: Scene) -> tuple[dict[str, Any], tuple[TrueParameter, ...]]:
+        """Return the parts of the block, by name, that the deck says, and the truth of what runs may adjust."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,74 +69,6 @@ class CameraKeys:
     principal_point: Pair = key((0.0, 0.0), "principal point xp, yp", unit="mm")
     format: Pair = key((228.6, 228.6), "size of the plate, x and y", unit="mm", low=1.0)
     margin: float = key(5.0, "images closer to the edge of the plate are not measured", unit="mm", low=0.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class LensParameterKeys:
-    """[[lens.parameter]]: a parameter of the true lens, and its CAL card; mm and powers of them."""
-
-    name: str = key(doc="as on the card", choices=LENS_PARAMETERS)
-    change: float = key(0.0, "true value minus that of [camera], minus zero where that has none")
-    unknown: bool = key(True, "it has a CAL card; else the deck does not know of the change")
-    sigma: float | None = key(
-        None, "on the card, with a value; absent: free, starting from that of [camera]", low=0.0
-    )
-    error: float | None = key(None, "actual error of the value on the card, 1 sigma; absent: as sigma", low=0.0)
-
-    def __post_init__(self) -> None:
-        require(self.sigma != 0.0, "sigma must be greater than zero")
-        require(self.sigma is not None or self.error is None, "error is that of a value with a sigma")
-
-
-@dataclass(frozen=True, kw_only=True)
-class LensKeys:
-    """[lens]: the true lens, where it is not that of [camera] without distortion."""
-
-    side: str = key("MEASURED", "of whose place the polynomials are, as on RED", choices=tuple(DistortionSide))
-    polynomials: str = key("DIST", "what they give, as on RED", choices=tuple(Polynomials))
-    parameter: tuple[LensParameterKeys, ...] = key(())
-
-    def __post_init__(self) -> None:
-        require_once(self.parameter)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PortUnknownKeys:
-    """[[port.unknown]]: a parameter of the port, and its CAL card."""
-
-    name: str = key(doc="as on the card", choices=PORT_PARAMETERS)
-    sigma: float | None = key(None, "on the card; absent: free", low=0.0)
-    error: float | None = key(None, "actual error of the value on the card, 1 sigma; absent: as sigma", low=0.0)
-
-    def __post_init__(self) -> None:
-        require(self.sigma != 0.0, "sigma must be greater than zero")
-
-
-def require_once(given: Sequence[LensParameterKeys | PortUnknownKeys]) -> None:
-    """Raise `ValueError` where a parameter is given twice."""
-    require(len({parameter.name for parameter in given}) == len(given), "a parameter is given twice")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PortKeys:
-    """[port]: the camera is behind a flat port; its true values, which its PRT card has too."""
-
-    distance: float = key(
-        doc="of the inner face of the glass from the projection centre", unit="mm", low=0.0, high=1000.0
-    )
-    thickness: float = key(10.0, "of the glass", unit="mm", low=0.0, high=1000.0)
-    glass: float = key(1.52, "its refractive index", low=1.0, high=2.0)
-    water: float = key(1.335, "refractive index of the water outside; 1: air, over [water]", low=1.0, high=2.0)
-    tilt: Pair = key((0.0, 0.0), "of the glass about image x, then y", unit="deg", low=-30.0, high=30.0)
-    unknown: tuple[PortUnknownKeys, ...] = key(())
-
-    def __post_init__(self) -> None:
-        require_once(self.unknown)
-
-    @property
-    def values(self) -> tuple[float, ...]:
-        """In the order of `PORT_PARAMETERS`."""
-        return (self.distance, self.thickness, self.glass, self.water, *self.tilt)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,35 +98,6 @@ class FlightKeys:
     def __post_init__(self) -> None:
         what = "strip_step is smaller than the number of photos in a strip: ids would repeat"
         require(self.strips == 1 or self.strip_step >= self.photos, what)
-
-
-@dataclass(frozen=True, kw_only=True)
-class AntennaKeys:
-    """[antenna]: positions of a satellite antenna at the exposures, each strip a line; none without it."""
-
-    error: Triple = key((0.0, 0.0, 0.0), "actual error east, north, up, 1 sigma", unit="m", low=0.0)
-    sigma: Triple = key((0.05, 0.05, 0.1), "on the cards", unit="m", low=0.0001)
-    correlation: Triple = key(
-        (0.0, 0.0, 0.0),
-        "of the errors, east-north, east-up, north-up: then on GNC cards",
-        low=-0.99,
-        high=0.99,
-        quiet=True,
-    )
-    lever_arm: Triple = key((0.0, 0.0, 0.0), "true, along the axes of the photo", unit="m")
-    lever_arm_error: Triple = key((0.0, 0.0, 0.0), "actual error on its card, 1 sigma", unit="m", low=0.0)
-    lever_arm_sigma: Triple | None = key(None, "on its card; absent: held, or free", unit="m", low=0.0001)
-    lever_arm_free: bool = key(False, "free, where it has no sigma")
-    shift: Triple = key((0.0, 0.0, 0.0), "actual shift of each strip, 1 sigma", unit="m", low=0.0)
-    shift_sigma: Triple | None = key(None, "on its card; absent: held, or free", unit="m", low=0.0001)
-    shift_free: bool = key(False, "free, where it has no sigma")
-    drift: Triple = key((0.0, 0.0, 0.0), "actual drift of each strip, 1 sigma", unit="m/s", low=0.0)
-    drift_sigma: Triple | None = key(None, "on its card; absent: held, or free", unit="m/s", low=0.000001)
-    drift_free: bool = key(False, "free, where it has no sigma")
-    interval: float = key(5.0, "from exposure to exposure", unit="s", low=0.001)
-
-    def __post_init__(self) -> None:
-        require_positive(self.correlation)
 
 
 def require_positive(correlation: Triple) -> None:

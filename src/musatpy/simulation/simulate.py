@@ -13,9 +13,7 @@ from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import SpecError
-from musatpy.model.block import with_tables
-from musatpy.model.tables import Table, empty, stacked
-from musatpy.simulation.antennas import state_antennas
+from musatpy.model.tables import stacked
 from musatpy.simulation.compiled_models import CompiledTruth, compile_models
 from musatpy.simulation.flight import fly, plan_flight
 from musatpy.simulation.measure import (
@@ -31,12 +29,10 @@ from musatpy.simulation.measure import (
     state_stations,
 )
 from musatpy.simulation.mistakes import Names, mixed_names
+from musatpy.simulation.scene_keys import KindKeys, TrueParameter
 from musatpy.simulation.simulation_spec import OptionKeys, SimulationSpec, load_spec
 from musatpy.simulation.terrain import Scene, lay_ground
 from musatpy.simulation.true_images import TrueImages, take_images
-from musatpy.simulation.true_inertial import state_inertial, true_misalignment
-from musatpy.simulation.true_lens import TrueParameter, state_lens, true_parameters
-from musatpy.simulation.true_port import state_port, true_port
 from musatpy.simulation.true_water import GivenWater, state_water
 from musatpy.simulation.world import TruePlaces, World
 from musatpy.specs import echoed, keys
@@ -97,8 +93,8 @@ class Given:
     bases: Ties
     distances: Ties
     height_differences: Ties
-    antennas: dict[str, Table]
-    antenna_parameters: tuple[TrueParameter, ...]
+    parts: dict[str, Any]  # of the block, by its name, that kinds of observations and unknowns add
+    parameters: tuple[TrueParameter, ...]
     rows: IntArray
     links: IntArray
 
@@ -143,7 +139,7 @@ def _stated(scene: Scene, images: TrueImages) -> Given:
     measured, first = np.unique(names.point, return_index=True)
     rows, links = measured[np.argsort(first)], np.full(count, -1)
     links[rows] = np.arange(len(rows))
-    antennas, parameters = state_antennas(scene)
+    parts, parameters = _of_kinds(scene)
     return Given(
         water=state_water(scene.spec, scene.flight.tide, scene.draws),
         stations=state_stations(scene),
@@ -153,11 +149,23 @@ def _stated(scene: Scene, images: TrueImages) -> Given:
         bases=air_bases(scene),
         distances=distances(scene, control.names, usable),
         height_differences=height_differences(scene, control.names, usable),
-        antennas=antennas,
-        antenna_parameters=parameters,
+        parts=parts,
+        parameters=parameters,
         rows=rows,
         links=links,
     )
+
+
+def _of_kinds(scene: Scene) -> tuple[dict[str, Any], tuple[TrueParameter, ...]]:
+    """Return the parts of the block that kinds of observations and unknowns add, and their truth, kind by kind."""
+    parts: dict[str, Any] = {}
+    parameters: list[TrueParameter] = []
+    for of_kind in vars(scene.spec).values():
+        if isinstance(of_kind, KindKeys):
+            given, true = of_kind.stated(scene)
+            parts |= {name: stacked([parts[name], part]) if name in parts else part for name, part in given.items()}
+            parameters += true
+    return parts, tuple(sorted(parameters, key=lambda parameter: parameter.kind))
 
 
 def _truth(scene: Scene, images: TrueImages, given: Given) -> Truth:
@@ -185,12 +193,7 @@ def _truth(scene: Scene, images: TrueImages, given: Given) -> Truth:
         base_lengths=given.bases.true,
         distances=given.distances.true,
         height_differences=given.height_differences.true,
-        parameters=(
-            *true_parameters(scene.spec),
-            *given.antenna_parameters,
-            *true_misalignment(scene.spec),
-            *true_port(scene.spec),
-        ),
+        parameters=given.parameters,
     )
 
 
@@ -198,9 +201,7 @@ def _block(scene: Scene, given: Given) -> model.Block:
     """Return the block. Raises `SpecError` where a shore point is not measured twice."""
     camera, flight, rows, links = scene.spec.camera, scene.flight, given.rows, given.links
     bases, distances, heights = given.bases, given.distances, given.height_differences
-    lens_unknowns, reduction = state_lens(scene.spec, scene.draws)
-    ports, port_unknowns = state_port(scene.spec.port, scene.draws)
-    block = model.Block(
+    return model.Block(
         titles=scene.spec.title,
         options=_options(scene.spec),
         ellipsoid=scene.world.ellipsoid,
@@ -211,11 +212,6 @@ def _block(scene: Scene, given: Given) -> model.Block:
             principal_point=np.array([camera.principal_point]),
             format_size=np.array([camera.format]),
         ),
-        distortion=empty(model.Distortion),
-        lens_unknowns=stacked([lens_unknowns, port_unknowns]),
-        ports=ports,
-        reduction=reduction,
-        fiducials=empty(model.Fiducials),
         photos=model.Photos(
             ids=np.array(flight.ids),
             camera=np.zeros(len(flight.ids), dtype=int),
@@ -226,7 +222,6 @@ def _block(scene: Scene, given: Given) -> model.Block:
             tide_day=given.water.day,
             time=np.where(np.isnan(given.water.tide), np.nan, flight.time),
         ),
-        fiducial_measurements=empty(model.FiducialMeasurements),
         points=model.Points(ids=np.array(given.control.names)[rows], bathymetric=scene.ground.bathymetric[rows]),
         plates=dataclasses.replace(given.plates.table, point=links[given.names.point]),
         control=dataclasses.replace(given.control.table, point=links[given.control.table.point]),
@@ -238,9 +233,8 @@ def _block(scene: Scene, given: Given) -> model.Block:
         ),
         waves=flight.waves.cards,
         wave_origin=flight.waves.origin,
-        **state_inertial(scene),
+        **given.parts,
     )
-    return with_tables(block, given.antennas)
 
 
 def _options(spec: SimulationSpec) -> model.Options:

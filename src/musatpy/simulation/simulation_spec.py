@@ -13,6 +13,10 @@ from musatpy import model
 from musatpy.errors import SpecError
 from musatpy.files import real_path
 from musatpy.simulation import scene_keys
+from musatpy.simulation.antennas import AntennaKeys
+from musatpy.simulation.true_inertial import InertialKeys
+from musatpy.simulation.true_lens import LensKeys
+from musatpy.simulation.true_port import PortKeys
 from musatpy.specs import Area, Pair, Triple, key, require, spec_of, spec_table
 
 
@@ -53,19 +57,6 @@ class StationKeys:
     error_kind: str = key("normal", "sizes are sigmas, or every error has that size", choices=("normal", "size"))
     position_sigma: Triple | None = key(None, "on the cards; absent: not observed", unit="m", low=0.0)
     attitude_sigma: Triple | None = key(None, "on the cards; absent: not observed", unit="arcsec", low=0.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class InertialKeys:
-    """[inertial]: an inertial unit on the camera; errors and sigmas about x forward, y left, z up of the body."""
-
-    angles: str = key("RPY", "of the INS cards, as on INO", choices=("OPK", "POK", "RPY"))
-    error: Triple = key((0.0, 0.0, 0.0), "actual errors of attitudes, 1 sigma", unit="arcsec", low=0.0)
-    sigma: Triple = key((10.0, 10.0, 20.0), "on the INS cards", unit="arcsec", low=0.1)
-    misalignment: Triple = key((0.0, 0.0, 0.0), "true omega, phi, kappa from camera to body", unit="deg")
-    misalignment_error: Triple = key((0.0, 0.0, 0.0), "actual errors on the MIS card", unit="arcsec", low=0.0)
-    misalignment_sigma: Triple | None = key(None, "on the MIS card; absent: held, or free", unit="arcsec", low=0.1)
-    free: bool = key(False, "it is free, where it has no misalignment_sigma")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,8 +198,8 @@ class SimulationSpec:
     seed: int = key(1, "of every random number", low=0)
     job: scene_keys.JobKeys = key(scene_keys.JobKeys)
     camera: scene_keys.CameraKeys = key(scene_keys.CameraKeys)
-    lens: scene_keys.LensKeys | None = key(None)
-    port: scene_keys.PortKeys | None = key(None, quiet=True)
+    lens: LensKeys | None = key(None)
+    port: PortKeys | None = key(None, quiet=True)
     flight: scene_keys.FlightKeys = key(scene_keys.FlightKeys)
     terrain: scene_keys.TerrainKeys = key(scene_keys.TerrainKeys)
     water: scene_keys.SurfaceKeys | None = key(None)
@@ -227,7 +218,7 @@ class SimulationSpec:
     air_base: tuple[AirBaseKeys, ...] = key(())
     distance: tuple[DistanceKeys, ...] = key((), quiet=True)
     height_difference: tuple[HeightDifferenceKeys, ...] = key((), quiet=True)
-    antenna: scene_keys.AntennaKeys | None = key(None, quiet=True)
+    antenna: AntennaKeys | None = key(None, quiet=True)
     options: OptionKeys = key(OptionKeys)
     compilation: scene_keys.CompilationKeys | None = key(None, quiet=True)
 

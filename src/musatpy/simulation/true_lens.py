@@ -7,16 +7,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from musatpy import model
 from musatpy.arrays import FloatArray
-from musatpy.draws import Draws
 from musatpy.errors import SpecError
-from musatpy.model.tables import empty
-from musatpy.simulation.scene_keys import LensKeys, LensParameterKeys, PortUnknownKeys
-from musatpy.simulation.simulation_spec import SimulationSpec
+from musatpy.model import (
+    LENS_PARAMETERS,
+    DistortionSide,
+    LensUnknowns,
+    ObservationKind,
+    Polynomials,
+    ReductionOptions,
+)
+from musatpy.simulation.scene_keys import KindKeys, TrueParameter
+from musatpy.specs import key, require
+
+if TYPE_CHECKING:
+    from musatpy.simulation.simulation_spec import SimulationSpec
+    from musatpy.simulation.terrain import Scene
+    from musatpy.simulation.true_port import PortUnknownKeys
 
 _REACH = 1.2  # half diagonals of the plate: polynomials say nothing of what lies beyond
 _MOST = 0.3  # of its distance from the principal point, that an image is displaced at most
@@ -24,32 +35,57 @@ _STEPS, _REST = 100, 1e-11  # mm
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrueParameter:
-    """The truth of a parameter that a run may adjust, by the names of its record (`adjusted_parameters`)."""
+class LensParameterKeys:
+    """[[lens.parameter]]: a parameter of the true lens, and its CAL card; mm and powers of them."""
 
-    kind: model.ObservationKind
-    owner: str
-    name: str
-    value: float
+    name: str = key(doc="as on the card", choices=LENS_PARAMETERS)
+    change: float = key(0.0, "true value minus that of [camera], minus zero where that has none")
+    unknown: bool = key(True, "it has a CAL card; else the deck does not know of the change")
+    sigma: float | None = key(
+        None, "on the card, with a value; absent: free, starting from that of [camera]", low=0.0
+    )
+    error: float | None = key(None, "actual error of the value on the card, 1 sigma; absent: as sigma", low=0.0)
+
+    def __post_init__(self) -> None:
+        require(self.sigma != 0.0, "sigma must be greater than zero")
+        require(self.sigma is not None or self.error is None, "error is that of a value with a sigma")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LensKeys(KindKeys):
+    """[lens]: the true lens, where it is not that of [camera] without distortion."""
+
+    side: str = key("MEASURED", "of whose place the polynomials are, as on RED", choices=tuple(DistortionSide))
+    polynomials: str = key("DIST", "what they give, as on RED", choices=tuple(Polynomials))
+    parameter: tuple[LensParameterKeys, ...] = key(())
+
+    def __post_init__(self) -> None:
+        require_once(self.parameter)
+
+    def stated(self, scene: Scene) -> tuple[dict[str, Any], tuple[TrueParameter, ...]]:
+        """Return what CAL and RED cards of the deck say, and the truth of all parameters."""
+        unknown, true = [given for given in self.parameter if given.unknown], true_lens(scene.spec)
+        side, polynomials = DistortionSide(self.side), Polynomials(self.polynomials)
+        parts = {
+            "lens_unknowns": state_unknowns(true, unknown, scene.draws.normal("lens", len(unknown))),
+            "reduction": ReductionOptions(side=side, polynomials=polynomials),
+        }
+        return parts, TrueParameter.of(ObservationKind.LENS, scene.spec.camera.id, true, true.values())
+
+
+def require_once(given: Sequence[LensParameterKeys | PortUnknownKeys]) -> None:
+    """Raise `ValueError` where a parameter is given twice."""
+    require(len({parameter.name for parameter in given}) == len(given), "a parameter is given twice")
 
 
 def true_lens(spec: SimulationSpec) -> dict[str, float]:
     """Return the true parameters of the camera of a spec by their names on CAL cards."""
     camera = spec.camera
-    values = dict.fromkeys(model.LENS_PARAMETERS, 0.0)
+    values = dict.fromkeys(LENS_PARAMETERS, 0.0)
     values |= {"F": camera.focal_length, "XP": camera.principal_point[0], "YP": camera.principal_point[1]}
     for given in spec.lens.parameter if spec.lens else ():
         values[given.name] += given.change
     return values
-
-
-def true_parameters(spec: SimulationSpec) -> tuple[TrueParameter, ...]:
-    """Return the truth of a lens, nothing where the spec has none."""
-    values, owner = true_lens(spec) if spec.lens else {}, spec.camera.id
-    return tuple(
-        TrueParameter(kind=model.ObservationKind.LENS, owner=owner, name=name, value=value)
-        for name, value in values.items()
-    )
 
 
 def through_lens(spec: SimulationSpec, ideal: FloatArray) -> FloatArray:
@@ -58,7 +94,7 @@ def through_lens(spec: SimulationSpec, ideal: FloatArray) -> FloatArray:
     Raises `SpecError` where the distortion is no small part of a place.
     """
     values, lens = true_lens(spec), spec.lens or LensKeys()
-    sign = -1.0 if lens.polynomials == model.Polynomials.CORRECTION else 1.0
+    sign = -1.0 if lens.polynomials == Polynomials.CORRECTION else 1.0
     k1, k2, k3, p1, p2 = (sign * values[name] for name in ("K1", "K2", "K3", "P1", "P2"))
     reach = np.hypot(*ideal.T)
     ideal = np.where((reach <= _REACH * np.hypot(*spec.camera.format) / 2.0)[:, None], ideal, np.nan)
@@ -76,7 +112,7 @@ def through_lens(spec: SimulationSpec, ideal: FloatArray) -> FloatArray:
 
     b1, b2 = 1.0 + values["B1"], values["B2"]
     principal = [values["XP"], values["YP"]]
-    if lens.side == model.DistortionSide.IDEAL:
+    if lens.side == DistortionSide.IDEAL:
         x, y = displaced(ideal).T
         return np.column_stack([b1 * x + b2 * y, y]) + principal
     place = ideal
@@ -88,19 +124,9 @@ def through_lens(spec: SimulationSpec, ideal: FloatArray) -> FloatArray:
     return np.column_stack([(x - b2 * y) / b1, y]) + principal
 
 
-def state_lens(spec: SimulationSpec, draws: Draws) -> tuple[model.LensUnknowns, model.ReductionOptions | None]:
-    """Return what CAL and RED cards of the deck say."""
-    if spec.lens is None:
-        return empty(model.LensUnknowns), None
-    unknown = [given for given in spec.lens.parameter if given.unknown]
-    cards = state_unknowns(true_lens(spec), unknown, draws.normal("lens", len(unknown)))
-    side, polynomials = model.DistortionSide(spec.lens.side), model.Polynomials(spec.lens.polynomials)
-    return cards, model.ReductionOptions(side=side, polynomials=polynomials)
-
-
 def state_unknowns(
     true: Mapping[str, float], unknown: Sequence[LensParameterKeys | PortUnknownKeys], deviate: FloatArray
-) -> model.LensUnknowns:
+) -> LensUnknowns:
     """Return what CAL cards say of true parameters that are unknown (k); `deviate` (k,) are normal deviates."""
     value, sigma = (np.full(len(unknown), np.nan) for _ in range(2))
     for row, given in enumerate(unknown):
@@ -108,7 +134,7 @@ def state_unknowns(
         if error is not None:
             value[row] = float(f"{true[given.name] + error * deviate[row]:.9e}")
         sigma[row] = np.nan if given.sigma is None else given.sigma
-    return model.LensUnknowns(
+    return LensUnknowns(
         camera=np.zeros(len(unknown), dtype=int),
         parameter=np.array([given.name for given in unknown], dtype=np.str_),
         value=value,
