@@ -428,7 +428,7 @@ def test_merged_decks_have_the_attitudes_of_both() -> None:
     whole = merge(*parts).block
     assert deck_bytes(whole).count(b"\nINS") == 6
     assert whole.inertial_convention == block.inertial_convention
-    with pytest.raises(DeckError, match=r"the angles of inertial attitudes are RPY in .*, OPK in"):
+    with pytest.raises(DeckError, match=r"inertial convention angles is RPY in .*, OPK in"):
         merge(parts[0], altered(parts[1], inertial_convention={"angles": "OPK"}))
 
 

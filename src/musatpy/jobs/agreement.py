@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from musatpy.errors import Problem
-from musatpy.model import Block, CoordinateSystem, InertialConvention, Options, Water, WaveOrigin, Waves
-from musatpy.model.block import linking
-from musatpy.model.tables import columns, empty
+from musatpy.model import Block, CoordinateSystem, Options, WaveOrigin, Waves
+from musatpy.model.block import linking, parts_of_block
+from musatpy.model.tables import InCommon, columns, empty
 from musatpy.units import ARC_SECOND
 
 _SYSTEM = "system"  # the one option that no other deck may decide: the coordinates are in it
@@ -70,20 +70,18 @@ def _shown(name: str, value: Any) -> str:
     return f'{value / ARC_SECOND:g}"' if name == "rotation_limit" else f"{value:g}"
 
 
-def water_of(parts: Sequence[Part], chosen: Part | None) -> tuple[Water | None, tuple[Problem, ...]]:
-    """Return the water of the merged job, and what decks say against it: a deck without water card says nothing."""
-    if chosen is not None and chosen.block.water is not None:
-        return chosen.block.water, ()
-    given = [part for part in parts if part.block.water is not None]
-    if not given:
-        return None, ()
+def card_of(name: str, parts: Sequence[Part], chosen: Part | None = None) -> tuple[Any, tuple[Problem, ...]]:
+    """Return what one card says in the merged job, and what decks say against it: without the card, nothing."""
+    if chosen is not None and (card := getattr(chosen.block, name)) is not None:
+        return card, ()
+    given = [(part, card) for part in parts if (card := getattr(part.block, name)) is not None]
     problems = [
-        _differ(given[0], part, f"water {field.name}", str(value), str(other))
-        for part in given[1:]
-        for field in fields(Water)
-        if (other := getattr(part.block.water, field.name)) != (value := getattr(given[0].block.water, field.name))
+        _differ(given[0][0], part, f"{name} {field.name}".replace("_", " "), str(value), str(other))
+        for part, card in given[1:]
+        for field in fields(card)
+        if (other := getattr(card, field.name)) != (value := getattr(given[0][1], field.name))
     ]
-    return given[0].block.water, tuple(problems)
+    return given[0][1] if given else None, tuple(problems)
 
 
 def waves_of(parts: Sequence[Part], chosen: Part | None) -> tuple[Waves, WaveOrigin | None, tuple[Problem, ...]]:
@@ -103,12 +101,9 @@ def waves_of(parts: Sequence[Part], chosen: Part | None) -> tuple[Waves, WaveOri
     return first.block.waves, first.block.wave_origin, tuple(problems)
 
 
-def convention_of(parts: Sequence[Part]) -> tuple[InertialConvention | None, tuple[Problem, ...]]:
-    """Return the convention of inertial attitudes in the merged job, and what decks say against it."""
-    given = {convention: part.name for part in parts if (convention := part.block.inertial_convention)}
-    angles = ", ".join(f"{convention.angles} in {name}" for convention, name in given.items())
-    problem = Problem(message=f"the angles of inertial attitudes are {angles}")
-    return next(iter(given), None), (problem,) if len(given) > 1 else ()
+def in_common() -> dict[str, Any]:
+    """Return, by their names, the parts of a block that its observations of a kind have in common: None of each."""
+    return dict.fromkeys(name for name, kind in parts_of_block().items() if issubclass(kind, InCommon))
 
 
 def _waves_apart(one: Block, other: Block) -> Iterator[str]:

@@ -68,11 +68,12 @@ class _Merger:
         self.problems += agreement.same_options(self.parts, self.chosen)
         self.problems += agreement.same_reduction(self.parts, self.chosen)
         self.problems += agreement.same_cameras(self.parts)
-        water, disagree = agreement.water_of(self.parts, self.chosen)
+        water, disagree = agreement.card_of("water", self.parts, self.chosen)
         waves, origin, others = agreement.waves_of(self.parts, self.chosen)
-        convention, differ = agreement.convention_of(self.parts)
-        self.problems += [*disagree, *others, *differ]
-        block = replace(self._tables(waves), water=water, wave_origin=origin, inertial_convention=convention)
+        cards = {name: agreement.card_of(name, self.parts) for name in agreement.in_common()}
+        self.problems += [*disagree, *others, *(problem for _, differ in cards.values() for problem in differ)]
+        common = {name: card for name, (card, _) in cards.items()}
+        block = replace(self._tables(waves), water=water, wave_origin=origin, **common)
         if self.problems:
             raise DeckError(self.problems)
         self._note_water(block)

@@ -15,6 +15,7 @@ import numpy as np
 from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, turn_about_one_line, wrapped
+from musatpy.jobs.agreement import in_common
 from musatpy.jobs.plan_positions import frame_of
 from musatpy.model.block import in_order, with_tables
 from musatpy.model.tables import empty, stacked, taken
@@ -222,7 +223,7 @@ def result(
         waves=_waves_found(block.waves, solution),
         photos=_photos_found(solution),
         control=_control_found(solution, points, kind),
-        inertial_convention=None,
+        **in_common(),
         given_in=_words_of_answer(block),
         stated_in=None,
     )

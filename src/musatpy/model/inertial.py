@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.model.tables import Table, per_row
+from musatpy.model.tables import InCommon, Table, per_row
 
 MISALIGNMENT_ANGLES = ("OMEGA", "PHI", "KAPPA")
 
 
 @dataclass(frozen=True, kw_only=True)
-class InertialConvention:
+class InertialConvention(InCommon):
     """What the angles of inertial attitudes are: a `geometry.body.BodyAngles`."""
 
     angles: str = "RPY"

@@ -123,6 +123,10 @@ class Table:
                 raise ValueError(f"{type(self).__name__}.{name} links outside 0..{sizes[about.link] - 1}")
 
 
+class InCommon:
+    """What one card says of all observations of a kind: the decks of a job agree in it."""
+
+
 def no_rows(kind: type[Table]) -> dict[str, NDArray[Any]]:
     """Return the columns of a table without rows."""
     any_kind: Any = kind
