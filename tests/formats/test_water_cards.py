@@ -20,7 +20,7 @@ from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.formats.families import families
 from musatpy.formats.job_tables import card_family
 from musatpy.formats.refractive_index import index_of
-from musatpy.jobs.agreement import Part, water_of, waves_of
+from musatpy.jobs.agreement import Part, card_of, waves_of
 from musatpy.jobs.extract import extracted, photos_named
 from musatpy.jobs.merge import MergeOptions, merged
 from musatpy.jobs.punch import PunchedPoints, restart, result
@@ -169,7 +169,7 @@ def test_extract_and_merge_keep_them(make, ends: tuple[str, str]) -> None:
 
 def test_other_waters_and_waves_do_not_agree() -> None:
     jobs = [Part(name=name, block=with_conditions(cayman(), c)) for name, c in (("a", SEA), ("b", PURE))]
-    index, conditions = [problem.message for problem in water_of(jobs, None)[1]]
+    index, conditions = [problem.message for problem in card_of("water", jobs, None)[1]]
     assert index.startswith("water index is 1.34")
     assert "26 degrees Celsius, chlorinity 19.2, 480 nm, formula QUANFRY, air of 28" in conditions
     assert "35 degrees Celsius, salinity 0, 900 nm, formula IAPWS, standard air" in conditions

@@ -113,6 +113,10 @@ KEYS = {
 PLACES = tuple(role for role, path in ROLES.items() if attributes(role).get(path, Column()).unit == POSITION_UNIT)
 
 
+# The cards by which photos start that have none of attitudes.
+STARTS = tuple(role for role in ROLES if any(about.starts == "attitudes" for about in attributes(role).values()))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RoleRows:
     """The k cards that say one kind of thing, in the order of the deck; or what files or calls say so."""

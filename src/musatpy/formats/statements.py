@@ -14,9 +14,10 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SystemsError
 from musatpy.formats import mapping, system_rows
-from musatpy.formats.job_tables import COVARIANCES, PLACES, ROLES, Tables
+from musatpy.formats.job_tables import COVARIANCES, PLACES, ROLES, Tables, words_of
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, SystemSpec
 from musatpy.model.block import with_tables
+from musatpy.model.tables import columns
 from musatpy.units import ARC_SECOND
 
 if TYPE_CHECKING:
@@ -92,13 +93,16 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Probl
         role: {path: column[draft.photo[role]] for path, column in table.items()}
         for role, table in by_photo.items()
     }
+    for name, given_table in block.tables().items():
+        if (table := getattr(job, name)) is not given_table and name in draft.rows:
+            names = [column for column, about in columns(type(table)).items() if not about.link]
+            cards = {f"{name}.{column}": getattr(table, column) for column in names}
+            new[name] = {path: cards[path] for path in draft.rows[name].values if path in cards}
     for covariances, name in COVARIANCES.items():
-        table: Any = getattr(job, name)
-        new[name] = {f"{name}.position": table.position, f"{name}.sigma": table.sigma}
+        table = getattr(job, name)
         row = first_of_names(draft.rows[covariances], draft.rows[name])
         restated = np.append(np.hstack([table.sigma, table.correlation]), np.full((1, 6), np.nan), axis=0)[row]
         new[covariances] = {f"{name}.sigma": restated[:, :3], f"{name}.correlation": restated[:, 3:]}
-    new["inertial_attitudes"] = {"inertial_attitudes.angles": job.inertial_attitudes.angles}
     if job.wave_origin is not None:
         new["wave_origin"] = {"wave_origin.position": np.array([job.wave_origin.position])}
     changed = {role: replace(draft.rows[role], values=draft.rows[role].values | new[role]) for role in new}
@@ -171,9 +175,10 @@ def _unreached(draft: Draft, reach: Callable[[FloatArray], object]) -> tuple[Pro
 def _placed(draft: Draft, problem: Problem) -> Problem:
     """Return a problem of the statement at the card of the photo or point that it is of, else at the SYS card."""
     of_photo, message = draft.photo_ids == problem.found, problem.message
+    of_photos = [name for name in COVARIANCES.values() if name in draft.photo]
     for kind, role, path, rows, words in (
         ("photo", "attitudes", "photos.attitude", draft.photo, ("attitude", "matrix", "turn about")),
-        ("photo", "antenna_positions", "antenna_positions.sigma", draft.photo, ("antenna",)),
+        *(("photo", name, f"{name}.sigma", draft.photo, (words_of(name),)) for name in of_photos),
         ("photo", "stations", "photos.position", draft.photo, ("",)),
         ("photo", "tides", "photos.tide", draft.photo, ("tide",)),
         ("control point", "control", "control.position", draft.point, ("",)),

@@ -27,7 +27,7 @@ class InertialAttitudes(Table, noun="inertial attitude"):
     """
 
     photo: IntArray = per_row(link="photos", key=True)  # (a,)
-    angles: FloatArray = per_row(3, unit="rad")  # (a, 3)
+    angles: FloatArray = per_row(3, unit="rad", starts="attitudes")  # (a, 3)
     sigma: FloatArray = per_row(3, unit="rad")  # (a, 3)
 
 

@@ -41,6 +41,7 @@ class Column:
     noun: str = ""  # what it is called where a file cannot hold it; empty: its name
     codes: Codes | None = None
     blank: Any = None  # what a table has that is made without the column; None: it must be given
+    starts: str = ""  # cards of photos in whose place photos start by it
     used_by: str = ""  # column of another table, `antenna_positions.line`, that names the rows which matter
 
 

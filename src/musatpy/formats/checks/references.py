@@ -12,7 +12,7 @@ from musatpy.arrays import IntArray, TextArray
 from musatpy.errors import Problem
 from musatpy.formats.checks.check import check
 from musatpy.formats.draft import Draft
-from musatpy.formats.job_tables import naming, table_of
+from musatpy.formats.job_tables import STARTS, naming, table_of
 
 _READ_AGAIN = ("plates", "fiducial_measurements")  # of raw plates, whose readings are no measurements
 Table = Literal["cameras", "photos", "points"]
@@ -41,7 +41,7 @@ def missing_kinds(draft: Draft) -> Iterator[Problem]:
     """Yield what no job can do without and no card gives, apart from the cards that every deck must have."""
     whole = "the block" if draft.call else "the deck"
     for role, what in (("stations", "exposure stations"), ("attitudes", "attitudes")):
-        started = role == "attitudes" and len(draft.rows["inertial_attitudes"])  # by these
+        started = role == "attitudes" and any(len(draft.rows[other]) for other in STARTS)
         if not (draft.may_lack_station or started or len(draft.rows[role])):
             yield Problem(file=draft.deck.file, message=f"{whole} has no {what} (no {draft.card(role)})")
 
@@ -132,9 +132,9 @@ def _needed(draft: Draft) -> Iterator[Need]:
     if computed and cameras > 1:
         message = f"photo {{}} has no station card, and any of {cameras} cameras may have taken it"
         yield "photos", ("plates",), ("stations",), message, "error"
-    if given & {"attitudes", "inertial_attitudes"} and not computed:
+    if given & {"attitudes", *STARTS} and not computed:
         message = f"photo {{}} has no attitude card ({draft.cards('attitudes')})"
-        yield "photos", ("stations",), ("attitudes", "matrices", "inertial_attitudes"), message, "error"
+        yield "photos", ("stations",), ("attitudes", "matrices", *STARTS), message, "error"
     if "plates" in given:
         message = "nothing is measured on photo {}: it only keeps what its own cards say"
         yield "photos", ("stations",), ("plates",), message, "warning"
