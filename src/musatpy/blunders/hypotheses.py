@@ -24,7 +24,7 @@ from musatpy.blunders import antennas
 from musatpy.blunders.linear_model import Drop, LinearModel, PointChecks, dropped, put_in_again
 from musatpy.blunders.scene import IMAGES_CHECKED, PENALTY, Factors
 from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
-from musatpy.model.findings import CONTROL_CARD, STATION_CARD
+from musatpy.model.kinds import CONTROL_CARD, STATION_CARD
 from musatpy.model.tables import falling
 from musatpy.units import length_unit
 

@@ -16,10 +16,10 @@ from musatpy.model.block import (
     PlateMeasurements,
     Points,
 )
-from musatpy.model.findings import Action, Cause, CauseKind, Concern, Finding, Grade, Reason, Verdict
+from musatpy.model.findings import Cause, Concern, Finding, Grade, Reason, Verdict
 from musatpy.model.gnss import AntennaLines, AntennaPositions, ExposureTimes, LeverArms
 from musatpy.model.inertial import MISALIGNMENT_ANGLES, InertialAttitudes, InertialConvention, Misalignments
-from musatpy.model.kinds import ObservationKind
+from musatpy.model.kinds import Action, CauseKind, ObservationKind
 from musatpy.model.lenses import LENS_PARAMETERS, LENS_UNITS, LensUnknowns
 from musatpy.model.options import (
     CauseSearch,

@@ -13,19 +13,15 @@ from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import lru_cache, partial
 from types import MappingProxyType, UnionType
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.model import extensions
 from musatpy.model.correlations import LEAST_EIGENVALUE, correlations_of, smallest_eigenvalues
-from musatpy.model.gnss import AntennaLines, AntennaPositions, ExposureTimes, LeverArms
-from musatpy.model.inertial import InertialAttitudes, InertialConvention, Misalignments
-from musatpy.model.lenses import LensUnknowns
+from musatpy.model.kinds import TablesOfKinds
 from musatpy.model.options import EllipsoidSpec, Options, OrientationSpec, SystemSpec
-from musatpy.model.ports import Ports
 from musatpy.model.reduction import (
     ComparatorSpec,
     CrossMeasurements,
@@ -37,8 +33,6 @@ from musatpy.model.reduction import (
 )
 from musatpy.model.tables import POSITION_UNIT, Table, columns, empty, parts_of, per_row, renumbered, taken
 from musatpy.model.water import Water, WaveOrigin, Waves
-
-Kind = TypeVar("Kind")
 
 _TITLE = 80  # characters of a title that are shown
 FOCAL_LENGTHS = (85.0, 88.5, 100.0, 115.0, 152.5, 210.0, 305.0, 610.0)  # mm, of aerial cameras
@@ -274,17 +268,8 @@ class HeightDifferences(Table):
     sigma: FloatArray = per_row(unit="m")  # (d,)
 
 
-def _with_tables_from_outside(kind: type[Kind]) -> type[Kind]:
-    """Return a class with the tables of extensions among its attributes."""
-    for name, table in extensions.stated("TABLES").items():
-        kind.__annotations__[name] = table
-        setattr(kind, name, field(default_factory=partial(empty, table)))
-    return kind
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
-@_with_tables_from_outside
-class Block:
+class Block(TablesOfKinds):
     """One job. Raises `ValueError` where a link points outside its table."""
 
     titles: tuple[str, ...]
@@ -293,14 +278,8 @@ class Block:
     water: Water | None = None  # None: no water card
     cameras: Cameras
     distortion: Distortion = field(default_factory=partial(empty, Distortion))
-    lens_unknowns: LensUnknowns = field(default_factory=partial(empty, LensUnknowns))
-    ports: Ports = field(default_factory=partial(empty, Ports))
     fiducials: Fiducials = field(default_factory=partial(empty, Fiducials))
-    lever_arms: LeverArms = field(default_factory=partial(empty, LeverArms))
-    antenna_lines: AntennaLines = field(default_factory=partial(empty, AntennaLines))
     photos: Photos
-    antenna_positions: AntennaPositions = field(default_factory=partial(empty, AntennaPositions))
-    exposure_times: ExposureTimes = field(default_factory=partial(empty, ExposureTimes))
     fiducial_measurements: FiducialMeasurements = field(default_factory=partial(empty, FiducialMeasurements))
     points: Points
     plates: PlateMeasurements = field(default_factory=partial(empty, PlateMeasurements))
@@ -309,9 +288,6 @@ class Block:
     air_bases: AirBases = field(default_factory=partial(empty, AirBases))
     distances: Distances = field(default_factory=partial(empty, Distances))
     height_differences: HeightDifferences = field(default_factory=partial(empty, HeightDifferences))
-    inertial_convention: InertialConvention | None = None  # None: no card
-    inertial_attitudes: InertialAttitudes = field(default_factory=partial(empty, InertialAttitudes))
-    misalignments: Misalignments = field(default_factory=partial(empty, Misalignments))
     reduction: ReductionOptions | None = None  # None: no card, the plate coordinates are refined
     comparator: ComparatorSpec | None = None
     orientation: OrientationSpec | None = None  # None: no card

@@ -1,14 +1,21 @@
-"""The kinds of observations: names, units and tables."""
+"""The kinds of observations and unknowns: names, units and tables, and what may be wrong with them."""
 
 from __future__ import annotations
 
-from enum import IntEnum
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from musatpy.arrays import IntArray
 from musatpy.model import extensions
+from musatpy.model.gnss import AntennaLines, AntennaPositions, ExposureTimes, LeverArms
+from musatpy.model.inertial import InertialAttitudes, InertialConvention, Misalignments
+from musatpy.model.lenses import LensUnknowns
+from musatpy.model.ports import Ports
+from musatpy.model.tables import empty
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 if TYPE_CHECKING:
@@ -18,7 +25,11 @@ if TYPE_CHECKING:
 ENU = ("East", "North", "Up")
 ANGLES = ("X-Tilt", "Y-Tilt", "Heading")
 BODY_AXES = ("x axis", "y axis", "z axis")
+CONTROL_CARD, STATION_CARD = "CTG/CTX", "STA/STX"  # the card of geographic jobs, and that of all others
+_POSITION = "east north up"
+_SCALES = {"um": MICROMETRE, "arc sec": ARC_SECOND}  # of units, in those inside
 _NOTHING = np.zeros(0, dtype=np.int64)
+Kind = TypeVar("Kind")
 
 
 class ObservationKind(IntEnum):
@@ -101,3 +112,168 @@ class ObservationKind(IntEnum):
         links = ((getattr(table, "photo", None), photos.ids), (getattr(table, "point", None), points.ids))
         parts = [ids[link[rows]].reshape(len(rows), -1) for link, ids in links if link is not None]
         return [list(row) for row in zip(*(column for part in parts for column in part.T.tolist()), strict=True)]
+
+
+class Action(StrEnum):
+    """What was done, or with LIST would be done."""
+
+    KEPT_OUT = "kept out"  # flag N on the plate card
+    RENAMED = "renamed"  # the plate card gets the name of the point whose image it is
+    NOT_KNOWN = "not held"  # control: the component is not known any more; stations: not observed
+    DROPPED = "dropped"  # the card, or the point on it, is not there any more
+    FLAGGED = "flag B set"
+    UNFLAGGED = "flag B taken"
+    NONE = "none"  # why, says the note
+
+
+class CauseKind(StrEnum):
+    """What may be wrong, the cheaper to check first: a card is read again sooner than plates are measured again.
+
+    A member is its name as a cause; its name in the list of blunders (empty: it never stands there), and what EDIT
+    does; the cards to read again; the component of the card that is wrong; the unit of its size (None: it has no
+    size), and the axes of that, if it has several; and what to check.
+    """
+
+    _ignore_ = "member statement"
+    # fmt: off
+    VERTICAL = (
+        "height of a control card", "vertical control", Action.NOT_KNOWN, CONTROL_CARD, "height", "m", "",
+        "read the height on the control card again: digits, sign, unit, sigma")
+    HORIZONTAL = (
+        "position of a control card", "horizontal control", Action.NOT_KNOWN, CONTROL_CARD, "position", "m",
+        "east north",
+        "read the position on the control card again: digits, sign, sigma, the name of the point")
+    CONTROL = (
+        "control card", "", Action.NONE, CONTROL_CARD, "", "m", _POSITION,
+        "read the control card again: digits, unit, sigma, the name of the point")
+    EXCHANGED_CONTROL = (
+        "exchanged control cards", "", Action.NONE, CONTROL_CARD, "", None, "",
+        "each point lies where the other card says: exchange the names on the two control cards")
+    UNIT = "unit of length", "", Action.NONE, "", "", "", "", ""  # whose, and of what length, says `blunders`
+    TIDE = (
+        "tide card", "tide", Action.KEPT_OUT, "TID", "", "m", "",
+        "read the tide card again: sign, datum, time of the exposure")
+    TIDES = (
+        "tides of several photos", "", Action.NONE, "TID", "all photos", "m", "",
+        "read the tides again: datum, sign, time zone; no single image can be blamed")
+    FOCAL_LENGTH = (
+        "focal length", "", Action.NONE, "CAM", "focal length", "mm", "",
+        "compare the camera card with the calibration; a common error of the heights of observed stations looks "
+        "alike")
+    PRINCIPAL_POINT = (
+        "principal point", "", Action.NONE, "CAM", "", "mm", "",
+        "compare the camera card with the calibration, signs and plate axes too")
+    INDEX = "refractive index", "", Action.NONE, "WTR", "", "", "", "read the water card again"
+    ELEVATION = (
+        "equal elevation", "equal elevation", Action.DROPPED, "EQL", "", "m", "",
+        "is the point on the shore line? read the names on the card again")
+    DISTANCE = (
+        "distance", "distance", Action.DROPPED, "DIS", "", "m", "",
+        "read the distance card again: names and digits")
+    HEIGHT_DIFFERENCE = (
+        "height difference", "height difference", Action.DROPPED, "HDF", "", "m", "",
+        "read the height difference card again: names, digits, sign")
+    AIR_BASE = (
+        "air base", "air base", Action.DROPPED, "BAS", "", "m", "",
+        "read the air base card again: photos and digits")
+    ANTENNA = (
+        "antenna position", "antenna position", "dropped", "GNS/GNX", "position", "m", _POSITION,
+        "read the card of the antenna position again: digits, the name of the photo; was the receiver locked?")
+    ANTENNA_TIMES = (
+        "times of antenna positions", "", Action.NONE, "GNT GNS/GNX", "", "sec", "",
+        "all positions of the line are off along the flight: compare the clocks of receiver and camera")
+    LEVER_ARM_SIGN = (
+        "sign of a lever arm", "", Action.NONE, "LVR", "", "m", "x y z",
+        "reverse the sign, or read how the axes of the lever arm were defined")
+    ANTENNA_LINES = (
+        "exchanged antenna positions", "", Action.NONE, "GNS/GNX", "", None, "",
+        "each position lies where another card says: read the lines and photos on these cards again")
+    INERTIAL_ATTITUDE = (
+        "inertial attitude", "inertial attitude", Action.DROPPED, "INS", "angles", "arc sec", "x y z",
+        "read the card of the inertial attitude again: photo, digits, signs; is it that of another exposure?")
+    INERTIAL_CONVENTION = (
+        "convention of inertial attitudes", "", Action.NONE, "INO INS MIS", "angles", None, "",
+        "read the cards of the inertial unit again: the verdict says how they would fit")
+    ATTITUDE = (
+        "attitude card", "station attitude", Action.NOT_KNOWN, "ATT", "angles", "arc sec", "omega phi kappa",
+        "read the attitude card again: digits, signs, sigmas")
+    POSITION = (
+        "station card", "station position", Action.NOT_KNOWN, STATION_CARD, "position", "m", _POSITION,
+        "read the station card again: digits, sigmas, the name of the photo")
+    STATION = (
+        "station and attitude cards", "", Action.NONE, f"{STATION_CARD} ATT", "", "m", _POSITION,
+        "read station and attitude cards again: the name of the photo, digits, sigmas")
+    START = (
+        "start values of a station", "", Action.NONE, f"{STATION_CARD} ATT", "", "m", "",
+        "read the card again: the given values, from which the run starts, are far from what the images say")
+    LABELS = "exchanged photo labels", "", Action.NONE, "", "", None, "", ""  # of which cards, says `blunders`
+    FLAG = (
+        "flag of a submerged point", "", Action.NONE, "PLT", "", "m", "",
+        "look whether the point is submerged, and at the flag B of its plate cards")
+    DRY_FLAG = "missing flag", "not flagged submerged", Action.FLAGGED, "PLT", "", "m", "", ""  # m below water
+    WET_FLAG = "wrong flag", "flagged submerged", Action.UNFLAGGED, "PLT", "", "m", "", ""  # m above it
+    NAME = (
+        "name of an image", "misnamed image", Action.RENAMED, "PLT", "", "um", "",
+        "compare the name on the plate card with the plate")
+    EXCHANGED_IMAGES = (
+        "exchanged images of a point", "", Action.NONE, "PLT", "", None, "",
+        "each fits the other photo: exchange the photo ids on the two plate cards")
+    AXES = "axes", "", Action.NONE, "", "", None, "", ""  # which, says `blunders`
+    IMAGE = (
+        "image", "plate measurement", Action.KEPT_OUT, "PLT", "", "um", "x y",
+        "read the plate card again, then measure the image again: name, digits, sign")
+    IMAGES = (
+        "all images of a point", "", Action.NONE, "PLT", "", None, "",
+        "read the plate cards of the point again, then measure its images: is it one point on all of them?")
+    # fmt: on
+    for member, statement in extensions.stated("CAUSES").items():
+        locals()[member] = statement
+
+    listed: str
+    action: Action
+    cards: str
+    component: str
+    unit: str
+    sized: bool
+    axes: tuple[str, ...]
+    advice: str
+
+    def __new__(
+        cls, name: str, listed: str = "", action: Action = Action.NONE, cards: str = "", component: str = "",
+        unit: str | None = None, axes: str = "", advice: str = "",
+    ) -> CauseKind:  # fmt: skip
+        member = str.__new__(cls, name)
+        member._value_ = name
+        member.listed, member.action, member.cards, member.component = listed, Action(action), cards, component
+        member.unit, member.sized = unit or "", unit is not None
+        member.axes, member.advice = tuple(axes.split()), advice
+        return member
+
+    @property
+    def scale(self) -> float:
+        """The unit of its size, in that of what is computed."""
+        return _SCALES.get(self.unit, 1.0)
+
+
+def _with_tables_from_outside(kind: type[Kind]) -> type[Kind]:
+    """Return a class with the tables of extensions among its attributes."""
+    for name, table in extensions.stated("TABLES").items():
+        kind.__annotations__[name] = table
+        setattr(kind, name, field(default_factory=partial(empty, table)))
+    return kind
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+@_with_tables_from_outside
+class TablesOfKinds:
+    """What a block has of kinds that most jobs are without."""
+
+    lens_unknowns: LensUnknowns = field(default_factory=partial(empty, LensUnknowns))
+    ports: Ports = field(default_factory=partial(empty, Ports))
+    lever_arms: LeverArms = field(default_factory=partial(empty, LeverArms))
+    antenna_lines: AntennaLines = field(default_factory=partial(empty, AntennaLines))
+    antenna_positions: AntennaPositions = field(default_factory=partial(empty, AntennaPositions))
+    exposure_times: ExposureTimes = field(default_factory=partial(empty, ExposureTimes))
+    inertial_convention: InertialConvention | None = None  # None: no card
+    inertial_attitudes: InertialAttitudes = field(default_factory=partial(empty, InertialAttitudes))
+    misalignments: Misalignments = field(default_factory=partial(empty, Misalignments))

@@ -21,6 +21,7 @@ from musatpy.formats.cards.spec import CardSpec
 from musatpy.formats.job_tables import card_family
 from musatpy.model import Block
 from musatpy.model.block import parts_of_block
+from musatpy.model.kinds import TablesOfKinds
 from musatpy.model.tables import Table, columns, types_of
 from musatpy.reports.fields import Field, FieldGroup, Node, Rows, same
 from musatpy.reports.values import names
@@ -77,8 +78,8 @@ def called(path: str) -> tuple[str, str]:
 
 
 def input_tables(results: Collection[str]) -> Iterator[Node[Statistics]]:
-    """Yield every part of the block, but those that have a table of `results`."""
-    for name, kind in parts_of_block().items():
+    """Yield every part of the block, those of kinds last, but those that have a table of `results`."""
+    for name, kind in sorted(parts_of_block().items(), key=lambda part: part[0] in columns(TablesOfKinds)):
         if HOMES.get(name, name).partition(".")[0] not in results:
             block = "read" if name in OF_READINGS else "block"
             if issubclass(kind, Table):
