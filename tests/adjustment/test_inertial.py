@@ -224,6 +224,17 @@ def test_a_wrong_record_is_found_and_dropped() -> None:
 # --- what nothing determines ---
 
 
+def test_one_strip_with_antennas_needs_no_control_unless_its_misalignment_is_free() -> None:
+    """Positions on a line leave the turn about it, which inertial attitudes hold."""
+    strip = {"flight": {"strips": 1, "photos": 4}, "antenna": {}, "options": {"program": "IIIA"}}
+    of_units: tuple[dict[str, object], ...] = ({"inertial": {}}, {"inertial": {"free": True}}, {})
+    held, free, none = (simulation(3, **strip, **unit).block for unit in of_units)
+    read_deck(deck_bytes(held))
+    for block in (free, none):
+        with pytest.raises(DeckError, match="its datum needs"):
+            read_deck(deck_bytes(block))
+
+
 def test_a_strip_of_one_heading_does_not_determine_a_roll() -> None:
     """Observed stations of a straight strip hold everything but its roll, which a free misalignment takes up.
 

@@ -116,6 +116,9 @@ PLACES = tuple(role for role, path in ROLES.items() if attributes(role).get(path
 # The cards by which photos start that have none of attitudes.
 STARTS = tuple(role for role in ROLES if any(about.starts == "attitudes" for about in attributes(role).values()))
 
+# Those besides that of the station with the place of a photo.
+OF_STATIONS = tuple(role for role in PLACES if f"{role}.photo" in attributes(role))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RoleRows:

@@ -8,10 +8,11 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem
-from musatpy.formats.checks.check import check
+from musatpy.formats.checks.check import MOTIONS, check
 from musatpy.formats.checks.images import metric
 from musatpy.formats.draft import Draft, first_of_names
 from musatpy.formats.job_tables import ROLES
+from musatpy.geometry.similarity import by_change
 from musatpy.model import Program
 
 _TABLES = ("antenna_positions", "antenna_covariances", "lever_arms", "antenna_lines")
@@ -40,7 +41,7 @@ def antenna_sigmas(draft: Draft) -> Iterator[Problem]:
 
 @check(needs="lever_arms")
 def lever_arms(draft: Draft) -> Iterator[Problem]:
-    """Yield lever arms in other units, those of no antenna position, and free ones with standard deviations."""
+    """Yield lever arms in other units, and those of no antenna position."""
     role, camera = "lever_arms", draft.camera["lever_arms"]
     offset = draft.rows[role]["lever_arms.offset"]
     for row in np.flatnonzero(np.linalg.norm(offset, axis=1) > _LONGEST).tolist():
@@ -58,12 +59,11 @@ def lever_arms(draft: Draft) -> Iterator[Problem]:
     unused = np.isin(camera, draft.camera["cameras"]) & ~np.isin(camera, seen)
     names = draft.names("cameras", role)
     yield from draft.problems(role, unused, message, names, path="lever_arms.camera")
-    yield from _free_and_known(draft, role, "lever_arms.free", "lever_arms.sigma")
 
 
 @check(needs="antenna_lines")
 def antenna_lines(draft: Draft) -> Iterator[Problem]:
-    """Yield shifts and drifts of no photo, of too few, or without times; free ones with standard deviations."""
+    """Yield shifts and drifts of no photo, of too few, or without times."""
     role, rows, lines = "antenna_lines", draft.rows["antenna_lines"], draft.rows["antenna_positions"]
     line, time = lines["antenna_positions.line"], _times(draft)
     drifting = np.isfinite(rows[f"{role}.drift_sigma"]).any(axis=1) | rows[f"{role}.drift_free"]
@@ -82,8 +82,6 @@ def antenna_lines(draft: Draft) -> Iterator[Problem]:
         elif drifting[row]:
             message = f"line {name} has a drift, and this photo no time ({draft.card('exposure_times')})"
             yield from draft.problems("antenna_positions", member & np.isnan(time), message)
-    yield from _free_and_known(draft, role, f"{role}.shift_free", f"{role}.shift_sigma")
-    yield from _free_and_known(draft, role, f"{role}.drift_free", f"{role}.drift_sigma")
 
 
 @check(of_job=True, needs="exposure_times", follows=("antenna_positions", "exposure_times"))
@@ -111,6 +109,34 @@ def times_in_order(draft: Draft) -> Iterator[Problem]:
             yield draft.problem("exposure_times", of_photo, message, path="exposure_times.time")
 
 
+def _motions_held(draft: Draft, station: FloatArray, photos: BoolArray) -> Iterator[FloatArray]:
+    """Yield the rows of antenna positions of photos : what free shifts and drifts of their line leave."""
+    role, of_lines = "antenna_positions", draft.rows["antenna_lines"]
+    photo, line = draft.photo[role], draft.rows[role][f"{role}.line"]
+    known = {name: row for row, name in enumerate(of_lines["antenna_lines.line"].tolist()) if name}
+    time = draft.by_photo("exposure_times", "exposure_times.time")
+    inside = np.append(photos, False)[photo]
+    for name in np.unique(line[inside]).tolist():
+        member = photo[inside & (line == name)]
+        since = np.nan_to_num(time[member] - np.nanmean(np.append(time[member], 0.0)))
+        follows = np.stack([np.ones(len(member)), since], axis=1)
+        for component in range(3):
+            rows = by_change(station)[member, component]
+            free = [
+                name in known
+                and bool(of_lines[f"antenna_lines.{what}_free"][known[name]])
+                and bool(np.isnan(of_lines[f"antenna_lines.{what}_sigma"][known[name], component]))
+                for what in ("shift", "drift")
+            ]
+            yield rows - follows[:, free] @ np.linalg.pinv(follows[:, free]) @ rows
+
+
+MOTIONS["antenna_positions"] = (
+    _motions_held,
+    "free shifts and drifts of lines leave nothing of their antenna positions to hold it",
+)
+
+
 def _rising(values: FloatArray) -> BoolArray:
     """Return which of the values (k,) make the longest series that grows."""
     length, before = np.ones(len(values), dtype=int), np.full(len(values), -1)
@@ -128,10 +154,3 @@ def _times(draft: Draft) -> FloatArray:
     """Return the times (a,) s of the antenna positions, NaN without."""
     photo: IntArray = draft.photo["antenna_positions"]
     return np.append(draft.by_photo("exposure_times", "exposure_times.time"), np.nan)[photo]
-
-
-def _free_and_known(draft: Draft, role: str, free: str, sigma: str) -> Iterator[Problem]:
-    """Yield what is called free, and of which every component has a standard deviation."""
-    both = draft.rows[role][free] & np.isfinite(draft.rows[role][sigma]).all(axis=1)
-    message = "F says that it is free, and all three components have a standard deviation"
-    yield from draft.problems(role, both, message, path=free)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import Problem
 from musatpy.formats.draft import Draft
 
@@ -28,6 +29,11 @@ class DeckCheck:
         if (self.needs and not len(draft.rows[self.needs])) or self.raw not in (None, draft.raw):
             return iter(())
         return iter(()) if draft.is_spoilt(*self.follows) else self.find(draft)
+
+
+# By the role of observations of a kind: the rows (k, 7) that they add to the datum of some photos (n,) at stations
+# (n, 3), see `datum`, and how they may hold nothing, in words. The checks of the kind say so.
+MOTIONS: dict[str, tuple[Callable[[Draft, FloatArray, BoolArray], Iterator[FloatArray]], str]] = {}
 
 
 def check(

@@ -14,11 +14,11 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem
-from musatpy.formats.checks.check import check
+from musatpy.formats.checks.check import MOTIONS, check
 from musatpy.formats.checks.images import PlateRays, common_rays, metric, rays_of
 from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
-from musatpy.formats.job_tables import ROLES
+from musatpy.formats.job_tables import OF_STATIONS, ROLES
 from musatpy.geometry.similarity import by_change
 from musatpy.model import Datum, Program
 
@@ -54,8 +54,7 @@ def photo_rays(draft: Draft) -> Iterator[Problem]:
     photo = draft.photo["plates"]
     measured = np.bincount(photo[photo >= 0], minlength=photos)
     usable = np.bincount(photo[rays.usable], minlength=photos)
-    antennas = np.isin(np.arange(photos), draft.photo["antenna_positions"])
-    observed = _observed(draft).sum(axis=1) + 3 * antennas
+    observed = _observed(draft).sum(axis=1) + 3 * sum(_named(draft, role) for role in MOTIONS)
     stations = draft.photo["stations"]
     cards = [("stations", "photos.ids", row, link) for row, link in enumerate(stations.tolist())]
     if draft.may_lack_station:  # what shows a photo without a station card
@@ -79,6 +78,11 @@ def _observed(draft: Draft) -> BoolArray:
     attitude = draft.by_photo("attitudes", "photos.attitude_sigma")
     observed: BoolArray = np.isfinite(np.concatenate([position, attitude], axis=1))
     return observed
+
+
+def _named(draft: Draft, role: str) -> BoolArray:
+    """Return (photos,) whether a card of a role names the photo."""
+    return np.isin(np.arange(len(draft.photo_ids)), draft.photo[role])
 
 
 @check(of_run=True, follows=_OF_RAYS)
@@ -111,8 +115,8 @@ def parts(draft: Draft) -> Iterator[Problem]:
         have = f"has {known}"
         if _motions_held(draft, rays, inside, measured, observed) < _MOTIONS:
             need = f"its datum needs {_HORIZONTAL} horizontal and {_VERTICAL} vertical ones, or observed stations"
-            if (inside & np.isin(np.arange(len(inside)), draft.photo["antenna_positions"])).any():
-                need += "; free shifts and drifts of lines leave nothing of their antenna positions to hold it"
+            leaving = [words for role, (_, words) in MOTIONS.items() if _named(draft, role)[inside].any()]
+            need = "; ".join([need, *leaving])
             alone = "" if len(numbers) == 1 else " and hangs together with the rest by nothing"
             yield Problem(file=draft.deck.file, message=f"{name} {have}{alone}: {need}")
         elif not is_level:
@@ -123,8 +127,8 @@ def parts(draft: Draft) -> Iterator[Problem]:
 def _known(draft: Draft, rays: PlateRays, inside: BoolArray, measured: BoolArray) -> tuple[str, bool]:
     """Return in words how much is known of a part of the block, and whether its heights or tilts level it."""
     observed = _observed(draft)[inside]
-    antennas = np.isin(np.flatnonzero(inside), draft.photo["antenna_positions"])
-    observed = observed | (antennas[:, None] & (np.arange(_UNKNOWNS) < 3))
+    placed = np.any([_named(draft, role)[inside] for role in OF_STATIONS], axis=0)
+    observed = observed | (placed[:, None] & (np.arange(_UNKNOWNS) < 3))
     horizontal = observed[:, :2].all(axis=1).sum() + np.count_nonzero(measured & rays.horizontal)
     # A point of which only the height is known helps with two rays or more.
     helpful = rays.vertical & ((rays.triangulated > 1) | rays.horizontal)
@@ -196,7 +200,7 @@ def _motions_held(draft: Draft, rays: PlateRays, photos: BoolArray, points: Bool
         by_change(ground)[np.stack([rays.horizontal, rays.horizontal, rays.vertical], axis=1) & points[:, None]],
         _turns(draft)[observed[:, 3:] & photos[:, None]],
         lengths,
-        *_antennas(draft, station, photos),
+        *(part for held, _ in MOTIONS.values() for part in held(draft, station, photos)),
         *_levels(draft, ground, points),
     ]
     return int(np.linalg.matrix_rank(np.concatenate(rows), tol=_FREE))
@@ -208,16 +212,15 @@ def _places(draft: Draft, rays: PlateRays, photos: BoolArray, points: BoolArray)
     That is twice the median distance from the middle.
     """
     stations = np.array(metric(draft, "stations", draft.by_photo("stations", ROLES["stations"])))
-    antennas = metric(draft, "antenna_positions", draft.by_photo("antenna_positions", ROLES["antenna_positions"]))
-    stations = np.where(np.isnan(stations), antennas, stations)
+    for role in OF_STATIONS:
+        others = metric(draft, role, draft.by_photo(role, ROLES[role]))
+        stations = np.where(np.isnan(stations), others, stations)
     control = np.full((len(points), 3), np.nan)
     link = draft.point["control"]
     control[link[link >= 0]] = draft.rows["control"][ROLES["control"]][link >= 0]
     control = np.array(metric(draft, "control", control))
     control[~rays.horizontal, :2], control[~rays.vertical, 2] = np.nan, np.nan
-    if not all(
-        fits_system(draft, role).all() for role in ("stations", "control", "antenna_positions")
-    ):  # said elsewhere
+    if not all(fits_system(draft, role).all() for role in ("stations", "control", *OF_STATIONS)):  # said elsewhere
         stations[:], control[:] = np.nan, np.nan
     both = np.concatenate([stations[photos], control[points]])
     known = np.isfinite(both)
@@ -259,28 +262,6 @@ def _bases(draft: Draft, photos: BoolArray, points: BoolArray) -> int:
     if draft.options.program is Program.IIIA:
         count += np.append(points, False)[draft.point["distances"]].all(axis=1).sum()
     return int(count)
-
-
-def _antennas(draft: Draft, station: FloatArray, photos: BoolArray) -> Iterator[FloatArray]:
-    """Yield the rows of antenna positions of photos : what free shifts and drifts of their line leave."""
-    role, of_lines = "antenna_positions", draft.rows["antenna_lines"]
-    photo, line = draft.photo[role], draft.rows[role][f"{role}.line"]
-    known = {name: row for row, name in enumerate(of_lines["antenna_lines.line"].tolist()) if name}
-    time = draft.by_photo("exposure_times", "exposure_times.time")
-    inside = np.append(photos, False)[photo]
-    for name in np.unique(line[inside]).tolist():
-        member = photo[inside & (line == name)]
-        since = np.nan_to_num(time[member] - np.nanmean(np.append(time[member], 0.0)))
-        follows = np.stack([np.ones(len(member)), since], axis=1)
-        for component in range(3):
-            rows = by_change(station)[member, component]
-            free = [
-                name in known
-                and bool(of_lines[f"antenna_lines.{what}_free"][known[name]])
-                and bool(np.isnan(of_lines[f"antenna_lines.{what}_sigma"][known[name], component]))
-                for what in ("shift", "drift")
-            ]
-            yield rows - follows[:, free] @ np.linalg.pinv(follows[:, free]) @ rows
 
 
 def _levels(draft: Draft, ground: FloatArray, points: BoolArray) -> Iterator[FloatArray]:

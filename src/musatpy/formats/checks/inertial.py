@@ -6,10 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import Problem
-from musatpy.formats.checks.check import check
+from musatpy.formats.checks.check import MOTIONS, check
 from musatpy.formats.draft import Draft
+from musatpy.geometry.body import BodyAngles, body_matrix
 from musatpy.model import Program
+from musatpy.model.tables import finite_rows
 from musatpy.units import DEGREE
 
 _ATTITUDES, _MISALIGNMENTS = "inertial_attitudes", "misalignments"
@@ -40,13 +43,29 @@ def pitches(draft: Draft) -> Iterator[Problem]:
         yield from draft.problems(_ATTITUDES, beyond, message, pitch, path=path, component=1)
 
 
+def _motions_held(draft: Draft, station: FloatArray, photos: BoolArray) -> Iterator[FloatArray]:
+    """Yield the rows of inertial attitudes of photos: what free misalignments leave of the turns of bodies."""
+    role, rows, photo = _MISALIGNMENTS, draft.rows[_MISALIGNMENTS], draft.photo[_ATTITUDES]
+    angles, convention = draft.rows[_ATTITUDES][f"{_ATTITUDES}.angles"], draft.rows["inertial_convention"]
+    known = np.append(photos, False)[photo] & finite_rows(angles)
+    camera = np.append(draft.camera_of_photo, -1)[photo]
+    free = draft.camera[role][rows[f"{role}.free"] & np.isnan(rows[f"{role}.sigma"]).all(axis=1)]
+    for form in BodyAngles:
+        if form in convention["inertial_convention.angles"][:1]:
+            for number in np.unique(camera[known]).tolist():
+                bodies = body_matrix(angles[known & (camera == number)], form)
+                bodies = bodies - bodies.mean(axis=0) if number in free else bodies
+                yield np.pad(bodies.reshape(-1, 3), ((0, 0), (1, 3)))  # of the scale, turns, shifts
+
+
+MOTIONS[_ATTITUDES] = _motions_held, "free misalignments leave nothing of the inertial attitudes of parallel photos"
+
+
 @check(needs=_MISALIGNMENTS)
 def misalignments(draft: Draft) -> Iterator[Problem]:
-    """Yield misalignments with two kinds of priors, and those that no inertial attitude determines."""
+    """Yield unknown misalignments that no inertial attitude determines."""
     role, rows, camera = _MISALIGNMENTS, draft.rows[_MISALIGNMENTS], draft.camera[_MISALIGNMENTS]
     free, given = rows[f"{role}.free"], ~np.isnan(rows[f"{role}.sigma"])
-    message = "all three angles have a standard deviation: nothing is free"
-    yield from draft.problems(role, free & given.all(axis=1), message, path=f"{role}.free")
     seen = np.append(draft.camera_of_photo, -1)[draft.photo[_ATTITUDES]]
     message = f"no photo of camera {{}} has an {draft.card(_ATTITUDES)}, which could determine its misalignment"
     lost = (camera >= 0) & ~np.isin(camera, seen) & (free | given.any(axis=1))

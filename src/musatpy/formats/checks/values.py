@@ -40,6 +40,16 @@ def sigmas(draft: Draft) -> Iterator[Problem]:
                 yield from draft.problems(role, bad, message, path=path, component=component)
 
 
+@check()
+def free_and_known(draft: Draft) -> Iterator[Problem]:
+    """Yield what is called free, and of which every component has a standard deviation."""
+    message = "F says that it is free, and all three components have a standard deviation"
+    for role, rows in draft.rows.items():
+        for path in (path for path in rows.values if path.endswith("free")):
+            known = np.isfinite(rows[f"{path.removesuffix('free')}sigma"]).all(axis=1)
+            yield from draft.problems(role, rows[path] & known, message, path=path)
+
+
 @check(of_card=True)
 def magnitudes(draft: Draft) -> Iterator[Problem]:
     """Yield numbers beyond anything that has their unit, and standard deviations of next to nothing."""
