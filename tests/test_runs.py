@@ -13,7 +13,7 @@ import pytest
 import musatpy
 from blocks import FIXTURES
 from cli.commands import musat
-from musatpy.campaign.locks import folder_locks
+from musatpy.campaign.locks import FolderLocks
 from musatpy.errors import MusatError
 from musatpy.examples import examples
 from musatpy.files import is_alive, remove_leftovers, together, whole_file, whole_path, write_files
@@ -213,7 +213,7 @@ def test_a_lock_is_no_link(tmp_path):
     with pytest.raises(OSError, match="lock"):
         write_files({tmp_path / "a.lst": b"1", tmp_path / "a.json": b"1"})
     (tmp_path / ".musat-batch.lock").symlink_to(precious)
-    with folder_locks() as locks, pytest.raises(OSError, match="may be removed"):
+    with FolderLocks() as locks, pytest.raises(OSError, match="may be removed"):
         locks.take(tmp_path)
     assert precious.read_text() == "of somebody" and not (tmp_path / "a.lst").exists()
 

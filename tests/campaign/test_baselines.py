@@ -18,7 +18,7 @@ from musatpy import __version__
 from musatpy.campaign.baseline_checks import check
 from musatpy.campaign.baselines import INDEX, BaselineError, accept, load_baseline, save
 from musatpy.campaign.batch import run_batch
-from musatpy.campaign.locks import LockedError, folder_locks
+from musatpy.campaign.locks import FolderLocks, LockedError
 
 cli = partial(commands.musat, "baseline")
 
@@ -427,9 +427,9 @@ def test_an_index_that_is_none(tmp_path, content):
 
 
 def test_two_checks_at_once(top):
-    with folder_locks() as locks:
+    with FolderLocks() as locks:
         locks.take(top / "base" / ".new")
-        with folder_locks() as others, pytest.raises(LockedError, match=f"pid {os.getpid()} on"):
+        with FolderLocks() as others, pytest.raises(LockedError, match=f"pid {os.getpid()} on"):
             others.take(top / "base" / ".new")
         result = cli("check", top / "base")
         assert result.exit_code == 2 and "another batch is at work here" in result.stderr

@@ -31,7 +31,7 @@ from campaign.batches import (
 from musatpy.campaign.batch import run_batch
 from musatpy.campaign.batch_jobs import BatchJob, JobState
 from musatpy.campaign.local import last_words
-from musatpy.campaign.locks import LockedError, folder_locks
+from musatpy.campaign.locks import FolderLocks, LockedError
 from musatpy.campaign.manifest import plan_of
 from musatpy.campaign.worker import run_job
 from musatpy.errors import MusatError
@@ -102,7 +102,7 @@ def test_a_batch_waits_for_the_workers_of_one_that_was_killed(tmp_path):
     with subprocess.Popen([sys.executable, "-c", code, lock], stdout=subprocess.PIPE, text=True) as orphan:
         assert orphan.stdout and orphan.stdout.readline()
         lock.write_text(json.dumps({"pid": gone.pid, "host": socket.gethostname()}))
-        with folder_locks() as locks:
+        with FolderLocks() as locks:
             locks.take(tmp_path)
             assert orphan.wait(5) == 0
             assert json.loads(lock.read_text())["pid"] == os.getpid()

@@ -25,7 +25,7 @@ from musatpy.campaign.baseline_checks import changed_decks, check
 from musatpy.campaign.baselines import BaselineError, accept, load_baseline, save
 from musatpy.campaign.batch import Ledger, run_batch
 from musatpy.campaign.batch_jobs import BatchJob, JobOptions, JobState
-from musatpy.campaign.locks import LockedError, folder_locks
+from musatpy.campaign.locks import FolderLocks, LockedError
 from musatpy.campaign.manifest import decks_of, plan_of
 from musatpy.campaign.worker import run_job
 from musatpy.files import whole_file, write_files
@@ -171,7 +171,7 @@ def test_a_baseline_behind_a_link(tmp_path, monkeypatch):
 def test_only_one_writes_to_a_baseline_at_a_time(tmp_path):
     (deck,) = decks_in(tmp_path, small=1)
     save(tmp_path, [deck])
-    with folder_locks() as locks:
+    with FolderLocks() as locks:
         locks.take(tmp_path)  # as a batch on this folder, or another `accept` with its own work folder, does
         with pytest.raises(LockedError):
             accept(tmp_path, work=tmp_path / "elsewhere")

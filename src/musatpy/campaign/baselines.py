@@ -21,7 +21,7 @@ from typing import Any
 import musatpy
 from musatpy.campaign.batch import BatchResult, Watch, run_batch
 from musatpy.campaign.batch_jobs import BatchJob, JobOptions, JobOutcome, sources_sha256
-from musatpy.campaign.locks import FolderLocks, folder_locks
+from musatpy.campaign.locks import FolderLocks
 from musatpy.campaign.manifest import BatchPlan, check_jobs
 from musatpy.errors import MusatError, of_each_kind, printable
 from musatpy.files import name_fault, real_path, remove_leftovers, write_files
@@ -424,7 +424,7 @@ def work_folder(folder: Path, work: Path | None, *, to_write: bool = False) -> I
     place = folder / WORK if work is None else work
     if real_path(place) == real_path(folder):
         raise BaselineError(f"{place}: new results would overwrite what the baseline keeps")
-    with folder_locks() as locks:
+    with FolderLocks() as locks:
         if to_write:
             locks.take(folder)
         locks.take(place, "; --out takes new results elsewhere")

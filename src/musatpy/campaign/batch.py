@@ -18,7 +18,7 @@ from musatpy.campaign.batch_jobs import OUT_OF_MEMORY, BatchJob, JobOutcome, Job
 from musatpy.campaign.batch_reports import index_page, summary_json
 from musatpy.campaign.carried import delivered, parcel_of, run_parcel
 from musatpy.campaign.local import LocalExecutor, ProcessDiedError
-from musatpy.campaign.locks import FolderLocks, folder_locks
+from musatpy.campaign.locks import FolderLocks
 from musatpy.campaign.manifest import BatchPlan
 from musatpy.campaign.worker import run_job
 from musatpy.errors import MusatError
@@ -98,7 +98,7 @@ def run_batch(
     this one, and `OSError` where the folder of the batch cannot be used.
     """
     with contextlib.ExitStack() as stack:
-        locks = locks or stack.enter_context(folder_locks())
+        locks = locks or stack.enter_context(FolderLocks())
         start = time.monotonic()
         locks.take(plan.folder, _ELSEWHERE)
         batch = _Batch(plan, locks, watch)

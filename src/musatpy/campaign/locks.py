@@ -14,9 +14,8 @@ import json
 import os
 import socket
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from musatpy.errors import MusatError
 from musatpy.files import NO_LINK, is_alive, is_at, real_path
@@ -31,7 +30,7 @@ class LockedError(MusatError):
 
 
 class FolderLocks:
-    """The locks of a batch."""
+    """The locks of a batch, which are given up with the end of the `with` block."""
 
     def __init__(self) -> None:
         self.fds: dict[Path, int] = {}  # by the file of the lock
@@ -62,23 +61,15 @@ class FolderLocks:
             os.ftruncate(fd, 0)
             os.pwrite(fd, json.dumps({"pid": os.getpid(), "host": socket.gethostname()}).encode(), 0)
 
-    def release(self) -> None:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
         """Give all locks up, and take their files away."""
         for path, fd in self.fds.items():
             with contextlib.suppress(OSError):
                 path.unlink()
             os.close(fd)
-        self.fds.clear()
-
-
-@contextlib.contextmanager
-def folder_locks() -> Iterator[FolderLocks]:
-    """Give locks that are given up in the end."""
-    locks = FolderLocks()
-    try:
-        yield locks
-    finally:
-        locks.release()
 
 
 def _locked(path: Path) -> int:
