@@ -16,15 +16,9 @@ import numpy as np
 
 from musatpy.adjustment.waterline import every_ray_wet
 from musatpy.adjustment.wavy_water import Sea
+from musatpy.blunders import explanation
 from musatpy.blunders.alternatives import misfit, wrong_flags
-from musatpy.blunders.explanation import (
-    Case,
-    explained,
-    squares_in,
-    starts,
-    submerged_points_dry,
-    with_revision,
-)
+from musatpy.blunders.explanation import Case
 from musatpy.blunders.names import Lookalike, exchanges, lookalikes
 from musatpy.blunders.scene import (
     GIVEN_UP,
@@ -124,7 +118,7 @@ def _begun(start: Case, sea: Sea | None) -> _Explained:
     try:
         return _at_rest(start, None)
     except GIVEN_UP:
-        case = explained(start, 1.0, sea)
+        case = explanation.explained(start, 1.0, sea)
         return _at_rest(case, case.out)
 
 
@@ -146,17 +140,17 @@ def _or_as_given(best: _Explained, given: Case, sea: Sea | None, effort: Effort)
 def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
     """Return the explanation of least cost: what robust weights began with, or one hypothesis after the other."""
     best, variance = start, start.last.judgement.sigma0**2
-    cases = [(replace(start.case, out=out), only_common) for out, only_common in starts(start.last)]
+    cases = [(replace(start.case, out=out), only_common) for out, only_common in explanation.starts(start.last)]
     scene = start.case.scene
     wet = every_ray_wet(scene.network, scene.block.points.bathymetric)
     dried = not np.array_equal(wet.wet, scene.line.wet)
-    if dried and (start.last.tides or submerged_points_dry(start.last)):  # by wrong tides
+    if dried and (start.last.tides or explanation.submerged_points_dry(start.last)):  # by wrong tides
         network = scene.network.with_plates(scene.network.xy, wet.wet)
         cases.append((replace(cases[0][0], scene=replace(scene, line=wet, network=network)), True))
     for case, only_common in cases:
         chosen = any(mask.any() for mask in case.out.values())  # which is out for good
         try:
-            case = explained(case, variance, sea, only_common)
+            case = explanation.explained(case, variance, sea, only_common)
             unchanged = case.block is start.case.block
             if (only_common and unchanged) or case.cost(variance) > _HOPELESS * best.case.cost(variance):
                 continue
@@ -176,7 +170,7 @@ def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explai
     for number, hypothesis in enumerate(exchanged, 1):
         begin(start.last.scene.progress, "search for blunders: exchange of labels", number, len(exchanged))
         case = replace(start.case, out={kind: np.zeros_like(mask) for kind, mask in start.case.out.items()})
-        case = with_revision(replace(case, taken=(*case.taken, hypothesis)), hypothesis, sea)
+        case = explanation.with_revision(replace(case, taken=(*case.taken, hypothesis)), hypothesis, sea)
         try:
             other = _at_rest(case, case.out) if np.isfinite(case.squares) else None
         except GIVEN_UP:
@@ -199,7 +193,7 @@ def _at_rest(case: Case, first: Factors | None, returning: bool = True) -> _Expl
     """
     last = snooped(case.scene, case.state, first, returning)
     revisions = tuple(one for one in case.taken if not one.given_up)
-    squares = squares_in(last.scene, last.out, last.state)
+    squares = explanation.squares_in(last.scene, last.out, last.state)
     case = replace(case, scene=last.scene, state=last.state, out=last.out, taken=revisions, squares=squares)
     return _Explained(case=case, last=last)
 

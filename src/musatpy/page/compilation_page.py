@@ -13,11 +13,7 @@ from musatpy.page.page_tables import PageReport, chapters_of, number_text, page_
 from musatpy.page.rendering import Fact, Facts, Page, Part, Sentences, anchor_of
 from musatpy.plots.picture import counted
 from musatpy.records.tables import Tables, flags, numbers, part, texts
-from musatpy.reports import (
-    compilation,
-    compilation_bottom,
-    compilation_points,
-)
+from musatpy.reports import compilation, compilation_bottom, compilation_points
 from musatpy.reports.stated import answered
 from musatpy.reports.table import Report
 

@@ -23,7 +23,6 @@ from musatpy.statistics import Statistics, Words
 from musatpy.statistics.quality import sigmas_of
 from musatpy.units import ARC_SECOND, DEGREE, GON, AngleUnit
 
-Answer = tuple[Statistics, Any]  # and what the systems make of its solution
 Said = Mapping[str, Any]
 Columns = tuple[Field[Any], ...]
 
@@ -62,41 +61,41 @@ WORDS: tuple[Field[Words], ...] = (
 _COORDINATES = "that of the coordinates"
 
 
-def _of_map(of: Callable[[Any], Any]) -> Callable[[Answer], Any]:
+def _of_map(of: Callable[[Any], Any]) -> Callable[[Any], Any]:
     """Return what takes a factor of the map at the stations, None of each where there is no map."""
-    return lambda a: [None] * len(a[1].tide) if a[1].factors is None else plain(of(a[1].factors))
+    return lambda s: [None] * len(s.answer.tide) if s.answer.factors is None else plain(of(s.answer.factors))
 
 
-STATIONS: Rows[Statistics, Answer] = Rows(
+STATIONS: Rows[Statistics, Statistics] = Rows(
     "stations", "one row per photo; null where the system does not reach",
-    of=lambda s: None if s.answer is None else (s, s.answer), fields=(
-        Field("photo", "string", "photo id", lambda a: a[0].block.photos.ids),
-        Field("position", "3 number?", "adjusted", lambda a: a[1].position, unit=_COORDINATES, exact=True),
+    of=lambda s: None if s.answer is None else s, fields=(
+        Field("photo", "string", "photo id", "block.photos.ids"),
+        Field("position", "3 number?", "adjusted", "answer.position", unit=_COORDINATES, exact=True),
         Field("angles", "3 number?", "adjusted, in the order of the form; null where attitudes are matrices",
-              lambda a: a[1].angles, unit="rad"),
-        Field("matrix", "3x3 number?", "adjusted, from the axes of attitudes to the photo", lambda a: a[1].matrix,
+              "answer.angles", unit="rad"),
+        Field("matrix", "3x3 number?", "adjusted, from the axes of attitudes to the photo", "answer.matrix",
               exact=True),
         Field("covariance", "6x6 number?",
               "a posteriori, of position and angles (of small rotations about the axes where attitudes are "
-              "matrices); null for angles that turn about one line", lambda a: a[1].covariance,
+              "matrices); null for angles that turn about one line", "answer.covariance",
               unit="those of position and angles", exact=True),
         Field("tide", "number?",
               "height of the water surface, adjusted where that is unknown, in heights of the system",
-              lambda a: a[1].tide, unit="m"),
+              "answer.tide", unit="m"),
         Field("undulation", "number?", "height of the geoid above the ellipsoid; 0 without one",
-              lambda a: a[1].undulation, unit="m"),
+              "answer.undulation", unit="m"),
         Field("convergence", "number?", "from true to grid north, clockwise; null where there is no map",
               _of_map(lambda f: f.convergence), unit="rad"),
         Field("scale", "2 number? or null", "map over ellipsoid, along meridian and parallel",
               _of_map(lambda f: np.stack([f.meridian_scale, f.parallel_scale], axis=1))),
     ),
 )  # fmt: skip
-POINTS: Rows[Statistics, Answer] = Rows(
+POINTS: Rows[Statistics, Statistics] = Rows(
     "points", "one row per ground point; null where not determined or not reached",
-    of=lambda s: None if s.answer is None else (s, s.answer), fields=(
-        Field("point", "string", "point id", lambda a: a[0].block.points.ids),
-        Field("position", "3 number?", "adjusted", lambda a: a[1].points, unit=_COORDINATES, exact=True),
-        Field("covariance", "3x3 number?", "a posteriori", lambda a: a[1].point_covariance,
+    of=lambda s: None if s.answer is None else s, fields=(
+        Field("point", "string", "point id", "block.points.ids"),
+        Field("position", "3 number?", "adjusted", "answer.points", unit=_COORDINATES, exact=True),
+        Field("covariance", "3x3 number?", "a posteriori", "answer.point_covariance",
               unit=f"{_COORDINATES}, squared", exact=True),
     ),
 )  # fmt: skip

@@ -13,21 +13,9 @@ from operator import attrgetter
 
 import numpy as np
 
+from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.collinearity import attitude_matrix, turn_about_one_line
-from musatpy.model import (
-    Block,
-    ControlKind,
-    Dependence,
-    HeldParameters,
-    ObservationKind,
-    Observations,
-    PlateSigma,
-    PointStatus,
-    Program,
-    Solution,
-    Weights,
-)
 from musatpy.model.tables import Table, falling, per_row
 from musatpy.probability import (
     probability_beyond,
@@ -53,7 +41,7 @@ _DECIMALS = 1  # of sigmas, as they are printed
 _BELIEVED = 4.0  # sigmas: no error that one may believe moves anything by more
 _ROUNDING = 1e-5  # redundancy numbers of control, and of groups, below are rounding
 _UNCHECKED = 0.01  # redundancy numbers below: errors ten times the detectable ones of others would not show
-_CONTROL, _PLATE = ObservationKind.CONTROL, ObservationKind.PLATE
+_CONTROL, _PLATE = model.ObservationKind.CONTROL, model.ObservationKind.PLATE
 _UP = 2
 _ONE_LINE = 1e-7  # rad from a phi of 90 degrees: nearer, the covariance has only what they have in common
 _WIDE = 0.1  # rad: sigmas of omega and kappa that are no longer those of small angles
@@ -89,7 +77,7 @@ class CheckTest:
 class CommonErrors(Table):
     """The tests of h parameters that are held; NaN where there is none."""
 
-    held: HeldParameters
+    held: model.HeldParameters
     limit: float  # of the tests, together at the level of `probability.FAMILY_RISK`
     test: FloatArray = per_row()  # (h,) normal
     estimated: FloatArray = per_row()  # (h,) given minus true, in its unit
@@ -134,22 +122,22 @@ class HiddenErrors(Table):
 class Quality:
     """The tests of one solution, each computed when it is first asked for. NaN where nothing checks."""
 
-    solution: Solution
+    solution: model.Solution
 
     @property
-    def block(self) -> Block:
+    def block(self) -> model.Block:
         """The block that was adjusted."""
         return self.solution.block
 
     @cached_property
-    def observed(self) -> Observations:
+    def observed(self) -> model.Observations:
         """The observations. Raises `ValueError` for a solution that carries none."""
         if self.solution.observed is None:
             raise ValueError("the solution carries no observations")
         return self.solution.observed
 
     @cached_property
-    def dependence(self) -> Dependence:
+    def dependence(self) -> model.Dependence:
         """The dependence of the unknowns. Raises `ValueError` for a solution that carries none."""
         if self.solution.dependence is None:
             raise ValueError("the solution carries no dependence of its unknowns")
@@ -187,8 +175,8 @@ class Quality:
     def tests_sigma0(self) -> bool:
         """True where sigma0 has a value that it should have: not where the plate sigma is a guess."""
         options = self.block.options
-        equal = options.program is Program.IIA and options.weights is Weights.EQUAL
-        return options.plate_sigma_is is PlateSigma.KNOWN and not equal
+        equal = options.program is model.Program.IIA and options.weights is model.Weights.EQUAL
+        return options.plate_sigma_is is model.PlateSigma.KNOWN and not equal
 
     @cached_property
     def checked(self) -> BoolArray:
@@ -261,7 +249,7 @@ class Quality:
         """(k, 3) `normal_tests` of the components of every control card, NaN where there is none."""
         return self.of_table(_CONTROL, "normal_tests")
 
-    def of_table(self, kind: ObservationKind, name: str) -> FloatArray:
+    def of_table(self, kind: model.ObservationKind, name: str) -> FloatArray:
         """Return (rows, components) an attribute of the observations of a kind, NaN where there is none."""
         out = np.full((getattr(self.block, kind.attribute).count, len(kind.components)), np.nan)
         if self.solution.observed is not None:
@@ -319,7 +307,7 @@ class Quality:
             "plate coordinates, submerged": submerged,
             "horizontal control": (kind == _CONTROL) & ~up,
             "vertical control": (kind == _CONTROL) & up,
-            **{each.noun: kind == each for each in ObservationKind if each not in (_PLATE, _CONTROL)},
+            **{each.noun: kind == each for each in model.ObservationKind if each not in (_PLATE, _CONTROL)},
         }
 
     @cached_property
@@ -366,7 +354,7 @@ class Quality:
                 relative = effect[rows] / self.point_sigmas[point]
             np.fmax.at(shift, point, np.linalg.norm(effect[rows], axis=1))
             np.fmax.at(sigmas, point, np.nan_to_num(relative, nan=0.0, posinf=np.inf).max(axis=1))
-        kept_out = self.solution.points.status == PointStatus.INTERSECTED  # no test has their images
+        kept_out = self.solution.points.status == model.PointStatus.INTERSECTED  # no test has their images
         shift[kept_out] = sigmas[kept_out] = np.inf
         return HiddenErrors(shift=shift, sigmas=sigmas)
 
@@ -397,7 +385,7 @@ class Quality:
     def check_test(self) -> CheckTest:
         """The check points against their own covariance by `check_sigma0`, that of their cards included."""
         control, unit_sigma = self.block.control, self.solution.unit_sigma
-        rows = np.flatnonzero(control.kind == ControlKind.CHECK)
+        rows = np.flatnonzero(control.kind == model.ControlKind.CHECK)
         scale = (self.check_sigma0 / unit_sigma) ** 2 if unit_sigma > 0.0 else 1.0
         covariance = self.solution.points.covariance[control.point[rows]] * scale
         covariance = covariance + control.covariance[rows]
