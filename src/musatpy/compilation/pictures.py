@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -40,7 +39,10 @@ def contour_pictures(
         axes.plot(*tin.xy.T, ".", color=figures.DRY, markersize=2, label="points")
         for sheet in bottom.sheets:
             if sheet.surface is surface:  # its contours, or those of posts that are on its map
-                _draw_lines(axes, sheet.contours.lines)
+                for line in sheet.contours.lines:
+                    axes.plot(*line.xy.T, color=figures.INK, linewidth=1.2 if line.index else 0.5)
+                    if line.index:
+                        _label(axes, line)
         _draw_models(axes, compiled, surface)
     if shown:
         slope = max(float(np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())) for axes in figure.axes)
@@ -52,14 +54,6 @@ def contour_pictures(
     figures.lay_out(figure)
     kinds = [form.kind] if form.kind else ["png", "pdf"]
     return dict(figures.image_of(figure, replace(form, kind=kind)) for kind in kinds)
-
-
-def _draw_lines(axes: Any, lines: Sequence[Contour]) -> None:
-    """Draw contours, those of the index thick and with their levels."""
-    for line in lines:
-        axes.plot(*line.xy.T, color=figures.INK, linewidth=1.2 if line.index else 0.5)
-        if line.index:
-            _label(axes, line)
 
 
 def _label(axes: Any, line: Contour) -> None:
@@ -89,9 +83,5 @@ def _draw_models(axes: Any, compiled: Compiled, surface: JoinedSurface) -> None:
         west, east = stations.max() - half[0], stations.min() + half[0]
         corners = np.array([[west, -half[1]], [east, -half[1]], [east, half[1]], [west, half[1]], [west, -half[1]]])
         outline = stereo.working(np.column_stack([corners, np.zeros(5)]))
-        axes.plot(
-            *surface.places(stereo.run.frame.system(outline)[:, :2]).T,
-            "--",
-            color=figures.GREY,
-            label="both photos",
-        )
+        shown = surface.places(stereo.run.frame.system(outline)[:, :2])
+        axes.plot(*shown.T, "--", color=figures.GREY, label="both photos")

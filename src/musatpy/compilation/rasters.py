@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -159,7 +159,10 @@ def contour_raster(
     or not at all.
     """
     with geotiff.opened(source, crs_of(crs or LOCAL)) as raster:
-        name = _band(source, raster.names, band)
+        names = raster.names
+        name = band or (names[0] if len(names) == 1 else _DEPTH)
+        if name not in names:
+            raise _refused(source, f"which band has the depths? --band is one of {', '.join(names)}")
         values, posts = raster.rows(name, 0, raster.posts.shape[0]), raster.posts
     is_depth = name == _DEPTH or wish.datum is not None
     if wish.datum is not None:
@@ -169,14 +172,6 @@ def contour_raster(
     for target in targets:
         write_layers(target, layers)
     return drawn, "depths" if is_depth else "heights"
-
-
-def _band(source: Path, names: Sequence[str], wanted: str) -> str:
-    """Return the band that is wanted, else the only one or that of depths. Raises `CompilationError`."""
-    name = wanted or (names[0] if len(names) == 1 else _DEPTH)
-    if name not in names:
-        raise _refused(source, f"which band has the depths? --band is one of {', '.join(names)}")
-    return name
 
 
 def _drawn(source: Path, values: FloatArray, posts: Posts, wish: ContourWish) -> Contours:

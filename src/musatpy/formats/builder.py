@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from musatpy.errors import DeckError, Problem, in_order, nearest_or_all
 from musatpy.formats import assembly, job_tables, mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
-from musatpy.formats.cards.spec import CardSpec
 from musatpy.formats.checks import cross_check
 from musatpy.formats.draft import Draft, draft_of_rows
 from musatpy.formats.musat import has_errors
@@ -289,14 +288,11 @@ class BlockBuilder:
                 for path, none in job_tables.nothing(role).items()
             }
             lines = np.concatenate([first[:0], *(one.lines for one in of_role)])
-            cards = specs if role in system_rows.TABLES else (self._spec(role),)
-            rows[role] = job_tables.RoleRows.of(role, cards, job_tables.with_flags(role, values, flags), lines)
+            if role not in system_rows.TABLES:  # the card that has its units, by the name of the call
+                card = job_tables.plain_card(role, self._options.system is CoordinateSystem.GEOGRAPHIC)
+                specs = (replace(card, mnemonic=_CALLS.get(role, f"add({role!r})")),)
+            rows[role] = job_tables.RoleRows.of(role, specs, job_tables.with_flags(role, values, flags), lines)
         return draft_of_rows(rows, CardDeck.blank("", self._next()), self._label)
-
-    def _spec(self, role: str) -> CardSpec:
-        """Return the card of a role that has its units, by the name of the call in place of its own."""
-        card = job_tables.plain_card(role, self._options.system is CoordinateSystem.GEOGRAPHIC)
-        return replace(card, mnemonic=_CALLS.get(role, f"add({role!r})"))
 
     def _placed(self, problem: Problem) -> Problem:
         """Return a problem of a card as one of the call that has added it."""

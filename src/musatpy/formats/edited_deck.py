@@ -6,14 +6,13 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Iterator
-from functools import partial
 
 from musatpy import model
 from musatpy.formats import assembly
 from musatpy.formats.cards.codec import bytes_of, text_of
 from musatpy.formats.cards.deck import CardDeck, Columns, read_cards
 from musatpy.formats.cards.settings import Setting, card_with
-from musatpy.formats.cards.spec import END_MNEMONIC, CardSpec, Family
+from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.formats.musat import check_deck, deck_bytes
 
 _Card = dict[str, float | str | None]  # field -> value, None for no number
@@ -32,7 +31,10 @@ def edited_deck(data: bytes, after: model.Block, family: Family) -> bytes | None
     deck = read_cards(data, family)
     text, encoding = text_of(data)
     lines = re.findall(r"[^\n]*\n|[^\n]+", text)
-    old, new = (dict(_cards(block, family)) for block in (before, after))
+    old, new = (
+        {spec: _rows(spec, columns) for spec, columns in assembly.cards_of(block, family)}
+        for block in (before, after)
+    )
     for spec in family.cards.values():
         for line, card, changed in _changes(deck, spec, old.get(spec, []), new.get(spec, [])):
             ending = lines[line - 1][len(lines[line - 1].rstrip("\r\n")) :]
@@ -46,13 +48,6 @@ def edited_deck(data: bytes, after: model.Block, family: Family) -> bytes | None
 def _contents(block: model.Block, family: Family) -> list[bytes]:
     """Return the cards of a block without the numbers of the sequence, in an order of their own."""
     return sorted(line[:72] for line in deck_bytes(block, family).splitlines())
-
-
-def _cards(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, list[_Card]]]:
-    """Yield the kinds of cards of a block with their values."""
-    for spec, columns in assembly.cards_of(block, family):
-        if spec.mnemonic != END_MNEMONIC:
-            yield spec, _rows(spec, columns)
 
 
 def _rows(spec: CardSpec, columns: Columns) -> list[_Card]:
@@ -72,7 +67,7 @@ def _changes(
     """Yield the lines of a deck that change, with what the card says before and after, None where it goes.
 
     Cards of the deck are known by their names, several of the same names by their order. What becomes of one that
-    changes is the new card that it has most in common with.
+    changes is the new card that has most fields in common with it, and of these one with its names.
     """
     if before == after:
         return
@@ -92,16 +87,17 @@ def _changes(
         else:
             left.append((line, card))
     for line, card in left:
-        others = [other for cards in wanted.values() for other in cards]
-        nearest = max(others, key=partial(_in_common, spec, card), default=None)
+        nearest = max(
+            (other for cards in wanted.values() for other in cards),
+            key=lambda other: (
+                sum(card[name] == other[name] for name in card),
+                _key(spec, card) == _key(spec, other),
+            ),
+            default=None,
+        )
         if nearest is not None:
             wanted[_key(spec, nearest)].remove(nearest)
         yield line, card, nearest
-
-
-def _in_common(spec: CardSpec, card: _Card, other: _Card) -> tuple[int, bool]:
-    """Return how many fields two cards have in common, and whether their names are the same."""
-    return sum(card[name] == other[name] for name in card), _key(spec, card) == _key(spec, other)
 
 
 def _changed(spec: CardSpec, line: str, before: _Card, after: _Card) -> str:

@@ -84,7 +84,12 @@ def read(path: Path, crs: pyproj.CRS | None = None, heights: str = "") -> tuple[
         stated, words = _stated(path)
     if not entities:
         raise gis.refuse(path, "", "the drawing has none", _READ)
-    if problems := [*_no_numbers(path, entities), *_without_heights(path, entities)]:
+    problems = [
+        gis.fault(path, f"layer {entity.layer}", "a coordinate is no number", "x, y and z")
+        for entity in entities
+        if not np.isfinite(entity.xyz).all()
+    ]
+    if problems := [*problems, *_without_heights(path, entities)]:
         raise InterchangeError(problems)
     place: dict[str, Any] = {"crs": gis.placed(stated or crs), "heights": words or heights}
     dots = [entity for entity in entities if entity.kind == "POINT"]
@@ -102,10 +107,17 @@ def _drawn(path: Path) -> list[Entity]:
         return plain
     drawing = gis.package("ezdxf", _USE).readfile(path)
     entities = [entity for entity in drawing.modelspace() if entity.dxftype() not in _NOTES]
-    if problems := [*_strange(path, entities)]:
-        raise InterchangeError(problems)
+    strange = Counter((entity.dxf.layer, why) for entity in entities if (why := _reason(entity)))
+    if strange:
+        found = ((layer, f"{count} of the kind {kind}") for (layer, kind), count in strange.items())
+        raise InterchangeError([gis.fault(path, f"layer {layer}", words, _READ) for layer, words in found])
     return [
-        Entity(kind=entity.dxftype(), layer=entity.dxf.layer, xyz=_vertices(entity), closed=_is_closed(entity))
+        Entity(
+            kind=entity.dxftype(),
+            layer=entity.dxf.layer,
+            xyz=_vertices(entity),
+            closed=entity.dxftype() not in ("POINT", "LINE") and bool(entity.is_closed),
+        )
         for entity in entities
     ]
 
@@ -224,13 +236,6 @@ def _layer_name(path: Path, text: str) -> str:
     return name
 
 
-def _strange(path: Path, entities: list[Any]) -> Iterator[Problem]:
-    """Yield what a drawing has that is neither point nor line."""
-    kinds = Counter((entity.dxf.layer, why) for entity in entities if (why := _reason(entity)))
-    for (layer, kind), count in kinds.items():
-        yield gis.fault(path, f"layer {layer}", f"{count} of the kind {kind}", _READ)
-
-
 def _reason(entity: Any) -> str:
     """Return what an entity is that is neither point nor line of two vertices or more, else nothing."""
     kind = str(entity.dxftype())
@@ -254,16 +259,6 @@ def _vertices(entity: Any) -> FloatArray:
         return np.array([tuple(entity.dxf.start), tuple(entity.dxf.end)])
     places = entity.vertices_in_wcs() if kind == "LWPOLYLINE" else entity.points_in_wcs()
     return np.array([tuple(place) for place in places])
-
-
-def _is_closed(entity: Any) -> bool:
-    return entity.dxftype() not in ("POINT", "LINE") and bool(entity.is_closed)
-
-
-def _no_numbers(path: Path, entities: Sequence[Entity]) -> Iterator[Problem]:
-    for entity in entities:
-        if not np.isfinite(entity.xyz).all():
-            yield gis.fault(path, f"layer {entity.layer}", "a coordinate is no number", "x, y and z")
 
 
 def _without_heights(path: Path, entities: Sequence[Entity]) -> Iterator[Problem]:

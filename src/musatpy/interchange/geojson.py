@@ -46,7 +46,10 @@ def write(path: Path, layer: gis.Points | gis.Lines) -> None:
     index = np.repeat(np.arange(len(paths)), [len(line) for line in paths])
     xyz = np.concatenate([np.empty((0, 3)), *paths])
     positions, members = _to_wgs84(path, layer, xyz)
-    properties = {name: _values(column) for name, column in layer.columns.items()}
+    properties: dict[str, list[Any]] = {  # what is no number is null
+        name: [None if value != value else value for value in column.values.tolist()]
+        for name, column in layer.columns.items()
+    }
     if positions.shape[1] == 2:
         if _HEIGHT in properties:
             raise gis.refuse(path, f"column {_HEIGHT}", "it has the name of the heights", "another name")
@@ -191,11 +194,6 @@ def _geometry(vertices: FloatArray, layer: gis.Points | gis.Lines) -> dict[str, 
     if len(parts) > 1:
         return {"type": f"Multi{kind}", "coordinates": coordinates}
     return {"type": kind, "coordinates": coordinates[0]}
-
-
-def _values(column: gis.LayerColumn) -> list[Any]:
-    """Return values as JSON has them: what is no number is null."""
-    return [None if value != value else value for value in column.values.tolist()]
 
 
 class _FeatureError(Exception):

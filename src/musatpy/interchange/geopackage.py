@@ -52,17 +52,21 @@ def write(path: Path, layers: Mapping[str, gis.Points | gis.Lines]) -> None:
         with gis.gdal_options(_USE, _FIXED):
             for position, (name, layer) in enumerate(layers.items()):
                 fields = list(layer.columns)
+                local = {"SRID": str(_CARTESIAN)} if layer.crs is None else {}
                 raw.write(
                     str(temporary),
                     geometry=_encoded(shapely, layer),
-                    field_data=[_stored(column) for column in layer.columns.values()],
+                    field_data=[
+                        column.values.astype(object) if column.is_text else column.values
+                        for column in layer.columns.values()
+                    ],
                     fields=np.array(fields, dtype=object),
                     layer=name,
                     driver="GPKG",
                     geometry_type=_geometry_type(layer),
                     crs=None if layer.crs is None else layer.crs.to_wkt(),
                     append=position > 0,
-                    layer_options={"DESCRIPTION": layer.heights, **_local(layer)},
+                    layer_options={"DESCRIPTION": layer.heights, **local},
                 )
         _describe(temporary, layers)
 
@@ -135,14 +139,6 @@ def _encoded(shapely: Any, layer: gis.Points | gis.Lines) -> Any:
         index = np.repeat(np.arange(len(paths)), [len(path) for path in paths])
         geometries = shapely.linestrings(np.concatenate([np.empty((0, 3)), *paths]), indices=index)
     return shapely.to_wkb(geometries, output_dimension=3, flavor="iso")
-
-
-def _stored(column: gis.LayerColumn) -> Any:
-    return column.values.astype(object) if column.is_text else column.values
-
-
-def _local(layer: gis.Points | gis.Lines) -> dict[str, str]:
-    return {"SRID": str(_CARTESIAN)} if layer.crs is None else {}
 
 
 def _describe(path: Path, layers: Mapping[str, gis.Points | gis.Lines]) -> None:

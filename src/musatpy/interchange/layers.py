@@ -8,28 +8,24 @@ Packages of the extra `gis`, loaded where they are used, and the problems of fil
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from musatpy import extras
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.errors import InterchangeError, MusatError, Problem
 from musatpy.pointfiles.columns import number
 
 if TYPE_CHECKING:
     import pyproj
-
-
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import partial
-from pathlib import Path
-
-from musatpy import extras
-from musatpy.errors import InterchangeError, MusatError, Problem
 
 # The engineering system by which files and callers say that coordinates are local, where a system is required.
 LOCAL = (
@@ -165,7 +161,11 @@ class Polygons(Lines):
     def of_outlines(cls, outlines: Sequence[FloatArray], **others: Any) -> Polygons:
         """Return the areas in outlines (k, 3), whose vertices are put counterclockwise, as RFC 7946 wants them."""
         areas = cls(vertices=outlines, closed=np.ones(len(outlines), dtype=bool), **others)
-        turned = [outline if _signed_area(outline) > 0.0 else outline[::-1] for outline in areas.vertices]
+        turned = []
+        for outline in areas.vertices:
+            x, y = (outline[:, :2] - outline[0, :2]).T
+            area = x @ np.roll(y, -1) - y @ np.roll(x, -1)  # twice that, negative of one that goes clockwise
+            turned.append(outline if area > 0.0 else outline[::-1])
         return replace(areas, vertices=turned)
 
 
@@ -201,12 +201,6 @@ def cut_at_180(path: FloatArray, is_area: bool) -> list[FloatArray]:
         parts = [whole[first : last + 1] for first, last in pairwise(ends)]
     extended = [part for part in parts if np.ptp(part[:, : 1 if is_area else 2], axis=0).any()]
     return [part - turn * (part[:, 0].max() > 180.0) for part in extended]
-
-
-def _signed_area(outline: FloatArray) -> float:
-    """Return the area in an outline (k, 3) that goes counterclockwise, its negative of the other way."""
-    x, y = (outline[:, :2] - outline[0, :2]).T
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

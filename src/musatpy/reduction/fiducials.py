@@ -159,7 +159,7 @@ def _screened(
     fitted = _similarity(marks.xy, wanted.xy)
     if fitted is None:
         return Refusal(reason=Reason.DEGENERATE, message="the marks lie in one place"), residuals
-    bound = _OUT_OF_PLACE * _span(wanted.xy)
+    bound = _OUT_OF_PLACE * float(np.hypot(*np.ptp(wanted.xy, axis=0)))
     if np.abs(fitted).max() <= bound:
         return None, fitted
     exchanges = _exchanges(marks, calibrated, bound)
@@ -203,10 +203,6 @@ def _similarity(measured: FloatArray, calibrated: FloatArray) -> FloatArray | No
         return None
     v = np.vdot(z, w) / square * z - w
     return np.stack([v.real, v.imag], axis=-1)
-
-
-def _span(xy: FloatArray) -> float:
-    return float(np.hypot(*(xy.max(axis=0) - xy.min(axis=0))))
 
 
 def _exchanged(exchanges: list[Exchange]) -> Refusal:

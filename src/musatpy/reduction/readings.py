@@ -140,7 +140,7 @@ def mean_readings(
     mean = _sums(target, xy, len(names)) / count[:, None]
     deviations = xy - mean[target]
     squares = _sums(target, np.square(deviations), len(names))
-    freedom = len(xy) - len(names)
+    totals, freedom = squares.sum(axis=0), len(xy) - len(names)
     return Means(
         ids=names,
         xy=mean,
@@ -148,9 +148,11 @@ def mean_readings(
         sigma=np.sqrt(squares / np.where(count > 1, count - 1.0, np.nan)[:, None]),
         target=target,
         deviations=deviations,
-        pooled=np.sqrt(squares.sum(axis=0) / (freedom or np.nan)),
+        pooled=np.sqrt(totals / (freedom or np.nan)),
         freedom=freedom,
-        probability=_probability(squares.sum(axis=0), reading_sigma, freedom),
+        probability=np.array([probability_beyond(float(total) / reading_sigma**2, freedom) for total in totals])
+        if freedom and reading_sigma > 0.0
+        else np.full(2, np.nan),
         beyond=np.asarray((np.abs(deviations) > limit).any(axis=1)),
     )
 
@@ -159,9 +161,3 @@ def _sums(target: IntArray, values: FloatArray, size: int) -> FloatArray:
     total = np.zeros((size, 2))
     np.add.at(total, target, values)
     return total
-
-
-def _probability(squares: FloatArray, sigma: float, freedom: int) -> FloatArray:
-    if not freedom or not sigma > 0.0:
-        return np.full(2, np.nan)
-    return np.array([probability_beyond(float(total) / sigma**2, freedom) for total in squares])

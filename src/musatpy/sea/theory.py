@@ -52,11 +52,6 @@ class LinearWave:
         return self.speed * _group_ratio(self.number * self.depth)
 
     @property
-    def steepness(self) -> FloatArray:
-        """Height over length (...)."""
-        return self.height / self.length
-
-    @property
     def ursell(self) -> FloatArray:
         """Ursell number (...) H L^2 / h^3: far above some 26, a shallow wave is no longer nearly sinusoidal."""
         return self.height * np.square(self.length) / self.depth**3

@@ -137,16 +137,9 @@ def regression(differences: DepthDifferences) -> Regression | None:
     x = Q @ (A.T @ (good.difference / np.square(good.sigma)))
     v = good.difference - A @ x
     sigma0 = float(np.sqrt(np.sum(np.square(v / good.sigma)) / (len(v) - 2)))
-    a_sigma, b_sigma = sigma0 * np.sqrt(np.diagonal(Q))
-    correlation = Q[0, 1] / np.sqrt(Q[0, 0] * Q[1, 1])
-    return Regression(
-        a=float(x[0]),
-        b=float(x[1]),
-        a_sigma=float(a_sigma),
-        b_sigma=float(b_sigma),
-        correlation=float(correlation),
-        sigma0=sigma0,
-    )
+    (a, b), (a_sigma, b_sigma) = x.tolist(), (sigma0 * np.sqrt(np.diagonal(Q))).tolist()
+    correlation = float(Q[0, 1] / np.sqrt(Q[0, 0] * Q[1, 1]))
+    return Regression(a=a, b=b, a_sigma=a_sigma, b_sigma=b_sigma, correlation=correlation, sigma0=sigma0)
 
 
 def order_shares(differences: DepthDifferences) -> list[OrderShare]:
