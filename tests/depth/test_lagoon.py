@@ -13,6 +13,7 @@ from click.testing import Result
 from cli.commands import musat
 from depth import lagoon
 from depth.lagoon import rows
+from musatpy.depth.cameras import read_cameras
 
 FOLDER = lagoon.FOLDER
 POINTS, CAMERAS = FOLDER / "points.csv", FOLDER / "cameras.csv"
@@ -207,6 +208,19 @@ def test_a_camera_sees_its_format_and_its_angle(tmp_path: Path, corrected: list[
     np.testing.assert_array_equal(named(rows(tmp_path / "true.csv"), names), off <= 25.0)
 
 
+def test_attitudes_as_metashape_has_them(tmp_path: Path) -> None:
+    """Its table of stations: a nose that is up looks forward, a right wing that is down looks to the left."""
+    path = tmp_path / "stations.csv"
+    rows = "a,1,2,90,0,0,0\nb,1,2,90,90,30,0\nc,1,2,90,0,0,20\nd,1,2,90,90,0,20\n"
+    path.write_text("#Label,X/Easting,Y/Northing,Z/Altitude,Yaw,Pitch,Roll,\n" + rows.replace("\n", ",\n"))
+    M = read_cameras(path, level=0.0).rotation
+    assert M is not None
+    s, c = np.sin(np.radians([30.0, 20.0])), np.cos(np.radians([30.0, 20.0]))
+    looking = [[0, 0, -1], [s[0], 0, -c[0]], [-s[1], 0, -c[1]], [0, s[1], -c[1]]]
+    np.testing.assert_allclose(-M[:, 2], looking, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(M[[0, 1, 2, 3], 1], [[0, 1, 0], [c[0], 0, s[0]], [0, 1, 0], [1, 0, 0]], atol=1e-12)
+
+
 WITH_CAMERA = "name,x,y,z,tide,omega,phi,kappa,focal,width,height\n1,0,0,900,0,0,0,0,152,230,230\n"
 
 
@@ -215,7 +229,10 @@ WITH_CAMERA = "name,x,y,z,tide,omega,phi,kappa,focal,width,height\n1,0,0,900,0,0
     [
         ("name,x,y,z\n1,0,0,900\n", (), ("cameras.csv:1: ", "no column tide, and no water level is given")),
         ("name,x,y,z,tide,omega\n", (), ("cameras.csv:1: ", "omega, phi, kappa go together: only omega found")),
-        ("name,x,y,z,tide,roll\n", (), ("cameras.csv:1: ", "unknown column roll")),
+        ("name,x,y,z,tide,rol\n", (), ("cameras.csv:1: ", "unknown column rol")),
+        ("name,x,y,z,tide,roll\n", (), ("cameras.csv:1: ", "roll, pitch, yaw go together: only roll found")),
+        ("name,x,y,z,tide,omega,phi,kappa,roll,pitch,yaw\n", (), ("roll, pitch, yaw: one is meant",)),
+        ("# Label,X/Longitude,Y/Latitude,Z/Altitude\n1,5,6,9\n", (), ("no column x [m] among Label, X/Longitude",)),
         # height is that of the format
         ("name,x,y,height,tide\n", (), ("cameras.csv:1: ", "no column z [m] among name, x, y, height")),
         ("name,x,y,z,tide\n", (), ("no station",)),

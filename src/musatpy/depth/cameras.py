@@ -18,6 +18,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import DepthError, Problem, SystemsError
+from musatpy.geometry.body import BodyAngles, body_matrix
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.crs import own_ellipsoid, system_of
 from musatpy.geometry.geodesy import middle_of
@@ -35,13 +36,19 @@ from musatpy.units import DEGREE
 LOCAL = LocalRectangular()
 RECORD = ".json"  # suffix of the record of a run
 _ATTITUDE, _CAMERA = ("omega", "phi", "kappa"), ("focal", "width", "height")
+_FLOWN = (
+    "roll",
+    "pitch",
+    "yaw",
+)  # as Metashape has them: all zero where a photo looks down with its top to the north
+_PHOTO = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # of a body: its top forward, right, up
 _SIGMAS = tuple(f"sigma_{name}" for name in (*AXES, *_ATTITUDE))
 _STATIONS = Wanted(
     columns=(
         FileColumn(name="name", kind="text", unique=True, expected="a name"),
         *place_columns(),
         FileColumn(name="tide", unit="m", required=False),
-        *(FileColumn(name=name, unit="deg", required=False) for name in _ATTITUDE),
+        *(FileColumn(name=name, unit="deg", required=False) for name in (*_ATTITUDE, *_FLOWN)),
         *(
             FileColumn(
                 name=name, unit="mm", required=False, least=ABOVE_ZERO, expected="a number greater than zero"
@@ -51,7 +58,7 @@ _STATIONS = Wanted(
         *(FileColumn(name=name, unit="m", required=False, least=0.0) for name in (*_SIGMAS[:3], "sigma_tide")),
         *(FileColumn(name=name, unit="deg", required=False, least=0.0) for name in _SIGMAS[3:]),
     ),
-    together=(_ATTITUDE, _CAMERA, _SIGMAS),
+    together=(_ATTITUDE, _FLOWN, _CAMERA, _SIGMAS),
     bare=("name", *AXES),
     closed=True,
 )
@@ -140,6 +147,8 @@ def read_cameras(
     for column, given, what in (("tide", level, "a water level"), ("focal", camera, "a camera")):
         if table.has(column) and given is not None:
             table.refuse(f"there is a column {column}, and {what} is given too: one or the other")
+    if table.has("omega", "roll"):
+        table.refuse("columns omega, phi, kappa and roll, pitch, yaw: one is meant")
     for row, name in enumerate(names):
         if set(name) & set(' ,"'):
             table.refuse(f"a name without blanks, commas and quotes is needed, not '{name}'", row, "name")
@@ -147,11 +156,13 @@ def read_cameras(
         table.refuse(f"the water at {tides[row]:g} m is not below the station", row, "tide")
     table.require(DepthError, empty="no station")
     rotation = attitude_matrix(table.numbers(*_ATTITUDE) * DEGREE) if table.has("omega") else None
+    if table.has("roll"):
+        rotation = _PHOTO @ body_matrix(table.numbers(*_FLOWN) * DEGREE, BodyAngles.ROLL_PITCH_HEADING)
     formats = table.numbers(*_CAMERA) if table.has("focal") else None
     if camera is not None:
         formats = np.tile(camera, (len(names), 1))
     if formats is not None and rotation is None:
-        raise DepthError.of("a format needs attitudes: no omega, phi, kappa", file=path)
+        raise DepthError.of("a format needs attitudes: no omega, phi, kappa or roll, pitch, yaw", file=path)
     if not water and level is None:
         level = -math.inf
     try:

@@ -172,7 +172,7 @@ class Wanted:
                 yield f"columns {' and '.join(map(', '.join, parts))}: one is meant"
         if self.closed:
             known = {*chain(*places.values())}
-            yield from (f"unknown column {name}" for place, name in enumerate(names) if place not in known)
+            yield from (f"unknown column {name}" for place, name in enumerate(names) if name and place not in known)
 
 
 def place_columns(

@@ -247,7 +247,14 @@ def _layout_of(source: str, lines: Iterator[str], wanted: Wanted) -> tuple[Layou
         text = ""
     heads = [(count, text), *above]
     named = next((at for at in heads if wanted.are_named(_cells(at[1], _separator(at[1], wanted)))), None)
-    line, header = named or (count, text)
+    # else a comment with some of the names, above as many values: then those that are missing are told
+    width = len(_cells(text, _separator(text, wanted)))
+    partly = (
+        at
+        for at in above
+        if len(cells := _cells(at[1], _separator(at[1], wanted))) == width > len(wanted.places(cells)) > 1
+    )
+    line, header = named or next(partly, (count, text))
     separator = _separator(header, wanted)
     headings = _cells(header, separator) if header else []
     if not named and wanted.bare and np.isfinite(numbers(_decimal(headings, separator))).any():
