@@ -194,3 +194,14 @@ def test_a_placement_on_the_ellipsoid_states_its_system() -> None:
     )
     spec = placement.ellipsoid_spec
     assert spec is not None and (spec.semi_major_axis, spec.inverse_flattening) == (6378000.0, 300.0)
+
+
+def test_a_run_that_has_not_converged_gives_no_cameras(job: Job, tmp_path: Path) -> None:
+    text = (job.folder / "out" / "bay.json").read_text()
+    assert '"converged": true' in text
+    (tmp_path / "bay.json").write_text(text.replace('"converged": true', '"converged": false', 1))
+    words = ["--run", tmp_path / "bay.json", "--job", job.folder / "bay.job", "-o", tmp_path / "out.csv"]
+    for command in (["correct", job.folder / "cloud.csv", "--crs", "model"], ["export", "colmap"]):
+        result = musat(*command, *words)
+        assert result.exit_code == 1 and "bay.json: the run has not converged" in result.output
+    assert not (tmp_path / "out.csv").exists()

@@ -35,11 +35,10 @@ from musatpy.geometry.geodesy import surface, water_heights
 from musatpy.model import PlateMeasurements, Points
 from musatpy.model.tables import finite_rows, taken
 from musatpy.records import run_tables
-from musatpy.records.json_files import read_record
 from musatpy.reduction.displacements import EARTH_RADIUS
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.refraction.apparent import Fault
-from musatpy.sfm.export import adjusted_lenses
+from musatpy.sfm.export import adjusted_lenses, read_run
 from musatpy.sfm.model import links
 from musatpy.sfm.source import FileCameras, cameras_of_job, spread_over
 from musatpy.sfm.wet import NOTHING, WaterArea, Wet, Wetness, read_water, wetness
@@ -299,10 +298,10 @@ def by_file_cameras(
 
     `water` are areas of water, or shorelines with the water on one `side`.
 
-    Raises `CompilationError`, `RecordError` and `DepthError` where the run does not go with the cameras.
+    Raises `CompilationError`, `RecordError`, `ModelError`, `DepthError` where the run does not go with the cameras.
     """
     cameras, run = cameras_of_job(job), of_record(record, ideal=True)
-    tables = read_record(record, ("adjusted_parameters", "cameras", *run_tables.SYSTEM))
+    tables = read_run(record, ("adjusted_parameters", "cameras", *run_tables.SYSTEM))
     rows, known = links(cameras.photos.tolist(), run.block.photos.ids.tolist())
     if not known.any():
         message = "none of its photos is one of the cameras of the job: it is the run of another job"

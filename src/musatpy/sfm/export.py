@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -24,6 +25,14 @@ from musatpy.sfm.source import FileCameras, cameras_of_job
 TABLES = (*run_tables.BLOCK, "bathymetric_points")
 
 
+def read_run(path: Path, names: Sequence[str]) -> Tables:
+    """Return tables of the record of a run. Raises `RecordError`, and `ModelError` where it has not converged."""
+    tables = read_record(path, ("solution", *names))
+    if not tables["solution"]["converged"]:
+        raise ModelError([Problem(message="the run has not converged", file=str(path))])
+    return tables
+
+
 def adjusted_lenses(tables: Tables, cameras: FileCameras) -> tuple[PixelLens, ...]:
     """Return the lenses of a run, as adjusted, those that were held as the file has them."""
     table = tables["adjusted_parameters"]
@@ -39,7 +48,7 @@ def adjusted_lenses(tables: Tables, cameras: FileCameras) -> tuple[PixelLens, ..
 
 def model_of_run(run: Path, job: Path, *, apparent: bool = False) -> Model:
     """Return `adjusted_model` of the record of a run of a job. Raises `RecordError`, `DeckError`, `ModelError`."""
-    return adjusted_model(read_record(run, TABLES), cameras_of_job(job), apparent=apparent)
+    return adjusted_model(read_run(run, TABLES), cameras_of_job(job), apparent=apparent)
 
 
 def adjusted_model(tables: Tables, cameras: FileCameras, *, apparent: bool = False) -> Model:
