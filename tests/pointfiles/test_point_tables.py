@@ -58,6 +58,8 @@ def faults(table: PointTable) -> list[str]:
         "500;400,25;-3,5;dry\n510;410,5;-4;wet\n",
         "# Cameras (2)\n#Label,X/Easting,Y/Northing,Z/Altitude\nD1.JPG,500,400.25,-3.5\nD2.JPG,510,410.5,-4\n",
         "# of May\nx [m], y [m], height [metres], note\n500,400.25,-3.5,\"a, b\"\n\n510,410.5,-4,c;d\n,,,\n",
+        "//X Y Z R\n500 400.25 -3.5 1\n510 410.5 -4 1\n",
+        "X (m),Y (m),Z (m)\n500,400.25,-3.5\n510,410.5,-4\n",
         "x,y,z,2020\n500,400.25,-3.5,1\n510,410.5,-4,1\n",
         'Z,"text",X,Y\n-3.5,"a ""b""",500,400.25\n-4,, 510 ,410.5\n',
     ],

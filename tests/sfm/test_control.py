@@ -12,7 +12,7 @@ from musatpy.errors import SystemsError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.sfm import metashape, opensfm
 from musatpy.sfm.control import ImagedControl, read_control
-from musatpy.sfm.georeference import Georeference, file_placement, georeferenced, level_positions
+from musatpy.sfm.georeference import Georeference, georeferenced, level_positions
 from musatpy.sfm.model import Model, ModelError
 from sfm.written_models import LATITUDE, LONGITUDE, Scene, geocentric, scene, write_metashape, write_opensfm
 
@@ -212,11 +212,11 @@ def test_photos_on_a_line_leave_a_turn_free(exact: Scene, chunk: Model, tmp_path
 
 def test_the_file_itself_says_where_it_stands(tmp_path: Path, exact: Scene) -> None:
     model = metashape.read_model(write_metashape(tmp_path / "cameras.xml", exact))
-    placement = file_placement(model)
-    assert placement is not None and placement.scale == pytest.approx(22.5, abs=1e-9)
-    level = placement.positions(model.centre)
+    assert model.to_geocentric is not None
+    A = model.to_geocentric[:3, :3] / 22.5
+    level = WGS84.geographic(model.centre @ model.to_geocentric[:3, :3].T + model.to_geocentric[:3, 3])
     assert level == pytest.approx(stations_of(exact, 0.0), abs=1e-4)
-    assert np.allclose(placement.rotation @ placement.rotation.T, np.eye(3), rtol=0, atol=1e-12)
+    assert np.allclose(A @ A.T, np.eye(3), rtol=0, atol=1e-9)
 
 
 def test_local_metres(tmp_path: Path, exact: Scene, chunk: Model) -> None:

@@ -22,7 +22,7 @@ def test_heights_decide_beyond_three_sigmas_of_both() -> None:
     assert of.counts() == {
         "dry by height": 2,
         "wet by height": 1,
-        "undecided by nothing": 1,
+        "undecided by default": 1,
         "undecided by height": 2,
     }
 

@@ -239,7 +239,7 @@ def _layout_of(source: str, lines: Iterator[str], wanted: Wanted) -> tuple[Layou
     """Return how a file is laid out, what is wrong with its names, and its rows with the number of the first."""
     above, text, count = deque[tuple[int, str]](maxlen=50), "", 0
     for count, text in enumerate(lines, 1):
-        text = text.removeprefix("\ufeff").rstrip("\r\n")
+        text = text.removeprefix("\ufeff").removeprefix("//").rstrip("\r\n")  # as CloudCompare begins
         if _is_row(text):
             break
         if text := text.strip("# "):

@@ -70,17 +70,6 @@ def level_positions(
     return system.level(position), ellipsoid
 
 
-def file_placement(model: Model) -> Placement | None:
-    """Return where the file itself puts a model, on WGS 84; None where it does not say."""
-    if model.to_geocentric is None:
-        return None
-    A = model.to_geocentric[:3, :3]
-    scale = float(np.cbrt(np.linalg.det(A)))
-    return Placement(
-        scale=scale, rotation=A / scale, shift=model.to_geocentric[:3, 3], ellipsoid=Ellipsoid("WGS84")
-    )
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Places:
     """k places in the model and in east, north, up about their middle."""

@@ -20,7 +20,7 @@ from musatpy.sfm import bingo, colmap, metashape, opensfm
 from musatpy.sfm.block import Beside, Placement, block_of
 from musatpy.sfm.control import ImagedControl, read_control
 from musatpy.sfm.conventions import prove
-from musatpy.sfm.georeference import Georeference, file_placement, georeferenced, level_positions
+from musatpy.sfm.georeference import Georeference, georeferenced, level_positions
 from musatpy.sfm.intersection import of_placed_points
 from musatpy.sfm.model import Model, ModelError
 from musatpy.sfm.source import FileCameras
@@ -213,10 +213,10 @@ def _placed(
             raise ModelError([Problem(message=message, file=str(asked.gcp))])
         ellipsoid = of_control
     stations, sigma = (None, None) if exposures is None else (exposures.position, exposures.sigma)
-    of_file = file_placement(model)
     # metres of a model are those of its positions: without RTK they are no better than these
     fixed = exposures is not None and bool(exposures.rtk.all())
-    metric = fixed and of_file is not None and abs(of_file.scale - 1.0) < _METRIC
+    to_metres = model.to_geocentric
+    metric = fixed and to_metres is not None and bool(abs(np.linalg.det(to_metres[:3, :3]) - 1.0) < _METRIC)
     return georeferenced(model, ellipsoid, control, level, stations, sigma, metric=metric), level
 
 
@@ -244,12 +244,12 @@ def _levels(asked: Asked, model: Model, placement: Placement, exposures: Exposur
 
 
 def _wetness(asked: Asked, model: Model, geo: Georeference, levels: PhotoLevels | None) -> Wetness:
-    """Return what the points of a model are; dry where nothing is said of water."""
+    """Return what the points of a model are, by default dry where nothing is said of water."""
     count = len(model.points)
     position = geo.placement.positions(model.position)
     if levels is None:
         dry = np.full(count, Wet.DRY, dtype=np.int64)
-        return wetness(position[:, 2], np.zeros(count), np.full(count, -np.inf), np.zeros(count), flags=dry)
+        return Wetness(code=dry, source=dry, against=dry > Wet.DRY)
     rays = np.maximum(model.counts, 1)
     level, sigma = (np.bincount(model.point, of[model.photo], count) / rays for of in (levels.level, levels.sigma))
     off = np.concatenate([geo.control, geo.photos])

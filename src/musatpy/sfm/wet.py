@@ -22,7 +22,7 @@ from musatpy.sfm.model import ModelError, links
 
 LIMIT = 3.0  # sigmas within which a height says nothing
 NOTHING = -1  # of a flag
-SOURCES = ("nothing", "flag", "area", "class", "height")
+SOURCES = ("default", "flag", "area", "class", "height")
 _CLASSES = {40: 1, 41: 3, 42: 3}  # LAS 1.4 R15: bathymetric point, water surface, derived water surface
 _DRY, _WET = ("dry", "0", "d", "no", "false"), ("wet", "1", "b", "yes", "true")
 _WORDS = {"": NOTHING} | dict.fromkeys(_DRY, 0) | dict.fromkeys(_WET, 1)
