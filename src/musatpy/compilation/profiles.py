@@ -154,11 +154,7 @@ def scans_of(compiled: Compiled, profiles: list[CompiledProfile]) -> list[Profil
         lines = tuple(line for line in profiles if (line.name, line.model) == (name, model) and line.line)
         found.append(
             ProfileScan(
-                name=name,
-                model=model,
-                scan=str(specs.scan[row]),
-                spacing=float(specs.spacing[row]),
-                lines=lines,
+                name=name, model=model, scan=str(specs.scan[row]), spacing=float(specs.spacing[row]), lines=lines
             )
         )
     return found

@@ -120,7 +120,11 @@ def set_up(run: AdjustedRun, left: str, right: str) -> Stereomodel:
     stations = frame.working(photos.position[rows])
     level = frame.level(stations.mean(axis=0))
     tides = photos.tide[rows]
-    level[2] = tides.mean() if np.isfinite(tides).all() else _mean_ground(run)
+    if np.isfinite(tides).all():
+        level[2] = tides.mean()
+    else:  # the mean of the points of the run
+        known = run.position[np.isfinite(run.position).all(axis=1)]
+        level[2] = frame.height(frame.working(known)).mean() if len(known) else 0.0
     origin = frame.from_level(level)
     up = frame.axes(origin)[2]
     base = stations[1] - stations[0]
@@ -146,12 +150,6 @@ def set_up(run: AdjustedRun, left: str, right: str) -> Stereomodel:
         raise CompilationError.of(f"photos {left} and {right} share no point of the run")
     x = along / np.linalg.norm(along)
     return Stereomodel(run=run, left=rows[0], right=rows[1], origin=origin, axes=np.stack([x, np.cross(up, x), up]))
-
-
-def _mean_ground(run: AdjustedRun) -> float:
-    """Return the mean height (m) of the points of a run, 0 of one without any."""
-    known = run.position[np.isfinite(run.position).all(axis=1)]
-    return float(run.frame.height(run.frame.working(known)).mean()) if len(known) else 0.0
 
 
 def faults_of_pair(run: AdjustedRun, left: str, right: str) -> list[tuple[str, str]]:

@@ -153,6 +153,9 @@ def of_tables(tables: Tables, anyway: bool = False, sea: Sea | None = None, idea
     block = run_tables.block_of(tables)
     given = replace(block, **run_tables.given_waves(tables))
     caution, because = (UNCONVERGED, unconverged) if unconverged else _doubts(tables)
+    control = tables["control"]
+    held = [point for point, kind in zip(control["point"], control["kind"], strict=True) if kind != "check"]
+    tied = chain.from_iterable(chain.from_iterable(tables[name]["points"] for name in _CONTROL[1:]))
     return AdjustedRun(
         block=block,
         given=numbers(stations, "given_position", 3),
@@ -163,7 +166,7 @@ def of_tables(tables: Tables, anyway: bool = False, sea: Sea | None = None, idea
         position=numbers(points, "position", 3),
         point_covariance=numbers(points, "covariance", 3, 3),
         triangulated=flags(tables["plates"], "triangulated"),
-        control=np.isin(block.points.ids, _known_of(tables)),
+        control=np.isin(block.points.ids, [*held, *tied]),  # of which something is known
         unit_sigma=float(solution["unit_sigma"] or 1.0),
         freedom=float(max(solution["degrees_of_freedom"], 0)) or np.inf,
         sea=waves_of_run(given, run_tables.adjusted_waves(tables), sea),
@@ -179,13 +182,6 @@ def _doubts(tables: Tables) -> tuple[str, str]:
     if model.Grade(verdict["grade"]) is model.Grade.ACCEPTED:
         return "", ""
     return f"the run is {verdict['grade'].lower()}", "; ".join(reason["text"] for reason in verdict["reasons"])
-
-
-def _known_of(tables: Tables) -> list[str]:
-    """Return the ids of the points that something is known of."""
-    control = tables["control"]
-    held = [point for point, kind in zip(control["point"], control["kind"], strict=True) if kind != "check"]
-    return held + list(chain.from_iterable(chain.from_iterable(tables[name]["points"] for name in _CONTROL[1:])))
 
 
 def of_block(block: model.Block) -> AdjustedRun:

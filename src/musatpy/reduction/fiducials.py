@@ -301,8 +301,6 @@ class DistanceFit:
     """The affine transformation to the fiducial system, and how well e distances agree with it."""
 
     plane: PlanarTransformation  # AFFINE
-    metric: FloatArray  # (k,) m; m, n; or m, k, n of G
-    cofactor: FloatArray  # (k, k) their covariance where sigma0 is 1
     residuals: FloatArray  # (e,) mm, scaled minus calibrated distance
     sigma0: float  # NaN without redundancy
     freedom: int
@@ -326,10 +324,9 @@ def fit_distances(
     lines of the axes, give none.
     """
     d = marks[ends[:, 1]] - marks[ends[:, 0]]
-    solved = _metric(scales, d, distance, sigma)
-    if solved is None:
+    m = _metric(scales, d, distance, sigma)
+    if m is None:
         return None
-    m, cofactor = solved
     G = np.tensordot(m, _ELEMENTS[scales], axes=1)
     if not (G[0, 0] > 0.0 and np.linalg.det(G) > 0.0):
         return None
@@ -340,8 +337,6 @@ def fit_distances(
     freedom = len(distance) - len(m)
     return DistanceFit(
         plane=plane,
-        metric=m,
-        cofactor=cofactor,
         residuals=v,
         sigma0=float(np.sqrt(np.square(v / sigma).sum() / freedom)) if freedom else float("nan"),
         freedom=freedom,
@@ -352,28 +347,24 @@ def _length(G: FloatArray, d: FloatArray) -> FloatArray:
     return np.sqrt(np.einsum("ei,ij,ej->e", d, G, d))
 
 
-def _metric(
-    scales: Scales, d: FloatArray, distance: FloatArray, sigma: FloatArray
-) -> tuple[FloatArray, FloatArray] | None:
-    """Return the elements of G and their cofactors. Gauss and Newton; dD/dm = d^T E d / (2 D)."""
+def _metric(scales: Scales, d: FloatArray, distance: FloatArray, sigma: FloatArray) -> FloatArray | None:
+    """Return the elements (k,) of G: m; m, n; or m, k, n. Gauss and Newton; dD/dm = d^T E d / (2 D)."""
     E = _ELEMENTS[scales]
     if len(distance) < len(E) or np.any(np.linalg.norm(d, axis=1) == 0.0):
         return None
     square = np.einsum("ei,kij,ej->ek", d, E, d)
     m = float((distance / np.linalg.norm(d, axis=1)).mean()) ** 2 * np.einsum("kii->k", E).clip(max=1.0)
-    root = np.eye(len(E))
     for _ in range(_STEPS):
         D = _length(np.tensordot(m, E, axes=1), d)
         A = square / (2.0 * D * sigma)[:, None]
         U, s, Vt = np.linalg.svd(A, full_matrices=False)
         if not np.all(np.isfinite(s)) or s[-1] < _SINGULAR * s[0]:
             return None
-        root = Vt.T / s
-        step = root @ (U.T @ ((distance - D) / sigma))
+        step = (Vt.T / s) @ (U.T @ ((distance - D) / sigma))
         m = m + step
         if np.all(np.abs(step) <= _SETTLED * np.abs(m).max()):
             break
-    return m, root @ root.T
+    return m
 
 
 def _placed(A: FloatArray, marks: FloatArray, axes: Axes) -> PlanarTransformation | None:

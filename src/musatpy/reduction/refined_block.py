@@ -43,14 +43,10 @@ def reduction_of(block: model.Block) -> tuple[PlateReduction, ...]:
 
 def _plan(options: model.ReductionOptions, spec: model.ComparatorSpec | None) -> ReductionPlan:
     kinds = {model.Transformation.NONE: None, model.Transformation.DISTANCES: PlanarKind.AFFINE}
-    kind = (
-        kinds[options.transformation]
-        if options.transformation in kinds
-        else PlanarKind(options.transformation.value)
-    )
+    chosen = options.transformation
     atmosphere = None if options.atmosphere is model.Atmosphere.NONE else Model(options.atmosphere.value)
     plan = ReductionPlan(
-        fiducials=kind,
+        fiducials=kinds[chosen] if chosen in kinds else PlanarKind(chosen.value),
         limits=FiducialLimits(residual=_limit(options.residual_limit)),
         refraction=atmosphere,
         curvature=options.curvature is model.Curvature.YES,
