@@ -10,8 +10,16 @@ import pytest
 
 from musatpy.errors import SpecError
 from musatpy.reports.sea import points_csv, waves_text
-from musatpy.sea.experiment import experiment, flying_height, lengths_and_speeds, run, study, surface_of, theory_of
-from musatpy.sea.experiment_spec import WaveSpec
+from musatpy.sea.experiment import (
+    WaveSpec,
+    experiment,
+    flying_height,
+    lengths_and_speeds,
+    run,
+    study,
+    surface_of,
+    theory_of,
+)
 from musatpy.specs import spec_of
 from studies import okamoto
 

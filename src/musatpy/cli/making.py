@@ -102,14 +102,13 @@ def simulate_command(spec: Path, seed: int | None, out_dir: Path | None) -> None
 @click.argument("spec", type=FILE)
 @flag("--plots", "Also draw pictures (NAME.map.png, ...); needs the extra 'plots'.")
 @options.picture_options("plots")
-@options.keys_option("musatpy.sea.experiment_spec:WaveSpec")
+@options.keys_option("musatpy.sea.experiment:WaveSpec")
 @options.out_option
 def waves_command(spec: Path, plots: bool, form: ImageForm, out_dir: Path | None) -> None:
     """Run the wave experiment of SPEC: its report goes to NAME.waves.txt, every point to NAME.waves.csv."""
     from musatpy.files import write_files
     from musatpy.reports.sea import points_csv, waves_text
-    from musatpy.sea.experiment import study
-    from musatpy.sea.experiment_spec import load_spec
+    from musatpy.sea.experiment import load_spec, study
 
     folder = spec.parent if out_dir is None else out_dir
     result = study(load_spec(spec), str(spec))
