@@ -80,7 +80,7 @@ def _kind_of(record: Any) -> str:
 
 def _tables_of(path: Path) -> dict[str, Any]:
     """Return what a record has; raises as `page_of_record`."""
-    record = read_json_file(path)
+    record = read_json_file(path, LEFT)
     if kind := _kind_of(record):
         return known_of(record, path, LEFT if kind == _RUN else (), schema=KINDS[kind.encode()].schema())
     raise RecordError.of(NO_RECORD, file=path)

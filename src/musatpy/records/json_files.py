@@ -13,8 +13,9 @@ import importlib.util
 import json
 import math
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import suppress
 from functools import cache, partial
-from itertools import chain, islice, product
+from itertools import chain, compress, islice, product, repeat
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ _IDS = {  # fields of tables that name a row of another one, and its ids
 }
 FIELDS = ("redundancy", "standardised", "normal_test", "detectable", "effect")  # of images, two for each
 _APART = ("plates", "observations", "solution")  # tables of which all observations are made
-_LARGE = {"plates", "observations", "points", "bathymetric_points"}  # tables of which most of a file is
+_LARGE = {"plates", "observations", "points", "bathymetric_points", "station_pairs"}  # most of a file
 _AXES = ("x", "y")
 _PLATE = "plate"
 _LARGEST = 1e150  # number of a record: its square is one too
@@ -52,9 +53,14 @@ def read_json(path: Path) -> Any:
     return read_json_file(path, parse_float=_finite, parse_int=_whole)
 
 
-def read_json_file(path: Path, **hooks: Any) -> Any:
-    """Return what a JSON file says; numbers beyond all limits are left to who reads on. Raises as `read_json`."""
+def read_json_file(path: Path, leave: Set[str] = frozenset(), **hooks: Any) -> Any:
+    """Return what a JSON file says; numbers beyond all limits are left to who reads on. Raises as `read_json`.
+
+    Tables to `leave` are not read of a record that has the lines of this program.
+    """
     try:
+        with suppress(ValueError, RecursionError):  # the whole file says what is wrong, and where
+            return json.loads(_without(path, leave), parse_constant=_finite, **hooks)
         return json.loads(path.read_bytes(), parse_constant=_finite, **hooks)
     except UnicodeDecodeError as error:
         message = f"is no JSON: byte {error.start + 1} is none of a text in UTF-8"
@@ -97,16 +103,16 @@ def read_record(
     whose first field is its version, and `what` that is.
     """
     tables, optional = tuple(tables), tuple(optional)
-    try:
-        record = json.loads(_without_others(path, {*tables, *optional}), parse_constant=_finite)
-    except (ValueError, RecursionError):
-        record = read_json_file(path)  # which says what is wrong, and where
+    wanted = {*tables, *optional, *(_APART if "observations" in (*tables, *optional) else ())}
+    record = read_json_file(path, _LARGE - wanted)
     return tables_of(record, path, tables, optional, schema=schema, what=what)
 
 
-def _without_others(path: Path, wanted: Set[str]) -> bytes:
-    """Return a file without the large tables that are not `wanted`, where it has the lines of this program."""
-    leave, lines, kept = _LARGE - wanted - set(_APART if "observations" in wanted else ()), list[bytes](), True
+def _without(path: Path, leave: Set[str]) -> bytes:
+    """Return a file without the tables to `leave`, where it has the lines of this program."""
+    if not leave:
+        return path.read_bytes()
+    lines, kept = list[bytes](), True
     with path.open("rb") as file:
         for line in file:
             if line.startswith(b'  "'):  # a field of the record; those of a table stand further in
@@ -146,10 +152,12 @@ def tables_of(
         raise RecordError.of(message, file=path, field=key)
     required = list(tables)
     wanted = list(dict.fromkeys([*required, *optional]))
+    form = _form(schema, wanted, required)
     if "observations" in wanted and are_apart(record):
-        _hold_against(record, _form(schema, _APART, _APART, plates=FIELDS), schema, path)
-        record = with_images(record)
-    _hold_against(record, _form(schema, wanted, required), schema, path)
+        form = _form(schema, dict.fromkeys([*wanted, *_APART]), [*required, *_APART], plates=FIELDS)
+        _hold_against(record, form, schema, path)
+        record, form = with_images(record), _form(schema, ["observations"], required)
+    _hold_against(record, form, schema, path)
     named = {name: record[name] for name in wanted if name in record}
     if faults := list(islice(_unknown_ids(named), _LISTED)) if schema is _schema() else []:
         raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
@@ -242,6 +250,8 @@ def _of_other_types(values: Sequence[Any], schema: Schema) -> list[int]:
 
 def _of_type(kind: type, values: Sequence[Any], place: Place) -> tuple[Sequence[Any], Place]:
     """Return the values of one type, with their places."""
+    if set(map(type, values)) <= {kind}:
+        return values, place
     rows = [n for n, value in enumerate(values) if type(value) is kind]
     return [values[n] for n in rows], lambda row: place(rows[row])
 
@@ -321,16 +331,13 @@ def with_images(record: Mapping[str, Any]) -> dict[str, Any]:
     says.
     """
     plates, others, solution = record["plates"], record["observations"], record["solution"]
-    columns = {name: list(plates[name]) for name in ("photo", "point", "residual", "sigma", *FIELDS)}
-    images = [
-        (row, axis) for row, pair in enumerate(columns[FIELDS[0]]) for axis in (0, 1) if pair[axis] is not None
-    ]
-    found: dict[str, Sequence[Any]] = {
-        "kind": [_PLATE] * len(images),
-        "of": [[columns["photo"][row], columns["point"][row]] for row, _ in images],
-        "component": [_AXES[axis] for _, axis in images],
-        **{name: [columns[name][row][axis] for row, axis in images] for name in ("residual", "sigma", *FIELDS)},
-    }
+    there = [value is not None for value in chain.from_iterable(plates[FIELDS[0]])]
+    names = [[photo, point] for photo, point in zip(plates["photo"], plates["point"], strict=True)]
+    pairs = {"of": zip(names, names, strict=True), "component": repeat(_AXES, len(names))}
+    pairs |= {name: plates[name] for name in ("residual", "sigma", *FIELDS)}
+    found: dict[str, list[Any]]
+    found = {name: list(compress(chain.from_iterable(pair), there)) for name, pair in pairs.items()}
+    found["kind"] = [_PLATE] * len(found["of"])
     students = _students(found["standardised"], solution["unit_sigma"], solution["degrees_of_freedom"])
     found["test"] = students
     found["estimated_error"] = [

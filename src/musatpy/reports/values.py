@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.records import tables
 
 Json = Any
 _FACTORS = np.array([float(10**power) for power in range(23)])  # all powers of ten that a double holds exactly
@@ -164,11 +165,12 @@ def array_of(kind: str, values: Any) -> Any:
         return list(values)
     if dtype is not object and base.endswith("?"):
         dtype = object if base == "boolean?" else np.float64
+    shape = tuple(int(size) for size in sizes.split("x")) if sizes else ()
+    if dtype is np.float64:
+        return tables.array_of(values, *shape)
     if not sizes and dtype is not object:
         return np.array(list(values), dtype=dtype)
-    shape = tuple(int(size) for size in sizes.split("x")) if sizes else ()
-    blank = None if dtype is object else np.nan if dtype is np.float64 else 0
-    out = np.full((len(values), *shape), blank, dtype=dtype)
+    out = np.full((len(values), *shape), None if dtype is object else 0, dtype=dtype)
     for row, value in enumerate(values):
         if value is not None:
             out[row] = value

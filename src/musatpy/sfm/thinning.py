@@ -96,8 +96,9 @@ def _cells(model: Model) -> IntArray:
     size = np.array([(lens.width, lens.height) for lens in model.lenses], dtype=float).reshape(-1, 2)
     cells = np.where(size[:, :1] >= size[:, 1:], [COLUMNS, ROWS], [ROWS, COLUMNS])
     of = model.camera[model.photo]
-    column, row = np.clip(np.floor(model.pixel / size[of] * cells[of]), 0, cells[of] - 1).astype(np.int64).T
-    return (row * COLUMNS + column).astype(np.int16)
+    most = cells.take(of, axis=0)
+    column, row = np.clip(model.pixel / size.take(of, axis=0) * most, 0, most - 1).T.astype(np.int16)
+    return row * COLUMNS + column
 
 
 def _add(kept: BoolArray, track: IntArray, cell: IntArray, wanted: int, each: int = 0) -> None:
@@ -118,17 +119,18 @@ def _add(kept: BoolArray, track: IntArray, cell: IntArray, wanted: int, each: in
 def _link(kept: BoolArray, track: IntArray, starts: IntArray) -> None:
     """Keep more of the tracks (k,) of photos, sorted by photo and rank, until pairs have enough in common."""
     count, order = len(starts) - 1, np.argsort(track, kind="stable")
-    photo = np.repeat(np.arange(count), np.diff(starts))[order]
-    first = np.searchsorted(track[order], np.arange(len(kept) + 1))  # of the photos of each track
-    for one, (start, end) in enumerate(zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)):
-        mine = track[start:end]
-        length = first[mine + 1] - first[mine]
-        other = photo[np.repeat(first[mine] - np.cumsum(length) + length, length) + np.arange(length.sum())]
+    photo, place = np.repeat(np.arange(count), np.diff(starts))[order], np.empty_like(order)
+    place[order] = np.arange(len(order))
+    ends = np.cumsum(np.bincount(track, minlength=len(kept)))  # of the photos of each track
+    for start, end in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
+        mine, after = track[start:end], place[start:end] + 1
+        length = ends[mine] - after  # of the photos of a track those behind this one
+        other = photo[np.repeat(after - np.cumsum(length) + length, length) + np.arange(length.sum())]
         every = np.bincount(other, minlength=count)
         lacking = np.minimum(every, COMMON) > np.bincount(other, np.repeat(kept[mine], length), count)
         marked = np.zeros(len(kept), dtype=bool)
         marked[mine] = True
-        for another in (one + 1 + np.flatnonzero(lacking[one + 1 :])).tolist():
+        for another in np.flatnonzero(lacking).tolist():
             shared = track[starts[another] : starts[another + 1]]
             shared = shared[marked[shared]]
             chosen = kept[shared]
