@@ -179,9 +179,8 @@ DRY = "dry: the bottom there is above the water"
 UNDATED = "its date is not known"
 _WEST = ": they look like longitudes that are positive to the west; give them positive to the east"
 _DRY = len(tin.REASONS) + 1
-_RANK = np.argsort(
-    [tin.OUTSIDE, tin.EMPTY, tin.FEW, tin.LONG_EDGE, tin.LAND, _DRY, tin.INSIDE]
-)  # of reasons of several surfaces the last counts
+# of reasons of several surfaces the last counts
+_RANK = np.argsort([tin.OUTSIDE, tin.EMPTY, tin.FEW, tin.LONG_EDGE, tin.LAND, _DRY, tin.INSIDE])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -36,11 +36,8 @@ from musatpy.units import DEGREE
 LOCAL = LocalRectangular()
 RECORD = ".json"  # suffix of the record of a run
 _ATTITUDE, _CAMERA = ("omega", "phi", "kappa"), ("focal", "width", "height")
-_FLOWN = (
-    "roll",
-    "pitch",
-    "yaw",
-)  # as Metashape has them: all zero where a photo looks down with its top to the north
+# as Metashape has them: all zero where a photo looks down with its top to the north
+_FLOWN = ("roll", "pitch", "yaw")
 _PHOTO = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # of a body: its top forward, right, up
 _SIGMAS = tuple(f"sigma_{name}" for name in (*AXES, *_ATTITUDE))
 _STATIONS = Wanted(

@@ -293,9 +293,8 @@ def angles_of(M: ArrayLike, form: AngleForm) -> FloatArray:
         second = np.arctan2(np.hypot(M[..., 2, 0], M[..., 2, 1]), M[..., 2, 2])
     first = np.where(gimbal(M, form), 0.0, first)
     axis, sense = _ROTATIONS[form][0]
-    rest = M @ np.swapaxes(
-        _about(axis, sense * first), -1, -2
-    )  # what the first angle leaves, whatever rounding made it
+    # what the first angle leaves, whatever rounding made it
+    rest = M @ np.swapaxes(_about(axis, sense * first), -1, -2)
     third = np.arctan2(-half_turn * rest[..., 1, 0], half_turn * rest[..., 0, 0])
     return np.stack([first, second, third], axis=-1)
 

@@ -32,9 +32,8 @@ from musatpy.geometry.systems import MapFactors, System, moved
 
 _STEP = 5000.0  # m: fourth-order differences of smooth maps are good to 1e-12 at such steps
 _SLOPE_STEP = 10.0  # m: geoid grids are interpolated between points some kilometres apart
-_DEFINITION = re.compile(
-    r"(\d+$)|([A-Za-z]+:\w+(\+\w+)?$)|(.*\bproj=)|(\w+\[)", re.DOTALL
-)  # PROJ takes names, and guesses
+# PROJ takes names, and guesses
+_DEFINITION = re.compile(r"(\d+$)|([A-Za-z]+:\w+(\+\w+)?$)|(.*\bproj=)|(\w+\[)", re.DOTALL)
 _ABOUT_TEXT = {"type=crs", "no_defs", "wktext"}  # parameters of a PROJ string that say nothing of the map
 _SHOWN = 80  # characters of a definition in messages
 _INVERSIONS = 8  # Newton steps after PROJ's inverse; one is enough for all but tabulated projections

@@ -114,9 +114,8 @@ def _refined(targets: Targets, start: Similarity, up: FloatArray, floor: float) 
         rhs[1:3] += level * np.cross(similarity.rotation @ up, [0.0, 0.0, 1.0])[:2]
         step = np.linalg.lstsq(N, rhs, rcond=1e-14)[0]
         scale, R = max(1.0 + float(step[0]), 0.1), turn(step[1:4])  # about the middle
-        similarity = Similarity(scale=scale, rotation=R, shift=middle + step[4:] - scale * R @ middle).after(
-            similarity
-        )
+        change = Similarity(scale=scale, rotation=R, shift=middle + step[4:] - scale * R @ middle)
+        similarity = change.after(similarity)
     return similarity, robust
 
 

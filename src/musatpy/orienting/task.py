@@ -16,10 +16,8 @@ from musatpy.orientation.twomedia.methods import METHODS, TRIPLET
 from musatpy.orientation.twomedia.oriented import OrientationError
 from musatpy.orientation.twomedia.sights import Method, Sights, WaterPlane
 
-_DRY = (
-    model.OrientationMethod.PAIR_INDEPENDENT,
-    model.OrientationMethod.PAIR_SUCCESSIVE,
-)  # of straight rays alone too
+# of straight rays alone too
+_DRY = (model.OrientationMethod.PAIR_INDEPENDENT, model.OrientationMethod.PAIR_SUCCESSIVE)
 _NO_WATER = WaterPlane(treatment=model.PlaneTreatment.KNOWN, index=1.0)
 _FEWEST = 5  # points that three photos on end of a strip must have in common, at least
 _ASTRAY = 0.25  # of the photos that have more in common with the next but one than with the next: no strip

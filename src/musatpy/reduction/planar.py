@@ -310,10 +310,8 @@ def from_matrix(A: FloatArray) -> Comparator:
 
 def parameter_covariance(comparator: Comparator, linear: FloatArray) -> FloatArray:
     """Return the covariance (4, 4) of scales and angles from that of the matrix elements, row by row (4, 4)."""
-    by_parameters = np.swapaxes(comparator.by_parameters(np.eye(2)), 0, 1).reshape(
-        4, 4
-    )  # columns of the matrix -> rows
-    J = np.linalg.inv(by_parameters)
+    of_columns = comparator.by_parameters(np.eye(2))
+    J = np.linalg.inv(np.swapaxes(of_columns, 0, 1).reshape(4, 4))  # columns of the matrix -> rows
     return J @ linear @ J.T
 
 

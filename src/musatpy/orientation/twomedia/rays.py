@@ -226,9 +226,8 @@ def paper_partials(at: Orientation) -> FloatArray:
     size = at.vector.shape[-1]
     J = np.zeros((*at.level.shape, size, size))
     R = TURN[:, None] * np.swapaxes(attitude_matrix(at.attitude), -1, -2) * TURN
-    dR = (
-        TURN[:, None] * np.swapaxes(attitude_matrix_partials(at.attitude), -1, -2) * TURN
-    )  # angle third from the end
+    # the angle third from the end
+    dR = TURN[:, None] * np.swapaxes(attitude_matrix_partials(at.attitude), -1, -2) * TURN
     cos_omega = np.sqrt(1.0 - np.square(R[..., 1, 2]))[..., None]
     by_angle = np.stack(
         [

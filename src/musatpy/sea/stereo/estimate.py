@@ -146,10 +146,8 @@ def _fourier_notes(fitted: FourierSurface, result: SurfaceFit) -> tuple[str, ...
     """Return what is doubtful of waves, and which longest other one would look like each at places that repeat."""
     if not fitted.count:
         return ("no wave was found: the surface is its level",)
-    extent, repeats = (
-        float(np.hypot(*np.ptp(result.points.position[:, :2], axis=0))),
-        lattice(result.points.position[:, :2]),
-    )
+    place = result.points.position[:, :2]
+    extent, repeats = float(np.hypot(*np.ptp(place, axis=0))), lattice(place)
     notes = []
     for number, (_, length, _, _) in enumerate(fitted.described[0], start=1):
         if length < 2.0 * result.spacing:

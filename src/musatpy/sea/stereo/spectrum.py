@@ -78,9 +78,8 @@ def lattice(xy: FloatArray) -> FloatArray:
     count = np.ceil(3.0 * np.pi / mean_spacing(xy) / step).astype(int)
     kx, ky = step[0] * np.arange(count[0] + 1), step[1] * np.arange(-count[1], count[1] + 1)
     window = np.abs(np.exp(1j * place[:, :1] * kx).T @ np.exp(1j * place[:, 1:] * ky)) / len(place)
-    window[: FINER + 1, count[1] - FINER : count[1] + FINER + 1] = (
-        0.0  # all places are the same to a wave of no number
-    )
+    # all places are the same to a wave of no number
+    window[: FINER + 1, count[1] - FINER : count[1] + FINER + 1] = 0.0
     peaks = []
     while window.max() >= _LATTICE:
         i, j = np.unravel_index(int(np.argmax(window)), window.shape)
