@@ -243,3 +243,22 @@ def test_geojson_in_the_system_that_it_states(tmp_path: Path) -> None:
         ModelError, match=r"water\.geojson: it has the coordinate system EPSG:1; expected: one that PROJ"
     ):
         read_water(path, geographic=True)
+
+
+def test_images_that_opensfm_has_left_out_of_its_bundle(tmp_path: Path) -> None:
+    """They stay in its tracks, and would have the run of the job rejected."""
+    of = scene(0.4)
+    path = write_opensfm(tmp_path / "model", of)
+    gcp = gcp_list(tmp_path / "gcp_list.txt", of)
+    asked = Asked(form="opensfm", path=path.parent, gcp=gcp, per_photo=0)
+    before = imported(asked, "T")
+    tracks = path.with_name("tracks.csv")
+    rows = tracks.read_text().splitlines()
+    for row in (5, 77):
+        words = rows[row].split("\t")
+        rows[row] = "\t".join([*words[:3], repr(float(words[3]) + 40 / 4000), *words[4:]])
+    tracks.write_text("\n".join(rows) + "\n")
+    done = imported(asked, "T")
+    assert len(done.block.plates.xy) == len(before.block.plates.xy) - 2
+    assert any(re.match(r"2 images that miss their points by more than \d\.\d px", text) for text in done.warnings)
+    assert not any("miss" in text for text in before.warnings)

@@ -19,9 +19,9 @@ from musatpy.reduction.displacements import EARTH_RADIUS
 from musatpy.sfm import bingo, colmap, metashape, opensfm
 from musatpy.sfm.block import Beside, Placement, block_of
 from musatpy.sfm.control import ImagedControl, read_control
-from musatpy.sfm.conventions import prove
+from musatpy.sfm.conventions import MOST, prove
 from musatpy.sfm.georeference import Georeference, georeferenced, level_positions
-from musatpy.sfm.intersection import of_placed_points
+from musatpy.sfm.intersection import of_good_images, of_placed_points
 from musatpy.sfm.model import Model, ModelError
 from musatpy.sfm.source import FileCameras
 from musatpy.sfm.thinning import thinned
@@ -32,6 +32,7 @@ from musatpy.sfm.wet import LIMIT, Wet, Wetness, read_flags, read_water, wetness
 _METRIC = 1e-9  # by which the scale of a file in metres may miss 1
 _PIXEL = 0.0024  # mm
 NONE = Path("none")
+_GROSS = 10.0  # medians: what images that a bundle has used do not miss their points by
 _LEAST_DOUBT = 0.05  # m, of the height of a point of a model that was put in place
 
 
@@ -114,7 +115,9 @@ def imported(asked: Asked, title: str) -> Imported:
         raise ModelError([Problem(message=message, file=str(asked.path))])
     proof = prove(model, str(asked.images or asked.path), bingo.CONVENTIONS if asked.images else None)
     model = of_placed_points(model)
-    lines, warnings = [_size(model)], [*model.notes, *proof.notes]
+    lines = [_size(model)]
+    model = of_good_images(model, max(MOST, _GROSS * proof.median))
+    warnings = [*model.notes, *proof.notes]
     lines.append(f"straight rays miss {proof.images} of the images by {proof.median:.2f} px (median)")
     exposures = _exposures(asked, model)
     control = None if asked.gcp is None else read_control(asked.gcp, model)

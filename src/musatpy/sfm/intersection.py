@@ -35,6 +35,19 @@ def of_placed_points(model: Model) -> Model:
     return replace(model.of_points(np.flatnonzero(there)), notes=(*model.notes, left))
 
 
+def of_good_images(model: Model, limit: float) -> Model:
+    """Return a model without the images that miss their points by more than a limit, px, which is said.
+
+    Tracks of OpenSfM have those that its bundle has left out.
+    """
+    good = np.flatnonzero(model.misses <= limit)
+    if len(good) == len(model.photo):
+        return model
+    left = f"{len(model.photo) - len(good)} images that miss their points by more than {limit:.1f} px are left out"
+    of = {name: getattr(model, name)[good] for name in ("photo", "point", "pixel")}
+    return replace(model, **of, notes=(*model.notes, left))
+
+
 def intersections(model: Model, photo: IntArray, point: IntArray, pixel: FloatArray, count: int) -> FloatArray:
     """Return the places (count, 3) that m rays come nearest to, in angles; NaN where none is determined.
 

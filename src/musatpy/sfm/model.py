@@ -69,6 +69,11 @@ class Model:
         return computed - pixel
 
     @cached_property
+    def misses(self) -> FloatArray:
+        """(m,) px, lengths of residuals."""
+        return np.linalg.norm(self.residuals(), axis=1)
+
+    @cached_property
     def counts(self) -> IntArray:
         """(p,) images of each point."""
         return np.bincount(self.point, minlength=len(self.points))

@@ -66,7 +66,7 @@ def thinned(model: Model, wet: IntArray, always: BoolArray, per_photo: int = 120
 
 def ranked(model: Model) -> IntArray:
     """Return the tracks (p,) of a model, the best first: most rays, widest angle, least residual, then by id."""
-    size = np.nan_to_num(np.linalg.norm(model.residuals(), axis=1), nan=1e6)
+    size = np.nan_to_num(model.misses, nan=1e6)
     residual = np.bincount(model.point, size, len(model.points)) / np.maximum(model.counts, 1)
     coarse = np.rint(residual / _RESIDUAL), -np.rint(np.degrees(widest_angles(model)) / _ANGLE), -model.counts
     return np.lexsort((model.points, *coarse))
