@@ -13,13 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from typing import Any, Self
 
 import numpy as np
 
-from musatpy.adjustment.network import inverse_squares
-from musatpy.adjustment.parameters import CameraParameters, Effect
+from musatpy.adjustment.parameters import CameraParameters
 from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.model import (
     GRID_PLACES,
@@ -37,7 +37,6 @@ from musatpy.reduction.refined_block import lens_of
 
 _F, _XP, _YP, _B1, _B2 = (LENS_PARAMETERS.index(name) for name in ("F", "XP", "YP", "B1", "B2"))
 _COEFFICIENTS = slice(3, 8)  # k1, k2, k3, p1, p2
-_REST = 1e-5  # mm of an image in the corner of the plate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,31 +63,11 @@ class CameraLenses(CameraParameters):
             lens = lens or Lens(centre=np.zeros(2), side=Side(options.side.value))
             given[camera, _COEFFICIENTS] = sign * np.concatenate([lens.k[1:], lens.p[:2]])
             lenses.append(replace(lens, centre=np.zeros(2)))
-        unknown, sigma = np.zeros(given.shape, dtype=bool), np.full(given.shape, np.nan)
-        column = np.array([LENS_PARAMETERS.index(name) for name in table.parameter.tolist()], dtype=int)
-        at = table.camera, column
-        given[at] = np.where(np.isnan(table.value), given[at], table.value)
-        unknown[at] = True
-        sigma[at] = table.sigma
-        (reach, extent), (owner, parameter) = image_reach(block, given[:, _XP : _YP + 1]), np.nonzero(unknown)
-        return cls(
-            noun="camera",
-            owner=tuple(cameras.ids[owner].tolist()),
-            parameter=tuple(LENS_PARAMETERS[row] for row in parameter.tolist()),
-            unit=tuple(LENS_UNITS[row] for row in parameter.tolist()),
-            given=given[unknown],
-            weight=inverse_squares(sigma[unknown]),
-            effect=_effect(reach, given[:, _F])[unknown],
-            effect_in=Effect.IMAGE,
-            rest=_REST,
-            camera=block.photos.camera,
-            lenses=tuple(lenses),
-            sign=sign,
-            held=given,
-            unknown=unknown,
-            ids=cameras.ids,
-            extent=extent,
-        )
+        known = cls.of_cards(
+            block, LENS_PARAMETERS, LENS_UNITS, given, partial(_effect, block),
+            lenses=tuple(lenses), sign=sign, ids=cameras.ids, extent=np.zeros((cameras.count, 2)),
+        )  # fmt: skip
+        return replace(known, extent=image_reach(block, known.held[:, _XP : _YP + 1])[1])
 
     def places(
         self, values: FloatArray, photo: IntArray, measured: FloatArray, ideal: FloatArray, p: FloatArray
@@ -234,8 +213,9 @@ def ideal_plates(block: Block) -> Block:
     )
 
 
-def _effect(r: FloatArray, f: FloatArray) -> FloatArray:
-    """Return what (c, 10) mm one unit of a parameter does to an image r (c,) mm from the principal point."""
+def _effect(block: Block, table: FloatArray) -> FloatArray:
+    """Return what (c, 10) mm one unit of a parameter does to the image farthest from the principal point."""
+    r, f = image_reach(block, table[:, _XP : _YP + 1])[0], table[:, _F]
     unit = np.ones_like(r)
     return np.stack([r / f, unit, unit, r**3, r**5, r**7, 3.0 * r**2, 3.0 * r**2, r, r], axis=1)
 

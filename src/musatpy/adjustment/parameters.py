@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.model import TIES, AdjustedParameters
+from musatpy.model import TIES, AdjustedParameters, Block
 
 if TYPE_CHECKING:
     from musatpy.adjustment.iteration import State
@@ -18,11 +18,19 @@ if TYPE_CHECKING:
     from musatpy.adjustment.normals import Cofactors
     from musatpy.adjustment.precision import Covariances
 
+_REST = 1e-5  # mm of an image in the corner of the plate; behind a port, of a point at its range
 _DECIMALS = 6  # of correlations, beyond which rounding errors order them
 
 _MOVED = 1e-6  # of the largest change of an unknown by a free motion
 _MOST = 50.0  # sigmas of an image, by which the sigma of what is determined turns rays at most
 _INFORMATIVE = 0.1  # rad, by which the sigma of a prior that says something turns rays at most: 0.1 of the height
+
+
+def inverse_squares(sigma: FloatArray) -> FloatArray:
+    """Return weights 1/sigma^2, 0 where there is no sigma."""
+    weight: FloatArray = 1.0 / np.square(sigma)
+    weight[np.isnan(weight)] = 0.0
+    return weight
 
 
 class Effect(Enum):
@@ -50,6 +58,27 @@ class Parameters:
     effect_in: Effect
     rest: float
 
+    @classmethod
+    def of_components(
+        cls, noun: str, owners: TextArray, names: Sequence[str], units: Sequence[str], which: BoolArray,
+        given: FloatArray, sigma: FloatArray, effect: FloatArray | float, **about: Any,
+    ) -> Self:  # fmt: skip
+        """Return those of the components (k, c) of k owners, with names and units (c,), which are unknown.
+
+        `given`, `sigma` and `effect` are of all, (k, c); the others are as the class has them.
+        """
+        owner, component = (rows.tolist() for rows in np.nonzero(which))
+        return cls(
+            noun=noun,
+            owner=tuple(owners[owner].tolist()),
+            parameter=tuple(names[row] for row in component),
+            unit=tuple(units[row] for row in component),
+            given=given[which],
+            weight=inverse_squares(sigma[which]),
+            effect=np.broadcast_to(effect, which.shape)[which],
+            **about,
+        )
+
     @property
     def names(self) -> tuple[str, ...]:
         """A name for each."""
@@ -68,6 +97,23 @@ class CameraParameters(Parameters):
     camera: IntArray  # (n,) of each photo
     held: FloatArray  # (c, k) values as given, of the unknown ones too
     unknown: BoolArray  # (c, k)
+
+    @classmethod
+    def of_cards(
+        cls, block: Block, names: Sequence[str], units: Sequence[str], held: FloatArray,
+        effect: Callable[[FloatArray], FloatArray], **about: Any,
+    ) -> Self:  # fmt: skip
+        """Return parameters whose values are `held` (c, k) where CAL cards give no other ones."""
+        table, held = block.lens_unknowns.of(names), held.copy()
+        unknown, sigma = np.zeros(held.shape, dtype=bool), np.full(held.shape, np.nan)
+        at = table.camera, np.array([names.index(name) for name in table.parameter.tolist()], dtype=int)
+        held[at] = np.where(np.isnan(table.value), held[at], table.value)
+        unknown[at], sigma[at] = True, table.sigma
+        about |= {"camera": block.photos.camera, "held": held, "unknown": unknown}
+        return cls.of_components(
+            "camera", block.cameras.ids, names, units, unknown, held, sigma, effect(held),
+            effect_in=Effect.IMAGE, rest=_REST, **about,
+        )  # fmt: skip
 
     def table(self, values: FloatArray) -> FloatArray:
         """Return all parameters (c, k) at `values` (x,) of the unknown ones."""

@@ -6,13 +6,13 @@ A camera without a port has one that bends nothing: all photos go through the sa
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Self
 
 import numpy as np
 
 from musatpy.adjustment.lenses import image_reach
-from musatpy.adjustment.network import inverse_squares
-from musatpy.adjustment.parameters import CameraParameters, Effect
+from musatpy.adjustment.parameters import CameraParameters
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.model import PORT_PARAMETERS, PORT_SIZES, PORT_UNITS, Block
@@ -21,8 +21,7 @@ from musatpy.units import DEGREE
 
 _NO_PORT = (1.0, 0.0, 1.0, 1.0, 0.0, 0.0)
 _INSIDE = np.array([1e-3, 1e-3, 1.0, 1.0, DEGREE, DEGREE])  # m, 1, rad
-_REST = 1e-5  # mm of an image in the corner of the plate, of a point at
-_RANGE = 1.0  # m from the glass
+_RANGE = 1.0  # m from the glass, of a point whose image tells of effects
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,29 +31,10 @@ class CameraPorts(CameraParameters):
     @classmethod
     def of(cls, block: Block) -> Self:
         """Return the ports of a block."""
-        cameras, table = block.cameras, block.lens_unknowns.of(PORT_PARAMETERS)
-        held = np.tile(_NO_PORT, (cameras.count, 1))
+        held = np.tile(_NO_PORT, (block.cameras.count, 1))
         sizes = [getattr(block.ports, name) for name in PORT_SIZES]
         held[block.ports.camera] = np.column_stack([*sizes, block.ports.tilt / DEGREE])
-        at = table.camera, np.array([PORT_PARAMETERS.index(name) for name in table.parameter.tolist()], dtype=int)
-        unknown, sigma = np.zeros(held.shape, dtype=bool), np.full(held.shape, np.nan)
-        held[at] = np.where(np.isnan(table.value), held[at], table.value)
-        unknown[at], sigma[at] = True, table.sigma
-        (reach, _), (owner, parameter) = image_reach(block, cameras.principal_point), np.nonzero(unknown)
-        return cls(
-            noun="camera",
-            owner=tuple(cameras.ids[owner].tolist()),
-            parameter=tuple(PORT_PARAMETERS[row] for row in parameter.tolist()),
-            unit=tuple(PORT_UNITS[row] for row in parameter.tolist()),
-            given=held[unknown],
-            weight=inverse_squares(sigma[unknown]),
-            effect=_effect(held, reach, cameras.focal_length)[unknown],
-            effect_in=Effect.IMAGE,
-            rest=_REST,
-            camera=block.photos.camera,
-            held=held,
-            unknown=unknown,
-        )
+        return cls.of_cards(block, PORT_PARAMETERS, PORT_UNITS, held, partial(_effect, block))
 
     def vectors(self, values: FloatArray, photo: IntArray, v: FloatArray, M: FloatArray) -> FloatArray:
         """Return the vectors (..., 3) of `view` alone."""
@@ -120,9 +100,10 @@ def _ports(table: FloatArray) -> port.Port:
     return port.Port(distance=distance, thickness=thickness, glass=glass, water=water, tilt=inside[..., 4:])
 
 
-def _effect(table: FloatArray, reach: FloatArray, f: FloatArray) -> FloatArray:
+def _effect(block: Block, table: FloatArray) -> FloatArray:
     """Return what (c, 6) mm one unit of a parameter does to the image of a point at `_RANGE` in the corner."""
-    ports, level = _ports(table), np.eye(3)
+    ports, level, cameras = _ports(table), np.eye(3), block.cameras
+    reach, f = image_reach(block, cameras.principal_point)[0], cameras.focal_length
     corner = np.column_stack([reach, reach]) / np.sqrt(2.0)
     origin, w = port.ray(collinearity.image_vector(corner, f, np.zeros(2)), ports)
     u, _, by_port = port.seen(origin + _RANGE * w, ports)

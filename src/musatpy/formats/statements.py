@@ -15,7 +15,7 @@ from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SystemsError
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.job_tables import COVARIANCES, PLACES, ROLES, Tables, words_of
-from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, SystemSpec
+from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, Photos, SystemSpec
 from musatpy.model.block import with_tables
 from musatpy.model.tables import columns
 from musatpy.units import ARC_SECOND
@@ -83,16 +83,10 @@ def entered_draft(draft: Draft, block: Block) -> tuple[Draft, Block, tuple[Probl
         places = _unreached(draft, statement.system.level)
         return draft, block, places or tuple(_placed(draft, problem) for problem in error.problems)
     problems = tuple(_placed(draft, problem) for problem in warnings)
-    photos = job.photos
-    by_photo = {
-        "stations": {"photos.position": photos.position, "photos.position_sigma": photos.position_sigma},
-        "attitudes": {"photos.attitude": photos.attitude, "photos.attitude_sigma": photos.attitude_sigma},
-        "tides": {"photos.tide": photos.tide},
-    }
-    new: Tables = {
-        role: {path: column[draft.photo[role]] for path, column in table.items()}
-        for role, table in by_photo.items()
-    }
+    new: Tables = {role: {} for role in ("stations", "attitudes", "tides")}
+    for column, about in columns(Photos).items():
+        if about.role and not about.link:
+            new[about.role][f"photos.{column}"] = getattr(job.photos, column)[draft.photo[about.role]]
     for name, given_table in block.tables().items():
         if (table := getattr(job, name)) is not given_table and name in draft.rows:
             names = [column for column, about in columns(type(table)).items() if not about.link]

@@ -20,7 +20,15 @@ from musatpy.model.findings import Cause, Concern, Finding, Grade, Reason, Verdi
 from musatpy.model.gnss import AntennaLines, AntennaPositions, ExposureTimes, LeverArms
 from musatpy.model.inertial import MISALIGNMENT_ANGLES, InertialAttitudes, InertialConvention, Misalignments
 from musatpy.model.kinds import Action, CauseKind, ObservationKind
-from musatpy.model.lenses import LENS_PARAMETERS, LENS_UNITS, LensUnknowns
+from musatpy.model.lenses import (
+    LENS_PARAMETERS,
+    LENS_UNITS,
+    PORT_PARAMETERS,
+    PORT_SIZES,
+    PORT_UNITS,
+    LensUnknowns,
+    Ports,
+)
 from musatpy.model.options import (
     CauseSearch,
     CoordinateSystem,
@@ -43,7 +51,6 @@ from musatpy.model.options import (
     Weights,
 )
 from musatpy.model.parameters import GRID_PLACES, TIES, AdjustedParameters, DistortionGrid
-from musatpy.model.ports import PORT_PARAMETERS, PORT_SIZES, PORT_UNITS, Ports
 from musatpy.model.reduction import (
     Atmosphere,
     ComparatorSpec,

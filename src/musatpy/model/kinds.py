@@ -13,8 +13,7 @@ from musatpy.arrays import IntArray
 from musatpy.model import extensions
 from musatpy.model.gnss import AntennaLines, AntennaPositions, ExposureTimes, LeverArms
 from musatpy.model.inertial import InertialAttitudes, InertialConvention, Misalignments
-from musatpy.model.lenses import LensUnknowns
-from musatpy.model.ports import Ports
+from musatpy.model.lenses import LensUnknowns, Ports
 from musatpy.model.tables import empty
 from musatpy.units import ARC_SECOND, MICROMETRE
 

@@ -15,8 +15,7 @@ from musatpy.files import real_path
 from musatpy.simulation import scene_keys
 from musatpy.simulation.antennas import AntennaKeys
 from musatpy.simulation.true_inertial import InertialKeys
-from musatpy.simulation.true_lens import LensKeys
-from musatpy.simulation.true_port import PortKeys
+from musatpy.simulation.true_lens import LensKeys, PortKeys
 from musatpy.specs import Area, Pair, Triple, key, require, spec_of, spec_table
 
 

@@ -14,8 +14,7 @@ from musatpy.errors import SpecError
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.simulation.raytrace import TracedRays, through_port, trace
 from musatpy.simulation.terrain import Scene
-from musatpy.simulation.true_lens import through_lens, true_lens
-from musatpy.simulation.true_port import PortKeys
+from musatpy.simulation.true_lens import PortKeys, through_lens, true_lens
 
 _PASSES = 8  # each gains two digits, and more
 REACH = 1.3  # times the plan's reach: room for tilts and relief in the search for candidates

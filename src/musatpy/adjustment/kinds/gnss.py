@@ -20,7 +20,7 @@ from musatpy.adjustment.kinds.parameter import ParameterUnknown
 from musatpy.adjustment.kinds.photo_vectors import Deviations, PhotoVector
 from musatpy.adjustment.network import NOTHING, MeasuredTies, Network
 from musatpy.adjustment.parameters import Effect, Parameters
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, Initial, ObservationKind
 from musatpy.model.gnss import AXES, DIRECTIONS
@@ -227,32 +227,18 @@ class AntennaDrift(AntennaParameter):
         """Return the unknown components of GNL cards, of lines with times."""
         lines, (unknown, span) = block.antenna_lines, unknown_drifts(block)
         zero = np.zeros(unknown.shape)
-        known = _parameters("line", lines.line, "DRIFT", DIRECTIONS, "m/s", unknown, zero, lines.drift_sigma)
-        return known and replace(known, effect=np.repeat(span, unknown.sum(axis=1)))
+        sigma, effect = lines.drift_sigma, span[:, None]
+        return _parameters("line", lines.line, "DRIFT", DIRECTIONS, "m/s", unknown, zero, sigma, effect)
 
 
 def _parameters(
-    noun: str, owners: object, what: str, names: tuple[str, ...], unit: str, unknown: BoolArray, given: FloatArray,
-    sigma: FloatArray,
+    noun: str, owners: TextArray, what: str, names: tuple[str, ...], unit: str, unknown: BoolArray,
+    given: FloatArray, sigma: FloatArray, effect: FloatArray | float = 1.0,
 ) -> Parameters | None:  # fmt: skip
     """Return the unknown ones of components (k, 3), None without any."""
-    if not unknown.any():
-        return None
-    row, component = np.nonzero(unknown)
-    x = len(row)
-    with np.errstate(divide="ignore"):
-        weight = np.nan_to_num(1.0 / np.square(sigma[unknown]))
-    return Parameters(
-        noun=noun,
-        owner=tuple(np.asarray(owners)[row].tolist()),
-        parameter=tuple(f"{what} {names[k]}" for k in component.tolist()),
-        unit=(unit,) * x,
-        given=given[unknown],
-        weight=weight,
-        effect=np.ones(x),
-        effect_in=Effect.PLACE,
-        rest=_REST,
-    )
+    named, of = [f"{what} {name}" for name in names], {"effect_in": Effect.PLACE, "rest": _REST}
+    every = Parameters.of_components(noun, owners, named, (unit,) * 3, unknown, given, sigma, effect, **of)
+    return every if unknown.any() else None
 
 
 def _numbers(unknown: BoolArray, row: IntArray) -> IntArray:

@@ -20,8 +20,8 @@ import numpy as np
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds.parameter import ParameterUnknown
 from musatpy.adjustment.kinds.photo_vectors import Deviations, PhotoVector
-from musatpy.adjustment.network import NOTHING, MeasuredTies, Network, inverse_squares
-from musatpy.adjustment.parameters import Effect, Parameters
+from musatpy.adjustment.network import NOTHING, MeasuredTies, Network
+from musatpy.adjustment.parameters import Effect, Parameters, inverse_squares
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.body import BodyAngles, body_matrix, inverse_right_jacobian, rotation_vector
 from musatpy.geometry.collinearity import AngleForm, angle_rates, attitude_from_matrix, attitude_matrix
@@ -130,22 +130,14 @@ class Misalignment(ParameterUnknown):
 
     def parameters(self, block: Block) -> Parameters | None:
         """Return the unknown angles of cameras whose photos have inertial attitudes."""
-        given, number = misalignments(block)
-        camera, angle = np.nonzero(number >= 0)
-        if not len(camera):
+        (given, number), ids = misalignments(block), block.cameras.ids
+        if not (number >= 0).any():
             return None
         sigma = np.full(given.shape, np.nan)
         sigma[block.misalignments.camera] = block.misalignments.sigma / DEGREE
-        return Parameters(
-            noun="misalignment",
-            owner=tuple(block.cameras.ids[camera].tolist()),
-            parameter=tuple(MISALIGNMENT_ANGLES[row] for row in angle.tolist()),
-            unit=("deg",) * len(camera),
-            given=given[camera, angle],
-            weight=inverse_squares(sigma[camera, angle]),
-            effect=np.full(len(camera), DEGREE),
-            effect_in=Effect.ANGLE,
-            rest=_REST,
+        units, of = ("deg",) * 3, {"effect_in": Effect.ANGLE, "rest": _REST}
+        return Parameters.of_components(
+            "misalignment", ids, MISALIGNMENT_ANGLES, units, number >= 0, given, sigma, DEGREE, **of
         )
 
     def transformed(self, network: Network, state: State, centre: FloatArray, move: Similarity) -> State:
