@@ -27,9 +27,9 @@ from musatpy.reports import (
     common_errors,
     control,
     echo,
-    inertial,
     iterations,
     job_record,
+    listing,
     parameters,
     positions,
     reduction,
@@ -133,7 +133,7 @@ _RESULTS = (
     page_tables.PageReport(statistical_tests.POINT_ELLIPSES, _FEW),
     _of_photos(statistical_tests.STATION_INFLATION),
     *map(_of_photos, control.CONSTRAINTS),
-    _of_photos(inertial.REPORT),
+    *(_of_photos(report) for page in listing.OF_KINDS for report in page.STATED),
 )
 _COMPUTED = (
     page_tables.PageReport(iterations.ITERATION_TABLE),
