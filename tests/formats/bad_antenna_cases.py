@@ -58,7 +58,7 @@ CASES: list[Case] = [
         _with((_GNX, 58, " " * 15), add=_GNC.replace("0.30000 -0.10000  0.0", "0.90000  0.90000 -0.9")),
         f"{_END} GNC [0.90000  0.90000 -0.90000] no positive definite matrix",
     ),
-    case(_with((_GNL, 37, "F")), f"{_GNL} GNL.shift_free [F] all three components have a standard deviation"),
+    case(_with((_GNL, 37, "F")), f"{_GNL} GNL.shift_free [F] each component has a standard deviation"),
     case(_with(add="GNC 9" + _GNC[5:]), f"{_END} GNC.photo [9] photo 9 has no station card",
          f"{_END} GNC.photo [9] photo 9 has no GNS or GNX card: covariances belong"),
 ]  # fmt: skip

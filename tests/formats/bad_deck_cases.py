@@ -175,7 +175,7 @@ CASES: list[Case] = [
         "52 INS.photo [841] the inertial attitude of photo 841 is already given on line 50",
         "53 INS.sigma_x [0.0] a standard deviation must be greater than zero",
         "54 INS.sigma_x [-5.0] a standard deviation must be greater than zero",
-        "55 MIS.free [F] all three components have a standard deviation",
+        "55 MIS.free [F] each component has a standard deviation",
         "56 MIS.camera [RC8] the misalignment of camera RC8 is already given on line 55",
         "56 MIS.omega [180.50000000] a misalignment of 180.5000 degrees is beyond 180",
     ),

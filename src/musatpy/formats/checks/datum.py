@@ -54,7 +54,8 @@ def photo_rays(draft: Draft) -> Iterator[Problem]:
     photo = draft.photo["plates"]
     measured = np.bincount(photo[photo >= 0], minlength=photos)
     usable = np.bincount(photo[rays.usable], minlength=photos)
-    observed = _observed(draft).sum(axis=1) + 3 * sum(_named(draft, role) for role in MOTIONS)
+    components = {role: draft.rows[role][f"{role}.sigma"][:1].size for role in MOTIONS}
+    observed = _observed(draft).sum(axis=1) + sum(components[role] * _named(draft, role) for role in MOTIONS)
     stations = draft.photo["stations"]
     cards = [("stations", "photos.ids", row, link) for row, link in enumerate(stations.tolist())]
     if draft.may_lack_station:  # what shows a photo without a station card

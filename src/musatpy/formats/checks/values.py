@@ -43,10 +43,10 @@ def sigmas(draft: Draft) -> Iterator[Problem]:
 @check()
 def free_and_known(draft: Draft) -> Iterator[Problem]:
     """Yield what is called free, and of which every component has a standard deviation."""
-    message = "F says that it is free, and all three components have a standard deviation"
+    message = "F says that it is free, and each component has a standard deviation"
     for role, rows in draft.rows.items():
         for path in (path for path in rows.values if path.endswith("free")):
-            known = np.isfinite(rows[f"{path.removesuffix('free')}sigma"]).all(axis=1)
+            known = np.isfinite(np.atleast_2d(rows[f"{path.removesuffix('free')}sigma"].T)).all(axis=0)
             yield from draft.problems(role, rows[path] & known, message, path=path)
 
 
