@@ -15,19 +15,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGE = "musatpy"
 
-EVERYONE = {
-    "errors",
-    "extras",
-    "units",
-    "fortran",
-    "files",
-    "specs",
-    "draws",
-    "arrays",
-    "figures",
-    "probability",
-    "interpolation",
-}
+EVERYONE = {"errors", "extras", "units", "fortran", "files", "specs", "draws", "arrays", "figures", "probability"}
 # Room -> the rooms whose modules it may import, besides EVERYONE and itself.
 MAY_IMPORT: dict[str, set[str]] = {
     "arrays": set(),
@@ -39,7 +27,6 @@ MAY_IMPORT: dict[str, set[str]] = {
     "specs": set(),
     "draws": set(),
     "probability": set(),
-    "interpolation": set(),
     "figures": set(),
     "pointfiles": set(),
     "interchange": {"pointfiles", "geometry"},

@@ -10,6 +10,7 @@ from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import DeckError, Problem
@@ -17,7 +18,6 @@ from musatpy.formats.cards.codec import bytes_of, text_of
 from musatpy.formats.cards.deck import CardDeck, read_cards
 from musatpy.formats.cards.settings import blank_card, card_with, setting_of
 from musatpy.formats.cards.spec import END_MNEMONIC, CardSpec, Family
-from musatpy.interpolation import monotone
 from musatpy.pointfiles.columns import FileColumn, Wanted
 from musatpy.pointfiles.point_tables import PointTable, read_table
 
@@ -65,7 +65,7 @@ class TideSeries:
             reasons = [old or reason * bool(new) for old, new in zip(reasons, which.tolist(), strict=True)]
         known = np.array([not reason for reason in reasons], dtype=bool)
         height, of_gap = np.full((2, len(time)), np.nan)
-        height[known] = monotone(self.time, self.height, time[known])
+        height[known] = PchipInterpolator(self.time, self.height)(time[known])
         of_gap[known] = (self.missed_by * np.square(gap[row]) * 4.0 * part * (1.0 - part))[known]
         return height, np.hypot(self.sigma, of_gap), reasons
 
@@ -75,7 +75,7 @@ class TideSeries:
         t, h, off = self.time, self.height, list[float]()
         for row in range(1, len(t) - 1):  # a piece depends on two readings to each side
             near = np.setdiff1d(np.arange(max(0, row - 3), min(len(t), row + 4)), row)
-            off.append(float(monotone(t[near], h[near], t[row]) - h[row]))
+            off.append(float(PchipInterpolator(t[near], h[near])(t[row]) - h[row]))
         return float(np.sqrt(np.mean(np.square(np.array(off) / np.square(t[2:] - t[:-2])))))
 
 

@@ -14,7 +14,6 @@ from musatpy.arrays import FloatArray, TextArray
 from musatpy.errors import Problem
 from musatpy.formats.job_folder import read_job
 from musatpy.geometry.projected import Geoid
-from musatpy.interpolation import monotone
 from musatpy.model import ObservationKind, Solution
 from musatpy.pointfiles.columns import FileColumn, Wanted, number
 from musatpy.pointfiles.point_tables import read_table
@@ -57,13 +56,15 @@ class Tide:
         in such gaps G, longer ones H count with (G/H)^2. The RMS in the middle of gaps, less the noise of readings,
         is the sigma there, and 4 u (1 - u) of it at the part u of a gap.
         """
+        from scipy.interpolate import PchipInterpolator
+
         place = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.time) - 2)
         first, gap = self.time[place], np.diff(self.time)[place]
         within = (time >= self.time[0]) & (time <= self.time[-1])
         part = np.where(within, (time - first) / gap, 0.0)
         good = within & ((gap <= GAP) | (part == 0.0) | (part == 1.0))
         level = np.full(len(time), np.nan)
-        level[good] = monotone(self.time, self.level, time[good])
+        level[good] = PchipInterpolator(self.time, self.level)(time[good])
         lengths, number = np.unique(np.round(gap), return_inverse=True)
         missed = np.array([self._missed(length) if length <= GAP else 0.0 for length in lengths.tolist()])[number]
         reading = np.hypot((1.0 - part) * self.sigma[place], part * self.sigma[place + 1])
@@ -71,6 +72,8 @@ class Tide:
 
     def _missed(self, gap: float) -> float:
         """Return the RMS error of interpolation in the middle of a gap of so many seconds."""
+        from scipy.interpolate import PchipInterpolator
+
         count, squares = len(self.time), list[FloatArray]()
         ends = np.searchsorted(self.time, self.time + gap * (1.0 - 1e-9))
         ends = np.maximum(ends, np.arange(count) + 2)
@@ -86,7 +89,7 @@ class Tide:
                 :-1
             ]
             middle = np.clip(np.searchsorted(self.time, 0.5 * (self.time[a] + self.time[b])), a + 1, b - 1)
-            off = monotone(self.time[~out], self.level[~out], self.time[middle]) - self.level[middle]
+            off = PchipInterpolator(self.time[~out], self.level[~out])(self.time[middle]) - self.level[middle]
             noise = self.sigma[middle] ** 2 + 0.25 * (self.sigma[a] ** 2 + self.sigma[b] ** 2)
             squares.append((off**2 - noise) * np.minimum(1.0, gap / (self.time[b] - self.time[a])) ** 4)
         return float(np.sqrt(max(np.concatenate(squares).mean(), 0.0)))
