@@ -7,7 +7,6 @@ A table is a mapping of fields to columns, one entry per row; tables of groups a
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -40,10 +39,7 @@ def numbers(table: Mapping[str, Any], field: str, *shape: int) -> FloatArray:
 def array_of(values: Iterable[Any], *shape: int) -> FloatArray:
     """Return values of a record (n, *shape) as numbers, NaN for null."""
     nothing = np.full(shape, np.nan).tolist()
-    flat = [nothing if value is None else value for value in values]
-    for _ in shape:
-        flat = list(chain.from_iterable(flat))  # arrays of nested lists take thrice as long
-    return np.array(flat, dtype=float).reshape(-1, *shape)
+    return np.array([nothing if value is None else value for value in values], dtype=float).reshape(-1, *shape)
 
 
 def texts(table: Mapping[str, Any], field: str) -> TextArray:
