@@ -22,6 +22,7 @@ import pyproj
 
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of
+from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.propagation import covariances_with_depths, pieces
 from musatpy.adjustment.sightings import residuals, straight_rays
 from musatpy.adjustment.waterline import every_ray_wet
@@ -180,17 +181,23 @@ class ByFileCameras(Method):
         network, state, groups = self._at_rest(plates, flagged)
         state = self._near_cloud(network, state, groups, network.frame.from_level(level[rows]))
         known = finite_rows(state.ground)
-        sigma = self._sigmas(network, state, groups, seen)
+        covariances = covariances_in(self.run, network.pattern, network.border.size)
+        sigma = self._sigmas(network, state, groups, seen, covariances)
         self._describe(network, state, groups, known, rows, values)
         taken = stated(-values["depth"][rows], sigma[:, 2], zeros, zeros)
         near = known & (taken.code == Wet.UNDECIDED)
-        if near.any():
-            some, height = _of_points(plates, np.flatnonzero(near)), network.frame.height(state.ground[near])
-            others = [self._at_rest(some, every, held=True) for every in np.array([[False], [True]]) & near[near]]
-            off = [np.abs(of.frame.height(at.ground) - height) for of, at, _ in others]
-            larger = np.max([self._sigmas(*other, seen[near]) for other in others], axis=0)
-            sigma[near, 0] = larger[:, 0]
-            sigma[near, 1:] = np.hypot(larger[:, 1:], np.max(off, axis=0)[:, None])
+        larger, off = sigma.copy(), np.zeros(len(rows))
+        for side in (False, True):  # of those that have rays on the other one
+            others = np.flatnonzero(near & (np.bincount(network.point, network.refracted != side, len(rows)) > 0))
+            if not len(others):
+                continue
+            held = np.full(len(others), side)
+            of, at, parts = self._at_rest(_of_points(plates, others), held, held=True)
+            height = network.frame.height(state.ground[others])
+            off[others] = np.maximum(off[others], np.abs(of.frame.height(at.ground) - height))
+            larger[others] = np.maximum(larger[others], self._sigmas(of, at, parts, seen[others], covariances))
+        sigma[near, 0] = larger[near, 0]
+        sigma[near, 1:] = np.hypot(larger[near, 1:], off[near, None])
         fault[rows] = np.where(known, np.where(near, Fault.UNDECIDED, Fault.NONE), Fault.NO_CONVERGENCE)
         true[rows[known]] = network.frame.level(state.ground[known])
         for name, column in zip(("sigma_h", "sigma_z", "sigma_depth"), sigma.T, strict=True):
@@ -230,7 +237,14 @@ class ByFileCameras(Method):
             ground[group.point[away]] = np.nan
         return replace(state, ground=ground)
 
-    def _sigmas(self, network: Network, state: State, groups: Sequence[PointGroup], seen: IntArray) -> FloatArray:
+    def _sigmas(
+        self,
+        network: Network,
+        state: State,
+        groups: Sequence[PointGroup],
+        seen: IntArray,
+        covariances: Cofactors,
+    ) -> FloatArray:
         """Return sigmas (k, 3) m of points in plan, in height, and of their depths; NaN where there is no point.
 
         The images of all photos that have `seen` (k,) a point made it. What straight rays of the file miss in each
@@ -242,7 +256,6 @@ class ByFileCameras(Method):
         missed = (1.0 - rays / seen) * square / (2 * rays - 3)
         network = replace(network, weight=network.weight / (1.0 + network.weight * missed[network.point, None]))
         known, out = finite_rows(state.ground), np.full((len(state.ground), 3), np.nan)
-        covariances = covariances_in(self.run, network.pattern, network.border.size)
         for group in groups:
             for _, piece in pieces(network, state, group.part(known[group.point]), covariances):
                 covariance, depth = covariances_with_depths(network, state, piece, covariances)
