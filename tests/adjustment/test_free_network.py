@@ -15,6 +15,7 @@ from musatpy.adjustment import adjust
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.datum import freedom
+from musatpy.adjustment.initial import initial_photos
 from musatpy.adjustment.job import prepared
 from musatpy.errors import AdjustmentError
 from musatpy.geometry import similarity
@@ -195,6 +196,16 @@ def test_a_length_scales_a_block_without_stations(kind: Any, off: float) -> None
     solution = placed(replace(unplaced(truth.block), **{field: measured}), 6)
     scale, *_ = assert_same_shape(solution, truth.X, 5.0)
     assert scale == pytest.approx(1.0, abs=off)
+
+
+def test_a_scale_bar_in_millimetres_among_others_in_metres_is_named() -> None:
+    truth = flown()
+    ends = np.argsort(-np.bincount(truth.block.plates.point))[:4].reshape(2, 2)  # seen most often
+    length = np.linalg.norm(truth.X[ends[:, 1]] - truth.X[ends[:, 0]], axis=1) * [1.0, 1000.0]
+    bars = model.Distances(point=ends, length=length, sigma=np.full(2, 0.05))
+    wrong = " and ".join(truth.block.points.ids[ends[1]])
+    notes = initial_photos(replace(unplaced(truth.block), distances=bars)).notes
+    assert f"the distance of points {wrong} is 1e+03 times as long as others say" in notes[1]
 
 
 @pytest.mark.slow

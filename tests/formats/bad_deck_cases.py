@@ -438,9 +438,11 @@ CASES: list[Case] = [
     case(deck(replace(12, "    0.2000", " 1500.0000")), "12 TID.height [1500.0000] is not below its exposure"),
     # --- datum ---
     case(
-        deck(drop(*range(36, 42))),
+        deck(drop(*range(36, 42)), add(tie("DIS", "1105", "1108", 600.0))),
         "8 STA.photo [843] photo 843 has 2 usable rays (2 measured) and none of its six",
         "~30 PLT.point [1108] point 1108 has a single ray and no known component",
+        "~43 DIS [] the distances take no part: program IIA does not use them, IIIA does",
+        "~43 DIS.point_2 [1108] point 1108 has a single ray: its distance cannot be used",
     ),
     case(deck(drop(42, 44)), "- - [] the block has 1 horizontally and 2 vertically known points"),
     case(

@@ -112,6 +112,11 @@ MISTAKES = {  # what was done: the deck, how many problems, what is said of it
     ),
     "images in micrometres": (changed("PLT", lambda s: scaled(s, 1000.0)), 1, "these look like micrometres"),
     "images in pixels": (changed("PLT", lambda s: scaled(s, 40.0, 5000.0, -1.0)), 1, "these look like pixels"),
+    "images from a corner": (
+        changed("PLT", lambda s: scaled(s, 1.0, 114.3)),
+        1,
+        "to one side of its principal point in x, and in y: if they count from a corner",
+    ),
     "focal length in metres": (
         changed("CAM", lambda s: f"{s[:12]}    0.15225{s[23:]}"),
         1,

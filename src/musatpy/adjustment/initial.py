@@ -325,7 +325,8 @@ def _nominally(block: Block, place: PhotoPlaces, model: PhotoModel, known: _Know
     size = max(float(np.hypot(x[0], x[1])), 1e-9)
     c, s = x[0] / size, x[1] / size
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ level
-    new = model.moved(Similarity(scale=_scale(block, model), rotation=turn, shift=np.zeros(3)))
+    scale, notes = _scale(block, model)
+    new = model.moved(Similarity(scale=scale, rotation=turn, shift=np.zeros(3)))
     seen, at = _in_model(new, known)
     mask = known.known[seen]
     if block.options.system is not CoordinateSystem.LOCAL and not mask[:, 0].any():
@@ -343,11 +344,14 @@ def _nominally(block: Block, place: PhotoPlaces, model: PhotoModel, known: _Know
     )
     given = mask.any(axis=0)
     shift[given] = np.nanmedian(offset[:, given], axis=0)
-    return replace(place, notes=(_NOMINAL,)).having(model.photo, (new.C + shift) @ axes, new.M @ axes, name)
+    return replace(place, notes=(_NOMINAL, *notes)).having(model.photo, (new.C + shift) @ axes, new.M @ axes, name)
 
 
-def _scale(block: Block, model: PhotoModel) -> float:
-    """Return metres per unit of a model: by distances, by air bases, or by the nominal scale of photographs."""
+def _scale(block: Block, model: PhotoModel) -> tuple[float, list[str]]:
+    """Return metres per unit of a model: by distances, by air bases, or by the nominal scale of photographs.
+
+    And notes on lengths that are more than twice, or less than half, what the shorter half of them say.
+    """
     ends = np.searchsorted(model.point, block.distances.point)
     ends = np.minimum(ends, len(model.point) - 1)
     held = (model.point[ends] == block.distances.point).all(axis=1)
@@ -355,15 +359,22 @@ def _scale(block: Block, model: PhotoModel) -> float:
     rows = np.array(
         [[model.row(photo) for photo in pair] for pair in block.air_bases.photo[bases].tolist()], dtype=int
     )
-    for places, ends_of, length in (
-        (model.X, ends[held], block.distances.length[held]),
-        (model.C, rows.reshape(-1, 2), block.air_bases.length[bases]),
+    points, photos, heading = block.points.ids, block.photos.ids, "distance of points"
+    for places, ends_of, length, names in (
+        (model.X, ends[held], block.distances.length[held], points[block.distances.point[held]]),
+        (model.C, rows.reshape(-1, 2), block.air_bases.length[bases], photos[block.air_bases.photo[bases]]),
     ):
         if len(length):
-            between = np.linalg.norm(places[ends_of[:, 1]] - places[ends_of[:, 0]], axis=1)
-            return float(np.median(length / between))
+            ratio = length / np.linalg.norm(places[ends_of[:, 1]] - places[ends_of[:, 0]], axis=1)
+            scale = float(np.sort(ratio)[(len(ratio) - 1) // 2])
+            wrong = np.flatnonzero(np.abs(np.log(ratio / scale)) > np.log(2.0)).tolist()
+            return scale, [
+                f"the {heading} {' and '.join(names[row])} is {ratio[row] / scale:.3g} times as long as others say"
+                for row in wrong
+            ]
+        heading = "air base of photos"
     focal_length = float(np.median(block.cameras.focal_length[block.photos.camera[model.photo]]))
-    return _NOMINAL_SCALE * focal_length / model.height
+    return _NOMINAL_SCALE * focal_length / model.height, []
 
 
 def _nominal_height(block: Block, model: PhotoModel) -> float:

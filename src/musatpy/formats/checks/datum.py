@@ -41,6 +41,11 @@ def single_rays(draft: Draft) -> Iterator[Problem]:
     message = "point {} has a single ray and no known component: it cannot be used"
     rows, names = rays.sound & alone[draft.point["plates"]], draft.names("points", "plates")
     yield from draft.problems("plates", rows, message, names, path="plates.point", severity="warning")
+    for role, what in (("distances", "distance"), ("height_differences", "height difference")):
+        for row, end in np.argwhere(alone[draft.point[role]]).tolist():
+            name = draft.point_ids[draft.point[role][row, end]]
+            message = f"point {name} has a single ray: its {what} cannot be used"
+            yield draft.problem(role, row, message, path=f"{role}.point", component=end, severity="warning")
 
 
 @check(of_run=True, follows=_OF_RAYS)
@@ -117,6 +122,8 @@ def parts(draft: Draft) -> Iterator[Problem]:
         if _motions_held(draft, rays, inside, measured, observed) < _MOTIONS:
             need = f"its datum needs {_HORIZONTAL} horizontal and {_VERTICAL} vertical ones, or observed stations"
             leaving = [words for role, (_, words) in MOTIONS.items() if _named(draft, role)[inside].any()]
+            if draft.options.program is Program.IIIA and len(numbers) == 1:
+                leaving.append("without them it is a free network (FREE on OP2)")
             need = "; ".join([need, *leaving])
             alone = "" if len(numbers) == 1 else " and hangs together with the rest by nothing"
             yield Problem(file=draft.deck.file, message=f"{name} {have}{alone}: {need}")

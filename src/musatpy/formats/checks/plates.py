@@ -17,6 +17,7 @@ from musatpy.formats.job_tables import ROLES
 from musatpy.model import Atmosphere, CoordinateSystem, Curvature, Program, Refused, Transformation
 
 _SOME, _SMALL = 3, 0.01  # images of a camera, and the share of its format in which all of them do not lie
+_MANY = 30  # images, of which some lie on either side of a principal point
 _MICROMETRES = 500.0  # of a format in mm: half of it in the smaller unit
 _INTERIOR = {"F": 0, "XP": 1, "YP": 2}
 _POLYNOMIALS = {"RADL": ("K1", "K2", "K3"), "DCEN": ("P1", "P2")}
@@ -41,14 +42,16 @@ def _camera_of_plates(draft: Draft) -> IntArray:
 def plate_coordinates(draft: Draft) -> Iterator[Problem]:
     """Yield the plate coordinates outside the format of their camera; readings lie anywhere.
 
-    Those outside by more than half the format are errors; without a format, those that no frame camera has.
+    Those outside by more than half the format are errors; without a format, those that no frame camera has. Images
+    that count from a corner are one warning.
     """
     camera, xy = _camera_of_plates(draft), draft.rows["plates"]["plates.xy"]
     size, focal = by_camera(draft, "cameras.format_size")[camera], by_camera(draft, "cameras.focal_length")[camera]
-    known = size > 0
+    known, middle = size > 0, by_camera(draft, "cameras.principal_point")[camera]
+    off = xy - np.where(np.abs(middle) > size / 4, middle, 0.0)  # plates may count from a corner
     reach = np.where(focal > 0, _FOCAL_LENGTHS_OFF * focal, np.inf)[:, np.newaxis]
-    far = np.abs(xy) > np.where(known, size, np.where(np.isnan(size), reach, np.inf))
-    outside = known & (np.abs(xy) > size / 2) | far
+    far = np.abs(off) > np.where(known, size, np.where(np.isnan(size), reach, np.inf))
+    outside = known & (np.abs(off) > size / 2) | far
     for link in np.unique(camera[far.any(axis=1)]).tolist():
         of_camera = camera == link
         out = np.flatnonzero(of_camera & far.any(axis=1))
@@ -62,6 +65,16 @@ def plate_coordinates(draft: Draft) -> Iterator[Problem]:
             )
             yield draft.problem("plates", int(out[0]), message, path="plates.xy")
             outside[of_camera] = False
+    for link in np.unique(camera[outside.any(axis=1)]).tolist():
+        rows = np.flatnonzero((camera == link) & np.isfinite(off).all(axis=1))
+        if len(rows) >= _MANY and (np.abs(np.sign(off[rows]).sum(axis=0)) == len(rows)).all():
+            x, y = 0.5 * (xy[rows].min(axis=0) + xy[rows].max(axis=0))
+            message = (
+                f"all {len(rows)} images of camera {draft.camera_ids[link]} lie to one side of its principal point "
+                f"in x, and in y: if they count from a corner, CAM has a principal point near {x:.1f}, {y:.1f}"
+            )
+            yield draft.problem("plates", int(rows[0]), message, path="plates.xy", severity="warning")
+            outside[rows] = False
     for component, name in enumerate("xy"):
         for row in np.flatnonzero(outside[:, component]).tolist():
             what = f"{name} = {xy[row, component]:g} mm lies"
