@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from musatpy.model.kinds import Action, CauseKind
+from musatpy.model.kinds import NAMED_BY_COMPONENT, Action, CauseKind
 from musatpy.model.options import CoordinateSystem
 
 _SHOWN = 5  # ids in a row, the others by their number
 SEARCH_GIVEN_UP = "the search for blunders was given up"  # how the warning begins that says so
-
-
 _NOUNS = {  # of a cause, before the name of its point or photo
     CauseKind.VERTICAL: "height on the control card",
     CauseKind.HORIZONTAL: "position on the control card",
@@ -24,10 +22,6 @@ _NOUNS = {  # of a cause, before the name of its point or photo
     CauseKind.EXCHANGED_IMAGES: "exchanged images",
     CauseKind.IMAGES: "all images",
 }
-_NAMED_BY_COMPONENT = (
-    CauseKind.ANTENNA_LINES, CauseKind.ANTENNA_TIMES, CauseKind.AXES, CauseKind.CONTROL, CauseKind.LABELS,
-    CauseKind.LEVER_ARM_SIGN, CauseKind.PRINCIPAL_POINT, CauseKind.START, CauseKind.TIDES,
-)  # fmt: skip
 
 
 def mnemonics(cards: str, system: CoordinateSystem) -> tuple[str, ...]:
@@ -89,7 +83,7 @@ class Cause:
         noun = _NOUNS.get(self.kind, str(self.kind))
         if self.kind is CauseKind.FLAG and len(self.points) > 1:
             noun = "flags"
-        elif self.kind in _NAMED_BY_COMPONENT:
+        elif self.kind in NAMED_BY_COMPONENT:
             noun += f" ({self.component})" if self.component and self.component not in noun else ""
         owners = " on ".join(text for text in (named("point", self.points), named("photo", self.photos)) if text)
         return f"{noun} of {owners}" if owners else noun

@@ -254,6 +254,12 @@ class CauseKind(StrEnum):
         return _SCALES.get(self.unit, 1.0)
 
 
+NAMED_BY_COMPONENT = (  # of a card, or of several
+    CauseKind.ANTENNA_LINES, CauseKind.ANTENNA_TIMES, CauseKind.AXES, CauseKind.CONTROL, CauseKind.LABELS,
+    CauseKind.LEVER_ARM_SIGN, CauseKind.PRINCIPAL_POINT, CauseKind.START, CauseKind.TIDES,
+)  # fmt: skip
+
+
 def _with_tables_from_outside(kind: type[Kind]) -> type[Kind]:
     """Return a class with the tables of extensions among its attributes."""
     for name, table in extensions.stated("TABLES").items():
