@@ -20,7 +20,7 @@ import numpy as np
 import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.correlations import LEAST_EIGENVALUE, correlations_of, smallest_eigenvalues
-from musatpy.model.kinds import TablesOfKinds
+from musatpy.model.kinds import TablesOfKinds, with_tables_from_outside
 from musatpy.model.options import EllipsoidSpec, Options, OrientationSpec, SystemSpec
 from musatpy.model.reduction import (
     ComparatorSpec,
@@ -269,6 +269,7 @@ class HeightDifferences(Table):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+@with_tables_from_outside
 class Block(TablesOfKinds):
     """One job. Raises `ValueError` where a link points outside its table."""
 

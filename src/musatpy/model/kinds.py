@@ -260,7 +260,7 @@ NAMED_BY_COMPONENT = (  # of a card, or of several
 )  # fmt: skip
 
 
-def _with_tables_from_outside(kind: type[Kind]) -> type[Kind]:
+def with_tables_from_outside(kind: type[Kind]) -> type[Kind]:
     """Return a class with the tables of extensions among its attributes."""
     for name, table in extensions.stated("TABLES").items():
         kind.__annotations__[name] = table
@@ -269,7 +269,6 @@ def _with_tables_from_outside(kind: type[Kind]) -> type[Kind]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-@_with_tables_from_outside
 class TablesOfKinds:
     """What a block has of kinds that most jobs are without."""
 
