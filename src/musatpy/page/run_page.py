@@ -29,7 +29,7 @@ from musatpy.reports import (
     echo,
     iterations,
     job_record,
-    listing,
+    kinds,
     parameters,
     positions,
     reduction,
@@ -133,7 +133,7 @@ _RESULTS = (
     page_tables.PageReport(statistical_tests.POINT_ELLIPSES, _FEW),
     _of_photos(statistical_tests.STATION_INFLATION),
     *map(_of_photos, control.CONSTRAINTS),
-    *(_of_photos(report) for page in listing.OF_KINDS for report in page.STATED),
+    *map(_of_photos, kinds.STATED),
 )
 _COMPUTED = (
     page_tables.PageReport(iterations.ITERATION_TABLE),

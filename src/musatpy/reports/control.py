@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, TextArray
+from musatpy.arrays import TextArray
 from musatpy.model import ControlKind, ObservationKind
 from musatpy.model.tables import POSITION_UNIT
 from musatpy.reports.analyses import CHECK_POINTS, analysis_section
@@ -46,6 +46,9 @@ NOTE = (
     f"*  A component fails its own test: its residual is beyond {TEST_LIMIT:.2f} of the standard deviations of "
     "that residual. Blank: not given, or nothing else checks it."
 )
+FAILS = unrecorded(
+    "Fails", "A5", lambda t: np.where((np.abs(np.nan_to_num(t["test"])) > TEST_LIMIT).any(axis=1), "*", "")
+)
 RESIDUALS = Report(
     "Control Residuals: Adjusted Minus Given, With The Sigmas Given",
     CONTROL,
@@ -53,7 +56,7 @@ RESIDUALS = Report(
         "point kind fixed",
         CONTROL.column("difference", shown=lambda t: np.where(t["used"], t["difference"], np.nan)),
         "given_sigma test",
-        unrecorded("Fails", "A5", lambda t: _stars(t["test"])),
+        FAILS,
     ),
     which=lambda t: np.flatnonzero(t["kind"] != "check"),
     worst=lambda t: np.nan_to_num(np.abs(t["test"]), nan=-1.0).max(axis=1),
@@ -121,36 +124,6 @@ HEIGHT_DIFFERENCES = _between(
 )  # fmt: skip
 
 
-def _antenna_times(statistics: Statistics) -> FloatArray:
-    times = statistics.block.exposure_times
-    time = np.full(statistics.block.photos.count, np.nan)
-    time[times.photo] = times.time
-    return time[statistics.block.antenna_positions.photo]
-
-
-def _antenna_difference(statistics: Statistics) -> FloatArray:
-    not_adjusted = np.full((statistics.block.antenna_positions.count, 3), np.nan)
-    return statistics.solution.measured.get(_K.ANTENNA, not_adjusted).reshape(not_adjusted.shape)
-
-
-ANTENNAS = Table(
-    "antenna_positions", "one row per antenna position", (
-        identity("photo", lambda s: s.block.photos.ids[s.block.antenna_positions.photo]),
-        Field("line", "string", "flight line, empty for none", "block.antenna_positions.line", "Line", "A4",
-              is_id=True),
-        Field("time", "number?", "of the exposure", _antenna_times, "Time\ns", "F12.3", unit="s"),
-        Field("difference", "3 number?", f"adjusted minus observed, {ENU}", _antenna_difference,
-              along_axes()),
-        Field("sigma", "3 number", f"of the deck, {ENU}", "block.antenna_positions.sigma",
-              along_axes("Sigma ", edit="F8.3")),
-        Field("given_correlation", "3 number?", "of the deck: east and north, east and up, north and up",
-              "block.antenna_positions.correlation", seldom=True),
-        Field("test", "3 number?", f"test values of the components, {ENU}, as `normal_test` of the observations: "
-              "with a covariance, of the principal axes nearest to these",
-              lambda s: s.of_table(_K.ANTENNA, "normal_tests"),
-              along_axes("Test\n", edit="F6.1", unit="")),
-    ),
-)  # fmt: skip
 _COUNT = unrecorded("Points", "I6", lambda t: [len(points) for points in t["points"]])
 
 
@@ -172,12 +145,6 @@ CONSTRAINTS: tuple[Report[Statistics], ...] = (
     _adjusted("Air Bases", AIR_BASES),
     _adjusted("Distances", DISTANCES),
     _adjusted("Height Differences", HEIGHT_DIFFERENCES),
-    Report(
-        "Antenna Positions: Adjusted Minus Observed",
-        ANTENNAS,
-        ("photo line time difference sigma test", unrecorded("Fails", "A5", lambda t: _stars(t["test"]))),
-        worst=lambda t: np.nan_to_num(np.abs(t["test"]), nan=-1.0).max(axis=1),
-    ),
 )
 STATED = (RESIDUALS, DIFFERENCES, CHECK_POINTS, *CONSTRAINTS)
 
@@ -193,7 +160,3 @@ def sections(statistics: Statistics) -> list[Section]:
         worst = worst_first(statistics.check_test.squares).tolist()
         sections += [DIFFERENCES.section(statistics, worst=worst), analysis_section(CHECK_POINTS, statistics)]
     return sections + filled(CONSTRAINTS, statistics)
-
-
-def _stars(tests: FloatArray) -> TextArray:
-    return np.where((np.abs(np.nan_to_num(tests)) > TEST_LIMIT).any(axis=1), "*", "")

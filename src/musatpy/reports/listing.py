@@ -13,7 +13,7 @@ from typing import Any
 from musatpy.formats.short_ids import short_block
 from musatpy.model import Solution
 from musatpy.model.progress import Progress, begin
-from musatpy.reports import answer, inertial, residuals
+from musatpy.reports import answer
 from musatpy.reports.fields import Document
 from musatpy.reports.pages import MOST_PAGES, Section, headed, laid_out, page_texts, paginate
 from musatpy.reports.table import Labels, Report, Texts, sheet
@@ -21,9 +21,8 @@ from musatpy.statistics import Statistics
 
 _PAGES = (  # modules of this room
     "titles echo reduction iterations blunders analyses bathymetric adjusted_water parameters statistical_tests "
-    "common_errors positions control"
+    "common_errors positions control kinds residuals"
 )
-OF_KINDS = (inertial,)  # pages of kinds of observations that most jobs are without
 _OF_OTHERS = (  # of programs that most jobs need not
     "orientation orientation_strip compilation compilation_bottom compilation_points soundings"
 )
@@ -33,7 +32,7 @@ def _modules(names: str) -> tuple[ModuleType, ...]:
     return tuple(import_module(f"musatpy.reports.{name}") for name in names.split())
 
 
-REPORTS = (*_modules(_PAGES), *OF_KINDS, residuals)
+REPORTS = _modules(_PAGES)
 
 _FRONT_PAGES = 2
 _NAMED = {"photos": "photo", "points": "point"}  # tables whose names may be too long for columns

@@ -86,7 +86,6 @@ _RESULTS: tuple[Node[Statistics], ...] = (
     control.AIR_BASES,
     control.DISTANCES,
     control.HEIGHT_DIFFERENCES,
-    control.ANTENNAS,
     adjusted_water.ADJUSTED_WATER,
     adjusted_water.WATER_PRECISION,
     statistical_tests.TESTS,
