@@ -124,7 +124,10 @@ def with_calibrations(block: model.Block, rng: np.random.Generator) -> model.Blo
             sigma=np.full((2 * q * len(photos), 2), np.nan),
         ),
         lenses=model.Lenses(
-            camera=np.zeros(1, dtype=int), centre=np.array([[0.012, -0.004]]), k0=np.array([-2.4e-5])
+            camera=np.zeros(1, dtype=int),
+            centre=np.array([[0.012, -0.004]]),
+            k0=np.array([-2.4e-5]),
+            zero_radius=np.array([np.nan]),
         ),
         distortion=model.Distortion(
             camera=np.zeros(5, dtype=int),

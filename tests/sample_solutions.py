@@ -244,7 +244,7 @@ def _block(strip: _Strip, system: model.CoordinateSystem, refraction: model.Refr
         distances=model.Distances(point=[[60, 61]], length=[612.4], sigma=[0.02]),
         height_differences=model.HeightDifferences(point=[[61, 62]], difference=[-3.2], sigma=[0.005]),
         comparator=model.ComparatorSpec(rotation=90.0 * DEGREE),
-        lenses=model.Lenses(camera=[0], centre=[[0.012, -0.004]], k0=[-2.4e-5]),
+        lenses=model.Lenses(camera=[0], centre=[[0.012, -0.004]], k0=[-2.4e-5], zero_radius=[10.0]),
         mark_distances=model.MarkDistances(
             camera=[0], marks=[["A", "B"]], distance=[212.0], sigma=[0.003], axis=["X"]
         ),

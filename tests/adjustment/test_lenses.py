@@ -21,6 +21,7 @@ from musatpy.model import (
     CauseSearch,
     DistortionSide,
     Grade,
+    Lenses,
     LensUnknowns,
     ObservationKind,
     Polynomials,
@@ -83,6 +84,13 @@ def through_lens(block: Block, side: DistortionSide, true: dict[str, float]) -> 
     return replace(block, plates=replace(block.plates, xy=xy), reduction=ReductionOptions(side=side))
 
 
+def balanced(block: Block, radius: float) -> Block:
+    """The block with a radial distortion of its camera that is zero at a radius."""
+    nothing = np.array([np.nan])
+    lens = Lenses(camera=np.array([0]), centre=np.full((1, 2), np.nan), k0=nothing, zero_radius=np.array([radius]))
+    return replace(block, lenses=lens)
+
+
 def drone(seed: int, noise: float = 10.0) -> Block:
     """Two strips flown to and fro, half of the points under water, stations observed; errors by the noise in um."""
     wrong = noise / 10.0
@@ -109,8 +117,9 @@ def first(seed: int) -> Block:
 @pytest.mark.parametrize("side", SIDES)
 def test_partials_are_those_of_differences(side: DistortionSide, polynomials: Polynomials) -> None:
     """Central differences of images in air and through the water: relative 1e-6 of the largest partial."""
-    block = replace(first(1), reduction=ReductionOptions(side=side, polynomials=polynomials))
-    job, state = prepared(unknowns(through_lens(block, side, TRUE), *LENS_PARAMETERS), None)
+    block = through_lens(first(1), side, TRUE)
+    block = balanced(replace(block, reduction=ReductionOptions(side=side, polynomials=polynomials)), 60.0)
+    job, state = prepared(unknowns(block, *LENS_PARAMETERS), None)
     network = job.network
     wet = np.asarray(job.bathymetric[network.point])
     network = network.with_plates(network.xy, wet)
@@ -146,6 +155,24 @@ def test_a_lens_is_found_from_images_without_error(side: DistortionSide) -> None
     change = solution.parameters.value - solution.parameters.given
     true = np.array([TRUE[name] for name in solution.parameters.parameter.tolist()])
     np.testing.assert_array_less(np.abs(change - true), 0.01 * solution.parameters.spread / solution.sigma0)
+
+
+def test_a_radius_of_zero_distortion_is_another_focal_length_of_the_same_lens() -> None:
+    """With s = K1 R^2 + K2 R^4 of the balanced lens F = (1 - s) F_R, K1 = K1_R / (1 - s)^3; sigmas likewise."""
+    names, R = ("F", "K1", "K2"), 80.0
+    block = unknowns(through_lens(first(2), DistortionSide.IDEAL, TRUE), *names)
+    plain, other = converged(block), converged(balanced(block, R))
+    assert other.sigma0 == pytest.approx(plain.sigma0, rel=1e-9)
+    assert plain.parameters is not None and other.parameters is not None
+    (F, K1, _), (F_R, K1_R, K2_R) = plain.parameters.value, other.parameters.value
+    s = K1_R * R**2 + K2_R * R**4
+    assert abs(s) > 1e-5
+    by_other = np.array([1.0 - s, -F_R * R**2, -F_R * R**4])
+    sigma = np.sqrt(by_other @ other.parameters.covariance @ by_other)
+    assert plain.parameters.spread[0] == pytest.approx(sigma, rel=1e-4)  # of second order
+    assert other.parameters.spread[0] != pytest.approx(sigma, rel=1e-2)
+    assert F == pytest.approx((1.0 - s) * F_R, abs=1e-4 * sigma)
+    assert K1 == pytest.approx(K1_R / (1.0 - s) ** 3, abs=1e-4 * plain.parameters.spread[1])
 
 
 @pytest.mark.slow

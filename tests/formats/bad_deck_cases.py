@@ -143,7 +143,6 @@ CASES: list[Case] = [
         "51 CAL.camera [RC9] a lens with a principal point of best symmetry of its own (LNS) cannot be estimated",
         "51 CAL.parameter [F] this parameter of camera RC9 is already given on line 50",
         "52 CAL.camera [RC7] camera RC7 has no CAM card",
-        "~53 LNS [] plate coordinates are taken as refined: 1 card carried and listed, not applied",
     ),
     # --- inertial unit ---
     case(

@@ -157,6 +157,7 @@ _CAMERA_NOUNS = {
     ("fiducials", "sigma"): "sigmas of fiducials",
     ("lenses", "centre"): "point of best symmetry",
     ("lenses", "k0"): "linear distortion",
+    ("lenses", "zero_radius"): "radius of zero distortion",
     ("mark_distances", "marks"): "marks with distances",
     ("mark_distances", "axis"): "axes between marks",
     ("mark_distances", "distance"): "distances between marks",

@@ -111,6 +111,7 @@ class Lenses(Table):
     camera: IntArray = per_row(link="cameras")  # (l,) link to Cameras
     centre: FloatArray = per_row(2, unit="mm")  # (l, 2) principal point of best symmetry; NaN: that of the camera
     k0: FloatArray = per_row()  # (l,) of the radial distortion; NaN: 0
+    zero_radius: FloatArray = per_row(unit="mm")  # (l,) where the radial distortion is zero without k0; NaN: 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

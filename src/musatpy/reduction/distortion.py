@@ -4,6 +4,7 @@ Distortion is measured minus ideal place, outward positive, about the principal 
 y) from that point and r^2 = x^2 + y^2:
 
     radial       d = (x, y) (k0 + k1 r^2 + k2 r^4 + k3 r^6)          Brown 1966; k0 changes the focal length
+    balanced     the same with r^2 - R^2, r^4 - R^4, r^6 - R^6       zero at the radius R, another focal length
     table        d = (x, y) D(r) / r, D linear between the calibrated radii and from 0 at r = 0
     decentring   dx = (p1 (r^2 + 2 x^2) + 2 p2 x y) (1 + p3 r^2)     Conrady 1919, Brown 1966
                  dy = (2 p1 x y + p2 (r^2 + 2 y^2)) (1 + p3 r^2)
@@ -22,6 +23,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -49,6 +51,7 @@ class Lens:
     centre: FloatArray  # (2,) principal point of best symmetry in the fiducial system
     side: Side
     k: FloatArray = field(default_factory=partial(np.zeros, 4))  # (4,) k0, k1, k2, k3
+    zero: float = 0.0  # R, where the polynomial is zero without k0
     p: FloatArray = field(default_factory=partial(np.zeros, 3))  # (3,) p1, p2, p3
     radius: FloatArray = field(default_factory=partial(np.zeros, 0))  # (t,) calibrated radii
     radial: FloatArray = field(default_factory=partial(np.zeros, 0))  # (t,) and their distortion
@@ -97,8 +100,10 @@ class Lens:
         x, y = xy[..., 0] - self.centre[0], xy[..., 1] - self.centre[1]
         q = x * x + y * y
         c = 1.0 + self._p[2] * q
-        of_x = [x * q, x * q * q, x * q * q * q, (q + 2 * x * x) * c, 2 * x * y * c]
-        of_y = [y * q, y * q * q, y * q * q * q, of_x[4], (q + 2 * y * y) * c]
+        zero = self.zero * self.zero
+        powers = [q - zero, q * q - zero**2, q * q * q - zero**3]
+        of_x = [*(x * power for power in powers), (q + 2 * x * x) * c, 2 * x * y * c]
+        of_y = [*(y * power for power in powers), of_x[4], (q + 2 * y * y) * c]
         return np.moveaxis(np.stack([np.stack(of_x), np.stack(of_y)], axis=-1), 0, -1)
 
     def apply(self, xy: FloatArray) -> FloatArray:
@@ -121,8 +126,9 @@ class Lens:
 
     @cached_property
     def _k(self) -> tuple[float, ...]:
-        """Those by plain numbers."""
-        return tuple(self.k.tolist())
+        """Those by plain numbers, of powers of r alone."""
+        k0, *k = self.k.tolist()
+        return (k0 - self.zero**2 * _polynomial((*k, 0.0), self.zero**2), *k)
 
     @cached_property
     def _p(self) -> tuple[float, ...]:
@@ -148,5 +154,5 @@ class Lens:
         return slope + start / r, -0.5 * start / r**3
 
 
-def _polynomial(k: tuple[float, ...], q: FloatArray) -> FloatArray:
+def _polynomial(k: tuple[float, ...], q: Any) -> Any:
     return k[0] + q * (k[1] + q * (k[2] + q * k[3]))

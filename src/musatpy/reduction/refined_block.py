@@ -167,12 +167,12 @@ def lens_of(block: model.Block, camera: int, options: model.ReductionOptions) ->
     rows = block.distortion.camera == camera
     kinds, values = block.distortion.kind[rows], block.distortion.values[rows]
     name = block.cameras.ids[camera]
-    centre, k0 = block.cameras.principal_point[camera], 0.0
+    centre, k0, zero = block.cameras.principal_point[camera], 0.0, 0.0
     for row in np.flatnonzero(block.lenses.camera == camera):
-        k0 = float(np.nan_to_num(block.lenses.k0[row]))
+        k0, zero = np.nan_to_num([block.lenses.k0[row], block.lenses.zero_radius[row]]).tolist()
         if np.isfinite(block.lenses.centre[row]).all():
             centre = block.lenses.centre[row]
-    if not rows.any() and k0 == 0.0:
+    if not rows.any() and k0 == zero == 0.0:
         return None
     sign = -1.0 if options.polynomials is model.Polynomials.CORRECTION else 1.0
     coefficients = {}
@@ -188,6 +188,7 @@ def lens_of(block: model.Block, camera: int, options: model.ReductionOptions) ->
             centre=centre,
             side=Side(options.side.value),
             k=sign * np.concatenate([[k0], coefficients["RADL"]]),
+            zero=zero,
             p=sign * coefficients["DCEN"],
             radius=table[:, 0],
             radial=table[:, 1],

@@ -222,7 +222,7 @@ def plates_taken_as_refined(draft: Draft) -> Iterator[Problem]:
     """
     for role in _OF_REDUCTION:
         carried = np.ones(len(draft.rows[role]), dtype=bool)
-        if role == "distortion":
+        if role in ("distortion", "lenses"):
             carried = ~np.isin(draft.camera[role], draft.camera["lens_unknowns"])
         if number := int(carried.sum()):
             count = "1 card" if number == 1 else f"{number} cards"
@@ -255,7 +255,8 @@ def lens_unknowns(draft: Draft) -> Iterator[Problem]:
         row = int(np.flatnonzero(camera == number)[0])
         message = f"camera {draft.camera_ids[number]} took one photo: its lens can hardly be told from its station"
         yield draft.problem(role, row, message, path="lens_unknowns.camera", severity="warning")
-    others = np.isin(camera, draft.camera["lenses"])
+    apart = draft.camera["lenses"][np.isfinite(draft.rows["lenses"]["lenses.centre"]).any(axis=1)]
+    others = np.isin(camera, apart)
     message = "a lens with a principal point of best symmetry of its own (LNS) cannot be estimated"
     yield from draft.problems(role, others, message, path="lens_unknowns.camera")
 
