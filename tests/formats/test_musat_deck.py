@@ -115,8 +115,9 @@ BLOCKS: dict[str, Callable[[], model.Block]] = {
     **{f"full, {system}": partial(full, system) for system in CoordinateSystem},
     **{name: partial(of_fixture, name) for name in ("orientation/tank", "waves/unknown", "waves/strip")},
     "rich": lambda: altered(rich(), water={"liquid": "LAB OIL"}),
-    "raw plates": lambda: raw_block(
-        reseau=reseau(), cross_measurements=crosses(["21", "22", "23"]), mark_distances=distances()
+    "raw plates": lambda: altered(
+        raw_block(reseau=reseau(), cross_measurements=crosses(["21", "22", "23"]), mark_distances=distances()),
+        lenses={"zero_radius": np.array([60.0])},
     ),
 }
 

@@ -46,11 +46,11 @@ from musatpy.adjustment.network import (
     PointGroup,
     decorrelated,
     group_points,
+    inverse_squares,
     job_frame,
     participation,
 )
 from musatpy.adjustment.normals import SINGULAR
-from musatpy.adjustment.parameters import inverse_squares
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.wavy_water import Sea, WorkingSea, sea_of
 from musatpy.arrays import BoolArray, FloatArray

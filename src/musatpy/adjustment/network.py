@@ -391,6 +391,13 @@ def first_rows(point: IntArray, points: int) -> IntArray:
     return row
 
 
+def inverse_squares(sigma: FloatArray) -> FloatArray:
+    """Return weights 1/sigma^2, 0 where there is no sigma."""
+    weight: FloatArray = 1.0 / np.square(sigma)
+    weight[np.isnan(weight)] = 0.0
+    return weight
+
+
 def decorrelated(control: Control) -> tuple[FloatArray, FloatArray]:
     """Return unit triangles T (k, 3, 3) and weights (k, 3) of the known components: C^-1 = T' diag(weights) T.
 

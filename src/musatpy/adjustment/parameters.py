@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from musatpy.adjustment.network import inverse_squares
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import TIES, AdjustedParameters, Block
 
@@ -24,13 +25,6 @@ _DECIMALS = 6  # of correlations, beyond which rounding errors order them
 _MOVED = 1e-6  # of the largest change of an unknown by a free motion
 _MOST = 50.0  # sigmas of an image, by which the sigma of what is determined turns rays at most
 _INFORMATIVE = 0.1  # rad, by which the sigma of a prior that says something turns rays at most: 0.1 of the height
-
-
-def inverse_squares(sigma: FloatArray) -> FloatArray:
-    """Return weights 1/sigma^2, 0 where there is no sigma."""
-    weight: FloatArray = 1.0 / np.square(sigma)
-    weight[np.isnan(weight)] = 0.0
-    return weight
 
 
 class Effect(Enum):

@@ -241,9 +241,9 @@ def straight(statistics: Quality) -> Iterator[Reason]:
     """Yield that submerged points were adjusted as if there were no water."""
     block = statistics.block
     wet = block.points.bathymetric & (statistics.solution.points.status != PointStatus.NOT_DETERMINED)
-    if wet.any() and not refracts(block):
+    if (many := int(wet.sum())) and not refracts(block):
         text = (
-            f"refraction NONE: {count_of(int(wet.sum()), 'point')} flagged as submerged are adjusted as if there "
+            f"refraction NONE: {many} point{'s' * (many > 1)} flagged as submerged are adjusted as if there "
             "were no water; about a quarter of their depth is missing"
         )
         yield Reason(Grade.DOUBTFUL, Concern.REFRACTION, text, "Options")

@@ -20,8 +20,8 @@ import numpy as np
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds.parameter import ParameterUnknown
 from musatpy.adjustment.kinds.photo_vectors import Deviations, PhotoVector
-from musatpy.adjustment.network import NOTHING, MeasuredTies, Network
-from musatpy.adjustment.parameters import Effect, Parameters, inverse_squares
+from musatpy.adjustment.network import NOTHING, MeasuredTies, Network, inverse_squares
+from musatpy.adjustment.parameters import Effect, Parameters
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.body import BodyAngles, body_matrix, inverse_right_jacobian, rotation_vector
 from musatpy.geometry.collinearity import AngleForm, angle_rates, attitude_from_matrix, attitude_matrix

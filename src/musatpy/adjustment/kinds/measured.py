@@ -9,8 +9,7 @@ import numpy as np
 
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds.kind import Kind, Rows
-from musatpy.adjustment.network import MeasuredTies, Network, kept_axes
-from musatpy.adjustment.parameters import inverse_squares
+from musatpy.adjustment.network import MeasuredTies, Network, inverse_squares, kept_axes
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import Block, CauseKind, ObservationKind, Program
 from musatpy.model.tables import taken
