@@ -18,6 +18,7 @@ from musatpy.errors import RecordError
 from musatpy.model import RecordContent, Solution
 from musatpy.records import inquiry
 from musatpy.records.json_files import FIELDS, are_apart, read_json, read_record, with_images
+from musatpy.records.tables import array_of
 from musatpy.reports.record import dumps, record, record_of
 from musatpy.runs import run_deck
 from musatpy.statistics import Statistics
@@ -227,3 +228,9 @@ def test_a_record_that_has_them_in_one_table_says_the_same(tmp_path, run):
 def test_tables_that_are_wrong_are_told(tmp_path, run, change, where):
     change(run)
     assert any(where in text for text in problems(tmp_path, run, IMAGE_TABLES))
+
+
+def test_columns_are_arrays_of_a_shape_whether_they_are_nested_or_flat() -> None:
+    """Covariances of water levels stand in a row, positions in triples; null is unknown in all components."""
+    np.testing.assert_array_equal(array_of([1.0, 2.0, 3.0, 4.0], 2), [[1.0, 2.0], [3.0, 4.0]])
+    np.testing.assert_array_equal(array_of([[1.0, None], None], 2), [[1.0, np.nan], [np.nan, np.nan]])
