@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -260,5 +261,9 @@ def test_images_that_opensfm_has_left_out_of_its_bundle(tmp_path: Path) -> None:
     tracks.write_text("\n".join(rows) + "\n")
     done = imported(asked, "T")
     assert len(done.block.plates.xy) == len(before.block.plates.xy) - 2
-    assert any(re.match(r"2 images that miss their points by more than \d\.\d px", text) for text in done.warnings)
+    assert any(re.match(r"2 images that miss dry points by more than \d\.\d px", text) for text in done.warnings)
     assert not any("miss" in text for text in before.warnings)
+    flags = tmp_path / "flags.csv"
+    flags.write_text("point,wet\n" + "".join(f"{name},1\n" for name in opensfm.read_model(path).points))
+    wet = imported(replace(asked, flags=flags, level=0.0), "T")  # whose rays water bends as far
+    assert not any("miss" in text for text in wet.warnings)

@@ -115,9 +115,7 @@ def imported(asked: Asked, title: str) -> Imported:
         raise ModelError([Problem(message=message, file=str(asked.path))])
     proof = prove(model, str(asked.images or asked.path), bingo.CONVENTIONS if asked.images else None)
     model = of_placed_points(model)
-    lines = [_size(model)]
-    model = of_good_images(model, max(MOST, _GROSS * proof.median))
-    warnings = [*model.notes, *proof.notes]
+    lines, warnings = [_size(model)], [*model.notes, *proof.notes]
     lines.append(f"straight rays miss {proof.images} of the images by {proof.median:.2f} px (median)")
     exposures = _exposures(asked, model)
     control = None if asked.gcp is None else read_control(asked.gcp, model)
@@ -137,6 +135,8 @@ def imported(asked: Asked, title: str) -> Imported:
     if wet.against.any():
         names = ", ".join(model.points[wet.against][:5].tolist())
         warnings.append(f"{np.count_nonzero(wet.against)} points are wet or dry against their heights: {names}")
+    model, gross = of_good_images(model, max(MOST, _GROSS * proof.median), wet.code == Wet.DRY)
+    warnings += gross
     always = np.zeros(len(model.points), dtype=bool)
     kept = thinned(model, wet.code, always, asked.per_photo)
     used = kept.kept & (wet.code < Wet.UNDECIDED)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.similarity import TO_SIGMA, cauchy
 from musatpy.model.tables import finite_rows
 from musatpy.sfm.model import Model
@@ -35,17 +35,16 @@ def of_placed_points(model: Model) -> Model:
     return replace(model.of_points(np.flatnonzero(there)), notes=(*model.notes, left))
 
 
-def of_good_images(model: Model, limit: float) -> Model:
-    """Return a model without the images that miss their points by more than a limit, px, which is said.
+def of_good_images(model: Model, limit: float, dry: BoolArray) -> tuple[Model, list[str]]:
+    """Return a model without the images of `dry` points (p,) that miss these by more than a limit, px, and a note.
 
-    Tracks of OpenSfM have those that its bundle has left out.
+    Tracks of OpenSfM have those that its bundle has left out. Of others the water itself bends rays that far.
     """
-    good = np.flatnonzero(model.misses <= limit)
+    good = np.flatnonzero((model.misses <= limit) | ~dry[model.point])
     if len(good) == len(model.photo):
-        return model
-    left = f"{len(model.photo) - len(good)} images that miss their points by more than {limit:.1f} px are left out"
-    of = {name: getattr(model, name)[good] for name in ("photo", "point", "pixel")}
-    return replace(model, **of, notes=(*model.notes, left))
+        return model, []
+    note = f"{len(model.photo) - len(good)} images that miss dry points by more than {limit:.1f} px are left out"
+    return replace(model, **{name: getattr(model, name)[good] for name in ("photo", "point", "pixel")}), [note]
 
 
 def intersections(model: Model, photo: IntArray, point: IntArray, pixel: FloatArray, count: int) -> FloatArray:
