@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.refraction import fermat
+from musatpy.refraction.all_refraction_points import search
+from musatpy.refraction.stationary import RayEnds
 from musatpy.refraction.surface import unit_direction
 from musatpy.refraction.waves import Harmonic
 
@@ -31,9 +32,10 @@ def crossing(wave: Harmonic, camera: FloatArray, ground: FloatArray, index: floa
     The camera (3,) is to lie over the section: rays are shown turned into it.
     """
     direction = wave.vector[0] / np.linalg.norm(wave.vector[0])
-    found = fermat.refraction_points(wave, camera, ground, index)
-    back = camera - found.place
-    above = found.place + back / back[:, 2:] * reach / 2.0
+    points = search(wave, RayEnds.of(camera, ground, index, 0.0))
+    place = np.column_stack([points.xy, wave.relief(points.xy).height])
+    back = camera - place
+    above = place + back / back[:, 2:] * reach / 2.0
     middle = float(ground[:2] @ direction)
     along = np.linspace(middle - reach, middle + reach, 801)
     across = unit_direction(np.arctan2(direction[0], -direction[1]))
@@ -47,7 +49,7 @@ def crossing(wave: Harmonic, camera: FloatArray, ground: FloatArray, index: floa
         along=along,
         height=height,
         ground=flat(ground[None])[0],
-        place=flat(found.place),
+        place=flat(place),
         above=flat(above),
-        minimum=found.minimum,
+        minimum=points.minimum,
     )

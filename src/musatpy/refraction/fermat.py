@@ -42,20 +42,6 @@ class WaveIncidence(flat.Incidence):
     complete: BoolArray
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RefractionPoints:
-    """All refraction points of one ray, the principal one first.
-
-    place (k, 3); optical path (k,) m, ascending; minimum (k,): whether the path is least about it, else it is a
-    saddle or a maximum; complete: whether these are all, as far as their indices tell.
-    """
-
-    place: FloatArray
-    path: FloatArray
-    minimum: BoolArray
-    complete: bool
-
-
 def incidence(
     surface: Surface, camera: FloatArray, ground: FloatArray, index: ArrayLike, time: ArrayLike = 0.0
 ) -> WaveIncidence:
@@ -89,28 +75,6 @@ def incidence(
             array[part] = values
     shape = np.broadcast_shapes(np.shape(camera)[:-1], np.shape(ground)[:-1], np.shape(index), np.shape(time))
     return flat.shaped(out, shape)
-
-
-def refraction_points(
-    surface: Surface, camera: FloatArray, ground: FloatArray, index: float, time: float = 0.0
-) -> RefractionPoints:
-    """Return all refraction points of the ray from one ground point (3,) below the water to one camera (3,).
-
-    Whether another crest stands between such a point and the camera is not looked at. Raises `ValueError`.
-    """
-    ray = RayEnds.of(camera, ground, index, time)
-    _check_cameras(surface, ray)
-    if not surface.relief(ray.ground[:, :2], ray.time).height[0] > ray.ground[0, 2]:
-        raise ValueError("the ground point is not below the water")
-    points = search(surface, ray)
-    _check_covered(surface, ray.some(np.zeros(len(points.xy), dtype=int)), points.xy)
-    height = surface.relief(points.xy, ray.time).height
-    return RefractionPoints(
-        place=np.concatenate([points.xy, height[:, None]], axis=1),
-        path=points.path,
-        minimum=points.minimum,
-        complete=bool(points.complete[0]),
-    )
 
 
 def is_single(surface: Surface, rays: RayEnds) -> BoolArray:
