@@ -44,6 +44,8 @@ _POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("colour", "u1", 3), ("erro
 _TRACK = 43  # bytes before the length of its track
 _COUNT, _CAMERA, _IMAGE = (struct.Struct(form) for form in ("<Q", "<iiQQ", "<I7dI"))
 _FEATURE = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
+# Poses of photos, rows of the images on each, points, and the tracks of these: photo and place, photo and place, ...
+_Bundle = tuple[list[list[float]], list[IntArray], NDArray[np.void], list[IntArray]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,7 +126,7 @@ def write_model(model: Model, folder: Path) -> None:
     tracks = [track[of].reshape(-1) for of in _parts(model.point, len(points))]
     folder.mkdir(parents=True, exist_ok=True)
     write = _write_binary if any(" " in name for name in model.photos.tolist()) else _write_text
-    write(model, folder, poses, rows, points, tracks)
+    write(model, folder, (poses, rows, points, tracks))
 
 
 def _parts(of: IntArray, count: int) -> list[IntArray]:
@@ -133,14 +135,8 @@ def _parts(of: IntArray, count: int) -> list[IntArray]:
     return np.split(order, np.searchsorted(of[order], np.arange(1, count))) if count else []
 
 
-def _write_text(
-    model: Model,
-    folder: Path,
-    poses: list[list[float]],
-    rows: list[IntArray],
-    points: NDArray[np.void],
-    tracks: list[IntArray],
-) -> None:
+def _write_text(model: Model, folder: Path, bundle: _Bundle) -> None:
+    poses, rows, points, tracks = bundle
     lines = [
         f"{number} {name} {lens.width} {lens.height} {' '.join(repr(float(value)) for value in values)}"
         for number, lens in enumerate(model.lenses, 1)
@@ -159,14 +155,8 @@ def _write_text(
             file.write(" ".join(map(repr, [number, *xyz, *colour, error, *track.tolist()])) + "\n")
 
 
-def _write_binary(
-    model: Model,
-    folder: Path,
-    poses: list[list[float]],
-    rows: list[IntArray],
-    points: NDArray[np.void],
-    tracks: list[IntArray],
-) -> None:
+def _write_binary(model: Model, folder: Path, bundle: _Bundle) -> None:
+    poses, rows, points, tracks = bundle
     cameras, images = bytearray(_COUNT.pack(len(model.lenses))), bytearray(_COUNT.pack(len(poses)))
     for number, lens in enumerate(model.lenses, 1):
         name, values = _written(lens)
