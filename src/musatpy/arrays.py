@@ -24,6 +24,19 @@ def rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(known)))) if len(known) else np.nan
 
 
+def at_rows(values: FloatArray, row: IntArray) -> FloatArray:
+    """Return the rows (k,) of values (n, ...), NaN for -1."""
+    return np.concatenate([values, np.full((1, *values.shape[1:]), np.nan)])[row]
+
+
+def rows_of(ids: TextArray, names: TextArray) -> IntArray:
+    """Return the rows (k,) of names in ids, -1 of one that is not there."""
+    row = {name: number for number, name in enumerate(ids.tolist())}
+    first = np.flatnonzero(np.append([True] * bool(len(names)), names[1:] != names[:-1]))  # of equal ones in a row
+    numbers_of_rows = np.array([row.get(name, -1) for name in names[first].tolist()], dtype=np.int64)
+    return np.repeat(numbers_of_rows, np.diff(np.append(first, len(names))))
+
+
 def in_parts(
     work: Callable[[IntArray], Result], rows: IntArray, refusal: type[Exception]
 ) -> Iterator[tuple[IntArray, Result | None]]:

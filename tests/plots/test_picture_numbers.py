@@ -5,6 +5,7 @@ import pyproj
 import pytest
 from scipy import stats
 
+from musatpy.arrays import rows_of
 from musatpy.geometry.collinearity import attitude_matrix, image
 from musatpy.plots.depth_profile import along, half_corridor, strips
 from musatpy.plots.exposures import correlated, joined
@@ -12,7 +13,6 @@ from musatpy.plots.maps import confidence_ellipses, free_sides, largest_of_cells
 from musatpy.plots.plane import footprints, frames, plane_of, turned
 from musatpy.plots.plate_residuals import CELLS, cell_means
 from musatpy.plots.point_quality import graded, steps
-from musatpy.records.tables import rows_of
 from musatpy.soundings.s44 import orders_met, survey_orders
 
 RNG = np.random.default_rng(12)

@@ -16,9 +16,9 @@ from musatpy.adjustment.network import Network, group_points
 from musatpy.adjustment.propagation import pieces
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.waterline import water_line
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, rows_of
 from musatpy.compilation import true_points
-from musatpy.compilation.compiled import CompiledModel, plates_of_run, points_of_run, same_readings
+from musatpy.compilation.compiled import CompiledModel, plates_of_run, same_readings
 from musatpy.compilation.loop import Drive, stages
 from musatpy.compilation.stereomodels import off_plate
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in
@@ -106,7 +106,7 @@ class AgainstRun:
 def against_run(model: CompiledModel, again: BoolArray) -> AgainstRun:
     """Return the points of a model beside those of the run; `again` (k,) are readings of class R."""
     run = model.stereo.run
-    point = points_of_run(model)
+    point = rows_of(run.block.points.ids, model.readings.ids)
     known = (point >= 0) & np.isfinite(model.points.position).all(axis=1)
     rows = np.flatnonzero(known & np.isfinite(run.position[point]).all(axis=1))
     points, frame = point[rows], run.frame

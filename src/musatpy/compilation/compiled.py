@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, rows_of
 from musatpy.compilation.loop import Drive, stages_of
 from musatpy.compilation.printed import Shortcuts, printed_points
 from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
@@ -326,7 +326,7 @@ def _pointing_of_run(model: CompiledModel) -> FloatArray:
     NaN for others, and for all where errors of known water are allowed for.
     """
     run, readings = model.stereo.run, model.readings
-    at, rows = plates_of_run(model, points_of_run(model)), np.arange(len(readings.ids))
+    at, rows = plates_of_run(model, rows_of(run.block.points.ids, readings.ids)), np.arange(len(readings.ids))
     out = np.full(len(at), np.nan)
     if not run.considered:
         made = rows[same_readings(model, rows, at)]
@@ -334,12 +334,6 @@ def _pointing_of_run(model: CompiledModel) -> FloatArray:
         of_run = np.square(run.block.plates.sigma[at[made]] * run.unit_sigma).mean(axis=(1, 2))
         out[made] = of_run / np.square(readings.sigma[made]).mean(axis=(1, 2))
     return out
-
-
-def points_of_run(model: CompiledModel) -> IntArray:
-    """Return the rows (k,) of the points of the run by the names of the readings, -1 where it has none."""
-    number = {name: row for row, name in enumerate(model.stereo.run.block.points.ids.tolist())}
-    return np.array([number.get(name, -1) for name in model.readings.ids.tolist()], dtype=np.int64)
 
 
 def plates_of_run(model: CompiledModel, points: IntArray) -> IntArray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, at_rows, rows_of
 from musatpy.errors import SystemsError
 from musatpy.geometry.crs import LongitudeLatitude, system_of
 from musatpy.geometry.projected import Geoid, Projected, crs_of
@@ -16,7 +16,7 @@ from musatpy.geometry.systems import Geocentric, LocalRectangular, System
 from musatpy.interchange.layers import LayerColumn, Lines, Points, Polygons
 from musatpy.plots.plane import ground_of, map_about, outlines, plane_of
 from musatpy.records.run_tables import job_system
-from musatpy.records.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, flags, numbers, part, texts
 from musatpy.units import DEGREE
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from musatpy import adjustment
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, at_rows, rows_of
 from musatpy.errors import MusatError
 from musatpy.geometry import similarity
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, wrapped
@@ -190,8 +190,8 @@ def _solved(chain: StripAnswer, solution: Solution) -> StripAnswer:
     """Return the answer of IIIA, which starts from a chain."""
     task, block, stations, water = chain.task, solution.block, solution.stations, solution.water
     assert water is not None  # there are submerged points
-    photos = _rows(chain.photos, block.photos.ids)
-    points = _rows(task.sights.points, block.points.ids)
+    photos = rows_of(block.photos.ids, chain.photos)
+    points = rows_of(block.points.ids, task.sights.points)
     pivot = task.axes.inside(block.photos.position[photos])[:, :2].mean(axis=0)  # where the water of IIIA turns
     station = task.axes.inside(stations.position[photos])
     slope = water.tilt if len(water.tilt) else np.zeros(2)
@@ -202,11 +202,11 @@ def _solved(chain: StripAnswer, solution: Solution) -> StripAnswer:
         level=np.asarray(water.tide[photos].mean() - pivot @ slope),
         index=np.asarray(water.index),
     )
-    inside = _of_points(solution.points.position, points)
+    inside = at_rows(solution.points.position, points)
     known = np.isfinite(inside).all(axis=1)
     inside[known] = task.axes.inside(inside[known])
-    under = _rows(task.sights.points, block.points.ids[solution.bathymetric.point])
-    depth = _of_points(solution.bathymetric.depth, under)
+    under = rows_of(block.points.ids[solution.bathymetric.point], task.sights.points)
+    depth = at_rows(solution.bathymetric.depth, under)
     depth = np.where(np.isfinite(depth), depth, at.water_at(inside[:, :2]) - inside[:, 2])
     water_covariance = _water_covariance(solution, task.spec.plane)
     wet = task.sights.wet & known
@@ -234,7 +234,7 @@ def _solved(chain: StripAnswer, solution: Solution) -> StripAnswer:
         plane=chain.plane if task.spec.plane is PlaneTreatment.KNOWN else determined,
         position_sigma=position_sigma,
         attitude_sigma=attitude_sigma,
-        point_sigma=_of_points(sigmas_of(solution.points.covariance), points),
+        point_sigma=at_rows(sigmas_of(solution.points.covariance), points),
         paper_photos=paper_vector(_each(at))[:, :6],
         paper_photo_sigmas=_paper_sigmas(at, covariance),
         water=np.array([*at.slope, at.level, at.index]),
@@ -284,7 +284,7 @@ def _level_sigma(covariance: FloatArray, off: FloatArray) -> float:
 def _control_tests(solution: Solution, ids: TextArray) -> tuple[FloatArray, BoolArray]:
     """Return the largest test values (c,) of control points, NaN without one, and which are beyond their limit."""
     control = solution.block.control
-    rows = _rows(ids, solution.block.points.ids[control.point])
+    rows = rows_of(solution.block.points.ids[control.point], ids)
     tests = np.abs(np.where(rows[:, None] < 0, np.nan, Statistics(solution).control_tests[rows]))
     test = np.where(np.isfinite(tests).any(axis=1), np.nanmax(np.nan_to_num(tests), axis=1), np.nan)
     limit = ndtri(1.0 - _SIGNIFICANCE / (6.0 * max(len(test), 1)))  # three components, two sides
@@ -335,16 +335,3 @@ def _without_control(block: Block, points: TextArray) -> Block:
 def _among(block: Block, rows: IntArray, points: TextArray) -> BoolArray:
     """Return which rows (n,) of the points of a block are among points by name."""
     return np.isin(block.points.ids[rows], points)
-
-
-def _rows(ids: TextArray, among: TextArray) -> IntArray:
-    """Return the rows of identifiers among others, -1 for those that are not there."""
-    rows = {name: row for row, name in enumerate(among.tolist())}
-    return np.array([rows.get(name, -1) for name in ids.tolist()], dtype=int)
-
-
-def _of_points(values: FloatArray, rows: IntArray) -> FloatArray:
-    """Return rows (p, ...) of values, NaN where there is none (-1)."""
-    result = values[rows].copy()
-    result[rows < 0] = np.nan
-    return result

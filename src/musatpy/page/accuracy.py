@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, TextArray, rows_of
 from musatpy.page.page_tables import cell_text, page_table, place_of
 from musatpy.page.rendering import Fact, PageTable
 from musatpy.plots.picture import counted
-from musatpy.records.tables import Tables, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, numbers, part, texts
 from musatpy.reports import analyses
 from musatpy.reports.headline import CHECKS, CONTROL, differences
 from musatpy.soundings.s44 import NO_ORDER, orders_met, source, survey_orders

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, rows_of
 from musatpy.model import Cause, Refraction
 from musatpy.page import accuracy, page_tables
 from musatpy.page.page_tables import cell_text, number_text, significant, size_text
 from musatpy.page.rendering import Fact, Facts, Page, PageTable, Part, Sentences
 from musatpy.plots.picture import NothingToShowError, counted
 from musatpy.plots.plane import plane_of
-from musatpy.records.tables import Tables, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, numbers, part, texts
 from musatpy.reports import (
     adjusted_water,
     analyses,

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, TextArray, at_rows, rows_of
 from musatpy.figures import CONTROL, DRY, GREY, INK, WET
 from musatpy.plots import maps
 from musatpy.plots.picture import Picture, counted, measure
 from musatpy.plots.plane import MapPlane, ground_of, outlines, plane_of, turned
-from musatpy.records.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, flags, numbers, part, texts
 
 CONTROL_MARKERS = {"full": "^", "horizontal": "s", "vertical": "D", "check": "P"}  # kind of control -> marker
 

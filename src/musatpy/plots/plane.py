@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, rows_of
 from musatpy.errors import SystemsError
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.crs import local_map
@@ -17,7 +17,7 @@ from musatpy.geometry.projected import Projected
 from musatpy.geometry.systems import System, TangentPlane, geographic
 from musatpy.plots.picture import NothingToShowError
 from musatpy.records.run_tables import job_system, level_positions
-from musatpy.records.tables import Tables, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, numbers, part, texts
 
 _FARTHEST = 1e6  # m from the middle of the stations, of what has a place
 _CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, rms
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, rms, rows_of
 from musatpy.figures import DRY, GREY, INK, LIGHT, WET, new_panels
 from musatpy.plots.maps import NORMAL, add_key, draw_rings, magnification, quiver, spacing
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
 from musatpy.plots.plane import frames
-from musatpy.records.tables import Tables, flags, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, flags, numbers, part, texts
 from musatpy.units import MICROMETRE
 
 CELLS = (24, 16)  # of a photo, along x and y

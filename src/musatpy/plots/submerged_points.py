@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, TextArray, at_rows, rows_of
 from musatpy.figures import LIGHT, add_bar, shades
 from musatpy.plots.maps import add_arrows, dot_size, name_places, new_maps, view_of
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
 from musatpy.plots.plane import MapPlane, is_compilation, plane_of
-from musatpy.records.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, flags, numbers, part, texts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from musatpy import model
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray, rows_of
 from musatpy.errors import RecordError
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.systems import Geographic, System, geographic
 from musatpy.model.solution import WAVE_VALUES
 from musatpy.model.water import WAVE_SIGMAS, index_fault
-from musatpy.records.tables import Tables, flags, numbers, part, rows_of, texts
+from musatpy.records.tables import Tables, flags, numbers, part, texts
 from musatpy.systems import statement_on
 from musatpy.systems.statement import ellipsoid_by
 from musatpy.units import AngleUnit

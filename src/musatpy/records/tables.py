@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.errors import MusatError
 from musatpy.geometry.geodesy import Ellipsoid
 
@@ -56,19 +56,6 @@ def flags(table: Mapping[str, Any], field: str, *shape: int) -> BoolArray:
     values = table.get(field, ())
     array = getattr(values, "array", None)
     return np.array(values if array is None else array, dtype=bool).reshape(-1, *shape)
-
-
-def at_rows(values: FloatArray, row: IntArray) -> FloatArray:
-    """Return the rows (k,) of values (n, ...), NaN for -1."""
-    return np.concatenate([values, np.full((1, *values.shape[1:]), np.nan)])[row]
-
-
-def rows_of(ids: TextArray, names: TextArray) -> IntArray:
-    """Return the rows (k,) of names in ids, -1 of one that is not there."""
-    row = {name: number for number, name in enumerate(ids.tolist())}
-    first = np.flatnonzero(np.append([True] * bool(len(names)), names[1:] != names[:-1]))  # of equal ones in a row
-    numbers_of_rows = np.array([row.get(name, -1) for name in names[first].tolist()], dtype=np.int64)
-    return np.repeat(numbers_of_rows, np.diff(np.append(first, len(names))))
 
 
 class NamedRows:

@@ -31,7 +31,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.arrays import FloatArray, IntArray, TextArray, rows_of
 from musatpy.fortran import decimals_of
 from musatpy.model.reduction import BY_HEIGHTS
 from musatpy.reduction import planar
@@ -124,11 +124,9 @@ def transform(kind: PlanarKind, measured: Marks, calibrated: Marks, limits: Fidu
 
     Marks are matched by id; sigmas of the calibrated ones are mm, of the measured ones in the unit of the readings.
     """
-    place = {str(name): row for row, name in enumerate(calibrated.ids)}
-    known = np.array([str(name) in place for name in measured.ids], dtype=bool)
-    rows = np.array([place[str(name)] for name in measured.ids[known]], dtype=np.int64)
-    marks, wanted = measured.take(np.flatnonzero(known)), calibrated.take(rows)
-    seen = set(measured.ids.tolist())
+    rows = rows_of(calibrated.ids, measured.ids)
+    known = rows >= 0
+    marks, wanted = measured.take(np.flatnonzero(known)), calibrated.take(rows[known])
     refusal, residuals = _screened(kind, marks, wanted, calibrated, limits)
     fit = None
     suspects: tuple[str, ...] = ()
@@ -141,8 +139,8 @@ def transform(kind: PlanarKind, measured: Marks, calibrated: Marks, limits: Fidu
         residuals=residuals if fit is None else fit.residuals,
         fit=fit,
         refusal=refusal,
-        missing=tuple(str(name) for name in calibrated.ids if str(name) not in seen),
-        unknown=tuple(str(name) for name in measured.ids[~known]),
+        missing=tuple(calibrated.ids[~np.isin(calibrated.ids, measured.ids)].tolist()),
+        unknown=tuple(measured.ids[~known].tolist()),
         suspects=suspects,
     )
 

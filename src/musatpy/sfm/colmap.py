@@ -44,7 +44,7 @@ _POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("colour", "u1", 3), ("erro
 _TRACK = 43  # bytes before the length of its track
 _COUNT, _CAMERA, _IMAGE = (struct.Struct(form) for form in ("<Q", "<iiQQ", "<I7dI"))
 _FEATURE = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
-# Poses of photos, rows of the images on each, points, and the tracks of these: photo and place, photo and place, ...
+# Poses of photos, rows of the images on each, points, and their tracks: photo and place, photo and place, ...
 _Bundle = tuple[list[list[float]], list[IntArray], NDArray[np.void], list[IntArray]]
 
 

@@ -10,13 +10,13 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, rows_of
 from musatpy.errors import Problem
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model import ObservationKind
 from musatpy.records import run_tables
 from musatpy.records.json_files import read_record
-from musatpy.records.tables import Tables, flags, numbers, rows_of, texts
+from musatpy.records.tables import Tables, flags, numbers, texts
 from musatpy.reduction.pixel_lens import CorrectedLens, PixelLens
 from musatpy.sfm.block import TURN
 from musatpy.sfm.model import Model, ModelError

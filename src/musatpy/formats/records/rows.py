@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.arrays import rows_of
 from musatpy.errors import CardFormatError, DeckError, Problem
 from musatpy.formats import mapping, parts
 from musatpy.formats.job_tables import KEYS, Table, Tables, blank, repeated, role_of, size, words_of
@@ -339,12 +340,9 @@ def _together(roles: list[str], given: Tables) -> Table:
     for role in roles[1:]:
         other = given[role]
         (path,) = KEYS[role]
-        places = {key: row for row, key in enumerate(other[path].tolist())}
-        both = [row for row, key in enumerate(table[path].tolist()) if key in places]
-        rows = [places[table[path][row]] for row in both]
-        table = {name: column[both] for name, column in table.items()} | {
-            name: column[rows] for name, column in other.items()
-        }
+        rows = rows_of(other[path], table[path])
+        table = {name: column[rows >= 0] for name, column in table.items()}
+        table |= {name: column[rows[rows >= 0]] for name, column in other.items()}
     return table
 
 
