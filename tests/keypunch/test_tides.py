@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cli.commands import musat
-from musatpy.keypunch.tides import TideSeries
+from musatpy.pointfiles.gauges import Tide
 
 SERIES = """time,height
 1976-04-12T11:00:00Z,0.10
@@ -62,18 +62,34 @@ def test_a_photo_without_a_card_gets_one_and_times_of_cards_count_from_the_clock
             np.testing.assert_allclose(heights, [BY_HAND] * 3, atol=5.1e-5)
         else:  # 841 has a time on its card, the others have none
             assert result.exit_code == 1
-            assert "photo 841" not in result.stderr and "photo 842: no time of exposure" in result.stderr
+            assert "photo 841" not in result.stderr and "photo 842, it has no time of exposure" in result.stderr
 
 
 @pytest.mark.parametrize(
     ("times", "options", "message"),
     [
-        ("841,1976-04-12T11:05:00Z\n", ("--datum", "0"), "photo 842: no time of exposure"),
-        ("841,1976-04-12T10:59:00Z\n", ("--datum", "0"), "photo 841: before the first reading"),
-        ("841,1976-04-12T12:31:00Z\n", ("--datum", "0"), "photo 841: after the last reading"),
-        ("841,1976-04-12T11:45:00Z\n", ("--datum", "0"), "photo 841: in a gap of more than 30 minutes"),
-        ("841,1976-04-12T11:05:00\n", ("--datum", "0"), "cols 5-23 time: '1976-04-12T11:05:00' has no zone"),
-        ("841,noon\n", ("--datum", "0"), "times.csv:2 cols 5-8 time: 'noon' is no time"),
+        ("841,1976-04-12T11:05:00Z\n", ("--datum", "0"), "photo 842, it has no time of exposure"),
+        (
+            "841,1976-04-12T10:59:00Z\n",
+            ("--datum", "0"),
+            "photo 841, 1976-04-12 10:59:00 UTC: readings are from 1976-04-12 11:00:00 UTC to",
+        ),
+        ("841,1976-04-12T12:31:00Z\n", ("--datum", "0"), "photo 841, 1976-04-12 12:31:00 UTC: readings are from"),
+        (
+            "841,1976-04-12T11:45:00Z\n",
+            ("--datum", "0"),
+            "photo 841, 1976-04-12 11:45:00 UTC: no reading for more than 30 minutes",
+        ),
+        (
+            "841,1976-04-12T11:05:00\n",
+            ("--datum", "0"),
+            "cols 5-23 time: '1976-04-12T11:05:00' states no time zone",
+        ),
+        (
+            "841,noon\n",
+            ("--datum", "0"),
+            "times.csv:2 cols 5-8 time: 'noon' is no date and time YYYY-MM-DD hh:mm, nor seconds",
+        ),
         ("841,1976-04-12T11:05:00Z\n", (), "Missing option '--datum'"),
     ],
 )
@@ -83,11 +99,18 @@ def test_what_has_no_tide_is_refused(tmp_path: Path, times: str, options: tuple[
     assert message in result.stderr and not (tmp_path / "new.crd").exists()
 
 
-def test_readings_that_go_back_are_refused(tmp_path: Path) -> None:
+def test_readings_of_one_time_are_refused(tmp_path: Path) -> None:
     lines = SERIES.splitlines()
-    lines[2], lines[3] = lines[3], lines[2]
-    result = tides(tmp_path, "photo,time\n841,0\n", "--datum", "0", series="\n".join(lines))
-    assert "series.csv:4 cols 1-20 time: not later than the reading before it" in result.stderr
+    result = tides(tmp_path, "photo,time\n841,0\n", "--datum", "0", series="\n".join([*lines, lines[2]]))
+    assert "series.csv:7 cols 1-20 time: '1976-04-12T11:10:00Z' stands there twice" in result.stderr
+
+
+def test_seconds_of_no_date_are_times_too(tmp_path: Path) -> None:
+    series = "date,height\n" + "".join(f"{600 * n},{n / 100}\n" for n in range(4))
+    times = "photo,time\n841,600\n842,1200\n843,2000\n"
+    result = tides(tmp_path, times, "--datum", "0", series=series)
+    assert "photo 843, 2000 s: readings are from 0 s to 1800 s, and go no further" in result.stderr
+    assert "841" not in result.stderr
 
 
 @pytest.mark.parametrize("gap", [600.0, 1200.0, 1800.0])
@@ -100,11 +123,10 @@ def test_errors_are_no_larger_than_their_sigmas(gap: float) -> None:
         return np.sin(2.0 * np.pi * time / 44700.0)
 
     time = draws.uniform(0.0, at[-1], 2000)
-    height, sigma, reasons = TideSeries(time=at, height=tide(at)).at(time)
-    assert not any(reasons)
+    height, sigma = Tide(file="", time=at, level=tide(at), sigma=np.zeros(len(at))).at(time)
     rms = np.sqrt(np.mean(np.square((height - tide(time)) / sigma)))
     assert 0.1 < rms < 1.0, rms  # a bound, not far from what errors are
-    noisy = TideSeries(time=at, height=tide(at) + 0.02 * draws.normal(size=len(at)), sigma=0.02)
-    height, sigma, _ = noisy.at(time)
+    level = tide(at) + 0.02 * draws.normal(size=len(at))
+    height, sigma = Tide(file="", time=at, level=level, sigma=np.full(len(at), 0.02)).at(time)
     rms = np.sqrt(np.mean(np.square((height - tide(time)) / sigma)))
     assert 0.4 < rms < 1.0, rms

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from musatpy.pointfiles.gauges import parsed_time, zone_of
 from musatpy.sfm.model import ModelError
-from musatpy.sfm.times import SOURCES, Exposures, clock_offset, matched, parsed_time, read_exposures, zone_of
+from musatpy.sfm.times import SOURCES, Exposures, clock_offset, matched, read_exposures
 
 NOON = 1715947200.0  # 2024-05-17 12:00 UTC
 HEAD = (
@@ -198,7 +199,7 @@ def test_what_is_wrong_is_told_with_its_place(tmp_path: Path) -> None:
     ]
     for zone in ("Europe/Nowhere", "+25:00", "../etc/passwd", "02:00"):
         with pytest.raises(ModelError, match="is no time zone"):
-            zone_of(zone)
+            zone_of(zone, ModelError)
 
 
 @pytest.mark.parametrize(

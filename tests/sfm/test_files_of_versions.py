@@ -10,11 +10,11 @@ import numpy as np
 import pyproj
 import pytest
 
+from musatpy.pointfiles.gauges import read_tide
 from musatpy.sfm import colmap, metashape, opensfm
 from musatpy.sfm.control import read_control
 from musatpy.sfm.importing import Asked, imported
 from musatpy.sfm.model import ModelError
-from musatpy.sfm.tides import read_tide
 from musatpy.sfm.times import read_exposures
 from musatpy.sfm.wet import read_water
 from sfm.test_control import gcp_list
@@ -205,12 +205,12 @@ def test_readings_as_noaa_has_them(tmp_path: Path) -> None:
     service += "".join(f"2024-05-17 12:{m:02d},{'' if m == 30 else m / 100},0.003,0,0,0,0,v\n" for m in minutes)
     for text, zone, sigma in ((page, "", 0.01), (service, "UTC", 0.003)):
         (tmp_path / "tide.csv").write_text(text)
-        tide = read_tide(tmp_path / "tide.csv", zone, 0.01)
+        tide = read_tide(tmp_path / "tide.csv", ModelError, zone, 0.01)
         assert (tide.time - 1715947200.0).tolist() == [60.0 * m for m in minutes if m != 30]
         assert tide.level.tolist() == [m / 100 for m in minutes if m != 30] and set(tide.sigma) == {sigma}
     (tmp_path / "tide.csv").write_text(page.replace("(m)", "(ft)"))
     with pytest.raises(ModelError, match="column Verified is in ft: m is needed"):
-        read_tide(tmp_path / "tide.csv")
+        read_tide(tmp_path / "tide.csv", ModelError)
 
 
 def test_exposures_as_older_versions_of_exiftool_print_them(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from musatpy.cli import options
 from musatpy.cli.decks import STREAM, data_of, write_deck
 from musatpy.cli.messages import complain, complain_of, complain_of_each, name_of, tell
 from musatpy.cli.options import FILE, NOT_NEGATIVE, option
-from musatpy.errors import count_of
+from musatpy.errors import DeckError, count_of
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -127,11 +128,11 @@ def tidy_command(ctx: click.Context, deck: Path, out: Path, formats: Path | None
 
 @click.command(name="tide", short_help="Write the tides of a deck from the readings of a gauge.")
 @click.argument("deck", type=FILE)
-@option("--series CSV", "Readings of the gauge, with columns time and height (m).", FILE, required=True)
+@option("--series CSV", "Readings of the gauge, with columns time and level (m).", FILE, required=True)
 @option("--datum M", "Height of the zero of the gauge in the heights of the deck.", float, required=True)
 @option("--sigma M", "Sigma of a reading. Default: 0.", NOT_NEGATIVE, default=0.0)
 @option("--times CSV", "Times of exposure, with columns photo and time. Default: those of the deck.", FILE)
-@option("--zone ZONE", "Zone of times that state none: UTC, or +hh:mm.", default="")
+@option("--zone ZONE", "Zone of times that state none: UTC, +hh:mm, or a name such as Europe/Berlin.", default="")
 @option(
     "--clock TIME",
     "Time at which the seconds on the cards of the deck are zero, if the series has dates.",
@@ -154,12 +155,14 @@ def tide_command(
     Exit status: 0, or 1 if a photo gets no tide; then nothing is written.
     """
     from musatpy.formats.job_tables import card_family
-    from musatpy.keypunch.tides import deck_with_tides, moment, read_exposures, read_series
+    from musatpy.keypunch.tides import deck_with_tides
+    from musatpy.pointfiles.gauges import moment, read_exposures, read_tide, zone_of
 
-    readings = read_series(series, zone=zone, datum=datum, sigma=sigma)
-    exposures = None if times is None else read_exposures(times, zone)
+    readings = read_tide(series, DeckError, zone, sigma)
+    readings = replace(readings, level=readings.level + datum)
+    exposures = None if times is None else read_exposures(times, DeckError, zone)
     try:
-        start = moment(clock, zone)
+        start = moment(clock, zone_of(zone, DeckError))
     except ValueError as error:
         raise click.UsageError(f"--clock: '{clock}' {error}") from error
     data, tides = deck_with_tides(data_of(deck), card_family(formats), readings, exposures, clock=start)

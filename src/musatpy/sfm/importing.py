@@ -15,6 +15,7 @@ from musatpy.errors import Problem
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block
 from musatpy.model.tables import finite_rows
+from musatpy.pointfiles.gauges import read_tide, stamp
 from musatpy.reduction.displacements import EARTH_RADIUS
 from musatpy.sfm import bingo, colmap, metashape, opensfm
 from musatpy.sfm.block import Beside, Placement, block_of
@@ -25,7 +26,7 @@ from musatpy.sfm.intersection import of_good_images, of_placed_points
 from musatpy.sfm.model import Model, ModelError
 from musatpy.sfm.source import FileCameras
 from musatpy.sfm.thinning import thinned
-from musatpy.sfm.tides import PhotoLevels, datum_heights, given_levels, read_tide, tide_levels, utc
+from musatpy.sfm.tides import PhotoLevels, datum_heights, given_levels, tide_levels
 from musatpy.sfm.times import SOURCES, Exposures, clock_offset, read_exposures
 from musatpy.sfm.wet import LIMIT, Wet, Wetness, read_flags, read_water, wetness
 
@@ -243,7 +244,8 @@ def _levels(asked: Asked, model: Model, placement: Placement, exposures: Exposur
         message = "a tide needs the times of the photos: --gnss with a table of exiftool"
         raise ModelError([Problem(message=message, file=str(asked.tide))])
     datum = datum_heights(asked.tide_datum, placement.positions(model.centre))
-    return tide_levels(read_tide(asked.tide, asked.tide_zone, asked.tide_sigma), model.photos.tolist(), time, datum)
+    tide = read_tide(asked.tide, ModelError, asked.tide_zone, asked.tide_sigma)
+    return tide_levels(tide, model.photos.tolist(), time, datum)
 
 
 def _wetness(asked: Asked, model: Model, geo: Georeference, levels: PhotoLevels | None) -> Wetness:
@@ -326,7 +328,7 @@ def _table(model: Model, exposures: Exposures | None, levels: PhotoLevels | None
     for row, name in enumerate(model.photos.tolist()):
         time, source = "", ""
         if exposures is not None and np.isfinite(exposures.time[row]):
-            time, source = utc(float(exposures.time[row])), SOURCES[int(exposures.source[row])]
+            time, source = stamp(float(exposures.time[row])), SOURCES[int(exposures.source[row])]
         of = ["", "", ""]
         if levels is not None:
             of = [f"{levels.level[row]:.4f}", f"{levels.sigma[row]:.4f}", str(levels.group[row])]

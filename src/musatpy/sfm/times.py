@@ -13,13 +13,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
-from zoneinfo import ZoneInfo
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import Problem
 from musatpy.pointfiles.columns import FileColumn, Wanted
+from musatpy.pointfiles.gauges import fixed_offset, parsed_time, seconds, zone_of
 from musatpy.pointfiles.point_tables import PointTable, read_table
 from musatpy.sfm.model import ModelError, refused, spread
 from musatpy.units import DEGREE
@@ -34,7 +34,6 @@ _TEXTS = (*_TIMES, "subsectimeoriginal", "gpslatituderef", "gpslongituderef")
 _ANGLES = {"gpslatitude": 90.0, "gpslongitude": 180.0}
 _NUMBERS = ("absolutealtitude", "gpsaltitude", "gpsaltituderef", "rtkflag", "rtkstdlon", "rtkstdlat", "rtkstdhgt")
 _GROUPS = ("xmp", "composite", "")  # whose columns go before those of others
-_DAY = re.compile(r"((?:19|20)\d\d)[:/-](\d\d)[:/-](\d\d)[ T]", re.ASCII)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,7 +142,7 @@ def read_exposures(path: Path, zone: str = "", *, heights: bool = False) -> Expo
     table = read_table(path, Wanted(columns=tuple(wanted)))
     table.require(ModelError, "there are no photos")
     tags = _Tags(table=table, heading={tag: heading.lower() for tag, heading in chosen.items()})
-    local = zone_of(zone) if zone else None
+    local = zone_of(zone, ModelError)
     count = len(table.rows)
     utc = seconds(tags.times("utcatexposure", tags.texts("utcatexposure")))
     satellite, (clock, offset) = tags.satellite(), tags.clock()
@@ -309,34 +308,3 @@ def _tails(name: str) -> list[str]:
     """Return a path and its tails, the longest first."""
     parts = [part for part in name.replace("\\", "/").casefold().split("/") if part not in ("", ".")]
     return ["/".join(parts[first:]) for first in range(len(parts))] or [""]
-
-
-def parsed_time(text: str) -> datetime | None:
-    """Return a date and time of day, with its offset where it states one; None where it is none."""
-    iso, dates = _DAY.subn(r"\1-\2-\3T", text.strip().replace(" UTC", "Z").replace(",", "."), count=1)
-    try:
-        return datetime.fromisoformat(iso) if dates and iso[10] == "T" and iso.isascii() else None
-    except ValueError:
-        return None
-
-
-def fixed_offset(text: str) -> tzinfo | None:
-    """Return the zone of an offset +hh:mm, or Z, None where it is none."""
-    time = parsed_time(f"2000-01-01T00:00:00{text.strip()}")
-    return None if time is None else time.tzinfo
-
-
-def zone_of(text: str) -> tzinfo:
-    """Return the time zone of a name (Europe/Berlin) or an offset (+02:00). Raises `ModelError`."""
-    zone = fixed_offset(text)
-    try:
-        return zone or ZoneInfo(text)
-    except (KeyError, ValueError, OSError):
-        message = f"'{text}' is no time zone: +hh:mm, or a name such as Europe/Berlin"
-        raise ModelError([Problem(message=message)]) from None
-
-
-def seconds(times: Sequence[datetime | None]) -> FloatArray:
-    """Return seconds (n,) since 1970 of times, of those without a zone as if it were UTC; NaN for none."""
-    zoned = [time if time is None or time.tzinfo else time.replace(tzinfo=UTC) for time in times]
-    return np.array([np.nan if time is None else time.timestamp() for time in zoned], dtype=float)
