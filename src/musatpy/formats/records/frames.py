@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyproj
 from numpy.typing import NDArray
 
 from musatpy.errors import DeckError
@@ -13,6 +12,7 @@ from musatpy.formats.records.layout import OPTION_OF_ELLIPSOID, FileSpec
 from musatpy.geometry import collinearity
 from musatpy.geometry.collinearity import AngleForm, attitude_from_matrix, attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.systems import radii
 from musatpy.model import CoordinateSystem, EllipsoidSpec
 
 if TYPE_CHECKING:
@@ -123,11 +123,9 @@ class JobFrame:
 
     def radii(self, geographic: Array) -> Array:
         """Return metres per radian of longitude and latitude, and 1, (k, 3), at geographic positions."""
-        latitude, height = geographic[:, 0], np.nan_to_num(geographic[:, 2])  # a height moves them little
-        geod = pyproj.Geod(self.ellipsoid.definition)
-        W = np.sqrt(1.0 - geod.es * np.sin(latitude) ** 2)
-        east = (geod.a / W + height) * np.cos(latitude)
-        return np.stack([east, geod.a * (1.0 - geod.es) / W**3 + height, np.ones_like(east)], axis=-1)
+        level = np.column_stack([geographic[:, :2], np.nan_to_num(geographic[:, 2])])  # a height moves them little
+        of_latitude, of_longitude = radii(self.ellipsoid, level)
+        return np.stack([of_longitude, of_latitude, np.ones_like(of_latitude)], axis=-1)
 
     # --- attitudes ---
 
