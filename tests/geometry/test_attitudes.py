@@ -15,8 +15,6 @@ from musatpy.geometry.collinearity import (
     in_axes,
     matrix_of,
     orthogonal,
-    quaternion,
-    quaternion_matrix,
 )
 
 OPK, POK, ATS = AngleForm
@@ -146,14 +144,3 @@ def test_rounded_matrices_become_rotations_and_mirrors_do_not():
     np.testing.assert_allclose(np.linalg.det(rotation), 1.0, atol=ROUNDING)
     mirrored = M * [[1.0], [1.0], [-1.0]]
     assert np.abs(orthogonal(mirrored) - mirrored).max(axis=(1, 2)).min() > 0.1
-
-
-def test_quaternions_are_those_of_scipy() -> None:
-    half_turns = Rotation.from_rotvec(np.pi * np.eye(4, 3))  # and none at all: each has another largest component
-    rotation = Rotation.concatenate([Rotation.random(50, random_state=1), half_turns])
-    R = rotation.as_matrix()
-    q = quaternion(R)
-    np.testing.assert_allclose(quaternion_matrix(-3.0 * q), R, atol=1e-14)
-    same = np.einsum("ni,ni->n", q, rotation.as_quat()[:, [3, 0, 1, 2]])
-    np.testing.assert_allclose(np.abs(same), 1.0, atol=1e-14)
-    assert np.isnan(quaternion_matrix(np.zeros((1, 4)))).all()

@@ -53,19 +53,9 @@ def body_angles(P: ArrayLike, form: BodyAngles) -> FloatArray:
 
 def rotation_vector(R: FloatArray) -> FloatArray:
     """Return w (..., 3) rad with R = exp([w]x), of rotations R (..., 3, 3); its length is at most pi."""
-    turned = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1)
-    sine, cosine = 0.5 * np.linalg.norm(turned, axis=-1), 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
-    angle = np.arctan2(sine, cosine)
-    factor = np.divide(angle, sine, out=np.ones_like(sine), where=sine > _SMALL)
-    near = 0.5 * factor[..., None] * turned
-    # beyond a right angle the axis a is that of the symmetric part, cos I + (1 - cos) aa'
-    S = 0.5 * (R + np.swapaxes(R, -1, -2)) - cosine[..., None, None] * np.eye(3)
-    largest = np.argmax(np.diagonal(S, axis1=-2, axis2=-1), axis=-1)[..., None, None]
-    column = np.take_along_axis(S, largest, axis=-1)[..., 0]
-    size = np.linalg.norm(column, axis=-1)
-    sign = np.where(np.einsum("...i,...i->...", column, turned) < 0.0, -angle, angle)
-    far = column * np.divide(sign, size, out=np.zeros_like(size), where=size > 0.0)[..., None]
-    return np.where((cosine < 0.0)[..., None], far, near)
+    from scipy.spatial.transform import Rotation  # of few jobs
+
+    return np.asarray(Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1]))
 
 
 def inverse_right_jacobian(w: FloatArray) -> FloatArray:

@@ -198,31 +198,6 @@ def skew(v: FloatArray) -> FloatArray:
     return out
 
 
-def quaternion_matrix(q: FloatArray) -> FloatArray:
-    """Return the rotations (n, 3, 3) of quaternions (n, 4) of any length, scalar first; NaN of one that is none."""
-    with np.errstate(invalid="ignore"):
-        q = q / np.linalg.norm(q, axis=1, keepdims=True)
-    W = skew(q[:, 1:])
-    return np.eye(3) + 2.0 * (q[:, :1, None] * W + W @ W)
-
-
-def quaternion(R: FloatArray) -> FloatArray:
-    """Return the unit quaternions (n, 4), scalar first, of rotations (n, 3, 3).
-
-    Of 4 q q', which is linear in R, the column of the largest component (Shepperd 1978).
-    """
-    (a, b, c), (d, e, f), (g, h, i) = R.transpose(1, 2, 0)
-    columns = [
-        [1.0 + a + e + i, h - f, c - g, d - b],
-        [h - f, 1.0 + a - e - i, b + d, c + g],
-        [c - g, b + d, 1.0 - a + e - i, f + h],
-        [d - b, c + g, f + h, 1.0 - a - e + i],
-    ]
-    of = np.array(columns)
-    q = of[np.argmax(np.einsum("iin->in", of), axis=0), :, np.arange(len(R))]
-    return np.asarray(q / np.linalg.norm(q, axis=1, keepdims=True))
-
-
 def turn(w: FloatArray) -> FloatArray:
     """Return rotations (..., 3, 3) by about w (..., 3) rad: Cayley's formula gives one whatever the size of w."""
     W = skew(0.5 * w)

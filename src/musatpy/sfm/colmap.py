@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import Problem
-from musatpy.geometry.collinearity import quaternion, quaternion_matrix
 from musatpy.pointfiles.columns import FAR
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.model import Model, ModelError, checked, chosen_component, refused
@@ -43,6 +42,7 @@ LENSES: tuple[tuple[str, tuple[str, ...] | None], ...] = (
 _POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("colour", "u1", 3), ("error", "<f8"), ("track", "<u8")])
 _TRACK = 43  # bytes before the length of its track
 _COUNT, _CAMERA, _IMAGE = (struct.Struct(form) for form in ("<Q", "<iiQQ", "<I7dI"))
+_SCALAR_LAST, _SCALAR_FIRST = [1, 2, 3, 0], [3, 0, 1, 2]  # of quaternions: those of scipy, and of COLMAP
 _FEATURE = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 # Poses of photos, rows of the images on each, points, and their tracks: photo and place, photo and place, ...
 _Bundle = tuple[list[list[float]], list[IntArray], NDArray[np.void], list[IntArray]]
@@ -111,8 +111,10 @@ def write_model(model: Model, folder: Path) -> None:
             if lens.shear or (not lens.fisheye and len(lens.k) > 3 and lens.k[3])
         ]
     )
+    from scipy.spatial.transform import Rotation
+
     shift = -np.einsum("nij,nj->ni", model.rotation, model.centre)
-    poses = np.column_stack([quaternion(model.rotation), shift]).tolist()
+    poses = np.column_stack([Rotation.from_matrix(model.rotation).as_quat()[:, _SCALAR_FIRST], shift]).tolist()
     rows = _parts(model.photo, len(model.photos))
     place = np.empty(len(model.photo), dtype=np.int64)  # of an image among the features of its photo
     for of in rows:
@@ -233,8 +235,11 @@ def _assembled(paths: list[Path], lenses: dict[int, PixelLens], every: list[_Ima
         message = f"image {name} names point {missing}, which is not in {paths[2].name}"
         problems.append(Problem(message=message, file=str(paths[1])))
     refused(problems)
+    from scipy.spatial.transform import Rotation  # which other formats do without
+
     poses = np.array([image.pose for image in every]).reshape(-1, 7)
-    R = quaternion_matrix(poses[:, :4])
+    R, turned = np.full((len(every), 3, 3), np.nan), np.isfinite(poses).all(axis=1) & poses[:, :4].any(axis=1)
+    R[turned] = Rotation.from_quat(poses[turned][:, _SCALAR_LAST]).as_matrix()
     numbers = {camera: row for row, camera in enumerate(lenses)}
     model = Model(
         program="colmap",

@@ -14,7 +14,6 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import Problem
-from musatpy.geometry.collinearity import quaternion, quaternion_matrix
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.sfm.intersection import intersections
 from musatpy.sfm.model import Model, ModelError, spread
@@ -265,7 +264,10 @@ def _exchanged(model: Model) -> Model:
 
 def _quaternions(model: Model) -> Model:
     """Return the model if quaternions have their scalar last, which were read as though they had it first."""
-    return _turned(model, quaternion_matrix(np.roll(quaternion(model.rotation), 1, axis=1)))
+    from scipy.spatial.transform import Rotation  # which few need
+
+    last = Rotation.from_matrix(model.rotation).as_quat()
+    return _turned(model, Rotation.from_quat(np.roll(last, 1, axis=1)).as_matrix())
 
 
 _FIRST_AT_0 = "the middle of the first pixel is (0, 0), not (0.5, 0.5)"
