@@ -37,6 +37,13 @@ def rows_of(ids: TextArray, names: TextArray) -> IntArray:
     return np.repeat(numbers_of_rows, np.diff(np.append(first, len(names))))
 
 
+def sums(values: ComplexArray, index: IntArray, size: int) -> ComplexArray:
+    """Return (size,) the sums of the values at each index."""
+    real = np.bincount(index, weights=values.real, minlength=size)
+    imaginary = np.bincount(index, weights=values.imag, minlength=size)
+    return real + 1j * imaginary
+
+
 def in_parts(
     work: Callable[[IntArray], Result], rows: IntArray, refusal: type[Exception]
 ) -> Iterator[tuple[IntArray, Result | None]]:

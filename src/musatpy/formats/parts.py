@@ -20,6 +20,7 @@ from musatpy.formats.checks.systems import statements
 from musatpy.formats.draft import draft_of, draft_of_rows
 from musatpy.formats.records.layout import OPTION_OF_CAMERAS, OPTION_OF_SYSTEM
 from musatpy.formats.statements import entered_draft
+from musatpy.model.block import known_of_kinds
 
 if TYPE_CHECKING:
     from musatpy.formats.draft import Draft
@@ -94,11 +95,7 @@ def with_control_sigmas(given: job_tables.Tables, sigmas: Sequence[float]) -> tu
     table = given.get("control")
     if table is None:
         return given, 0
-    plan, height = (
-        np.isin(table["control.kind"], [kind, model.ControlKind.FULL])
-        for kind in (model.ControlKind.HORIZONTAL, model.ControlKind.VERTICAL)
-    )
-    lacks = np.stack([plan, plan, height], axis=-1) & np.isnan(table["control.sigma"])
+    lacks = known_of_kinds(table["control.kind"]) & np.isnan(table["control.sigma"])
     lacks &= ~table["control.fixed"].astype(bool)[:, None]
     sigma = np.where(lacks, np.asarray(sigmas), table["control.sigma"])
     return given | {"control": table | {"control.sigma": sigma}}, int(lacks.any(axis=1).sum())

@@ -168,6 +168,12 @@ class ControlKind(IntEnum):
     CHECK = 3  # none: compared with the result only
 
 
+def known_of_kinds(kinds: IntArray) -> BoolArray:
+    """Return (k, 3) which components east, north, up of control points are known by their kinds (k,)."""
+    plan, up = (np.isin(kinds, (kind, ControlKind.FULL)) for kind in (ControlKind.HORIZONTAL, ControlKind.VERTICAL))
+    return np.stack([plan, plan, up], axis=-1)
+
+
 _LETTERS = {
     "": ControlKind.CHECK,
     "F": ControlKind.FULL,
@@ -206,9 +212,7 @@ class Control(Table, noun="control point"):
     @property
     def known(self) -> BoolArray:
         """(k, 3) True where the east, north, up component enters the adjustment."""
-        horizontal = (self.kind == ControlKind.FULL) | (self.kind == ControlKind.HORIZONTAL)
-        vertical = (self.kind == ControlKind.FULL) | (self.kind == ControlKind.VERTICAL)
-        return np.stack([horizontal, horizontal, vertical], axis=-1)
+        return known_of_kinds(self.kind)
 
     @property
     def correlated(self) -> BoolArray:

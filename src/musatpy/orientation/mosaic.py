@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from musatpy.arrays import ComplexArray, FloatArray, IntArray
+from musatpy.arrays import ComplexArray, FloatArray, IntArray, sums
 from musatpy.geometry.similarity import cauchy, spread
 from musatpy.orientation.relative import plane_similarity
 from musatpy.orientation.strips import PhotoModel, Tangents, common_images, common_tangents
@@ -98,7 +98,7 @@ def _turns(i: IntArray, j: IntArray, turn: ComplexArray, weight: FloatArray, pho
         N = np.zeros((photos, photos))
         np.add.at(N, (np.concatenate([i, j]), np.concatenate([j, i])), -np.tile(robust, 2))
         N -= np.diag(N.sum(axis=1))
-        logs = logs + _solved(N, _sums(j, robust * off, photos) - _sums(i, robust * off, photos))
+        logs = logs + _solved(N, sums(robust * off, j, photos) - sums(robust * off, i, photos))
     return logs
 
 
@@ -128,17 +128,13 @@ def _places(
         shares = np.zeros((points, photos))
         np.add.at(shares, (point, photo), robust)
         N = np.diag(np.bincount(photo, robust, photos)) - shares.T @ (shares / total[:, None])
-        mean_arm = _sums(point, robust * arms, points) / total
-        rhs = -_sums(photo, robust * (arms - mean_arm[point]), photos)
+        mean_arm = sums(robust * arms, point, points) / total
+        rhs = -sums(robust * (arms - mean_arm[point]), photo, photos)
         b = _solved(N, rhs)
-        w = _sums(point, robust * (b[photo] + arms), points) / total
+        w = sums(robust * (b[photo] + arms), point, points) / total
         off = np.abs(b[photo] + arms - w[point])
         robust = cauchy(off, spread(off, _FLOOR), weight)
     return b, w
-
-
-def _sums(index: IntArray, values: ComplexArray, size: int) -> ComplexArray:
-    return np.bincount(index, values.real, size) + 1j * np.bincount(index, values.imag, size)
 
 
 def _solved(N: FloatArray, rhs: ComplexArray) -> ComplexArray:

@@ -12,6 +12,7 @@ from musatpy.draws import Draws
 from musatpy.errors import SpecError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.model import Control, ControlKind, CoordinateSystem, PlateMeasurements
+from musatpy.model.block import known_of_kinds
 from musatpy.model.correlations import correlations_of
 from musatpy.simulation.mistakes import drawn_sizes, gross_control
 from musatpy.simulation.simulation_spec import AirBaseKeys, ControlKeys, DistanceKeys
@@ -91,9 +92,7 @@ def _given_control(scene: Scene, chosen: list[IntArray], names: tuple[str, ...])
     tables, draws, counts = scene.spec.control, scene.draws, [len(points) for points in chosen]
     point = np.concatenate([*chosen, np.empty(0, dtype=np.int64)])
     kind = np.repeat([ControlKind[table.kind.upper()] for table in tables], counts).astype(int)
-    horizontal, vertical = kind != ControlKind.VERTICAL, kind != ControlKind.HORIZONTAL
-    # components east, north, up that a kind of control knows
-    known = np.stack([horizontal, horizontal, vertical], axis=-1) & (kind != ControlKind.CHECK)[:, None]
+    known = known_of_kinds(kind)
     sizes = np.repeat(np.array([table.error for table in tables]).reshape(-1, 3), counts, axis=0)
     if scene.spec.job.system == CoordinateSystem.GEOCENTRIC:
         on_card = np.ones_like(known)  # X, Y, Z are given together; the kind says what is known

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, ComplexArray, FloatArray, IntArray, sums
 from musatpy.errors import Problem
 from musatpy.formats.checks.check import check
 from musatpy.formats.checks.places import far_places
@@ -15,11 +15,9 @@ from musatpy.formats.checks.systems import fits_system
 from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import ROLES
 from musatpy.model import ControlKind, CoordinateSystem
-from musatpy.model.block import other_focal_length
+from musatpy.model.block import known_of_kinds, other_focal_length
 from musatpy.units import DEGREE, length_unit
 
-HORIZONTAL = (ControlKind.FULL, ControlKind.HORIZONTAL)
-VERTICAL = (ControlKind.FULL, ControlKind.VERTICAL)
 _SPREAD = 5.0  # mm: points in common must spread this far (RMS) to turn one photo on to another
 _EARTH = 6.371e6  # m, of the sphere on which directions are good enough
 FOCAL_LENGTHS = (3.0, 3000.0)  # mm: from drones to reconnaissance cameras
@@ -55,8 +53,8 @@ def rays_of(draft: Draft) -> PlateRays:
         sound &= np.isin(np.arange(len(point)), np.unique(pairs, axis=1, return_index=True)[1])
     triangulated = sound & rows["plates.triangulated"]
     counts = np.bincount(point[triangulated], minlength=points)
-    kinds = draft.rows["control"]["control.kind"]
-    horizontal, vertical = (draft.points_of("control", np.isin(kinds, of)) for of in (HORIZONTAL, VERTICAL))
+    known = known_of_kinds(draft.rows["control"]["control.kind"])
+    horizontal, vertical = (draft.points_of("control", known[:, component]) for component in (0, 2))
     helpful = np.append((counts > 1) | horizontal | vertical, False)  # the last: no point
     return PlateRays(
         sound=sound,
@@ -125,13 +123,6 @@ def photo_pairs(draft: Draft, wanted: BoolArray) -> PhotoPairs:
         a=np.concatenate([a, 1.0 / a]),
         b=np.concatenate([b, -b / a]),
     )
-
-
-def sums(values: ComplexArray, index: IntArray, size: int) -> ComplexArray:
-    """Return (size,) the sums of the values at each index."""
-    real = np.bincount(index, weights=values.real, minlength=size)
-    imaginary = np.bincount(index, weights=values.imag, minlength=size)
-    return real + 1j * imaginary
 
 
 def plan(draft: Draft, position: FloatArray) -> ComplexArray:

@@ -18,6 +18,7 @@ from musatpy.formats.draft import AGREES, Draft, first_of_names
 from musatpy.formats.job_tables import COVARIANCES, KEYS, table_of
 from musatpy.formats.system_rows import radians_of
 from musatpy.model import ControlKind, CoordinateSystem
+from musatpy.model.block import known_of_kinds
 from musatpy.model.correlations import LEAST_EIGENVALUE, smallest_eigenvalues
 from musatpy.units import DEGREE
 
@@ -199,9 +200,7 @@ def control_components(draft: Draft) -> Iterator[Problem]:
     """Yield components that a control card says are known but does not give, or gives without a sigma."""
     rows = draft.rows["control"]
     kinds, missing = rows["control.kind"], np.isnan(rows["control.position"])
-    horizontal = np.isin(kinds, (ControlKind.FULL, ControlKind.HORIZONTAL))
-    vertical = np.isin(kinds, (ControlKind.FULL, ControlKind.VERTICAL))
-    needed = known = np.stack([horizontal, horizontal, vertical], axis=-1)
+    needed = known = known_of_kinds(kinds)
     rectangular = draft.given_in is not None and draft.given_in.kind not in list(CoordinateSystem)
     geographic = draft.system is CoordinateSystem.GEOGRAPHIC and not rectangular
     names = ("latitude", "longitude", "height") if geographic else ("X", "Y", "Z")
