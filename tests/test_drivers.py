@@ -10,7 +10,7 @@ from drivers.mutated_decks import absurdities, decks, run
 from drivers.slips import DECKS, UNUSABLE, slips
 from musatpy.model import Grade
 
-_SLOW = [pytest.param(*part, marks=pytest.mark.slow) for part in ((2, 46), (48, 42))]
+_SLOW = [pytest.param(*part, marks=pytest.mark.slow) for part in ((2, 29), (32, 33))]
 
 
 @pytest.mark.parametrize(("first", "count"), [(0, 2), *_SLOW])

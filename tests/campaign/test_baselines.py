@@ -12,12 +12,11 @@ from xml.etree import ElementTree
 
 import pytest
 
-from campaign.batches import ROOT, ST_THOMAS, Here, decks_in, expected, musat
+from campaign.batches import ROOT, ST_THOMAS, Near, decks_in, expected, musat
 from cli import commands
 from musatpy import __version__
 from musatpy.campaign.baseline_checks import check
 from musatpy.campaign.baselines import INDEX, BaselineError, accept, load_baseline, save
-from musatpy.campaign.batch import run_batch
 from musatpy.campaign.locks import FolderLocks, LockedError
 
 cli = partial(commands.musat, "baseline")
@@ -37,15 +36,8 @@ def tree(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module", autouse=True)
 def in_this_process():
-    """Decks of some tenths of a second are not worth the start of another process."""
-
-    def run(plan, *, processes=None, **more):
-        carried = all(job.run is None for job in plan.jobs)  # the run of a compilation does not travel
-        return run_batch(plan, processes=1, executor=Here() if carried else None, **more)
-
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("baselines", "baseline_checks"):
-            patch.setattr(f"musatpy.campaign.{module}.run_batch", run)
+        patch.setattr("musatpy.campaign.batch.LocalExecutor", Near)
         yield
 
 

@@ -4,6 +4,7 @@ import contextlib
 import io
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -14,13 +15,14 @@ from pathlib import Path
 
 import pytest
 
+from campaign.batches import Near
 from cli.commands import musat
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 FENCE = re.compile(r"^```(?P<kind>\w*)\n(?P<text>.*?)^```\n", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\((?P<target>[^)\s]+)\)")
-PLAIN = re.compile(r"musat (?!batch|baseline)(?P<arguments>[\w ./,:=-]+)")
+PLAIN = re.compile(r"musat (?P<arguments>[^|&;<>$]+?)( (?P<stream>2?)> (?P<file>\S+))?( \| (?P<filter>[^|]+))?")
 ANYTHING = "..."
 
 
@@ -80,20 +82,24 @@ class Session:
             return printed.getvalue()
         assert self.status == 0 or example.code == "echo $?", f"the command before ended with {self.status}"
         plain = None if self.shell_only else PLAIN.fullmatch(example.code)
-        return self._by_click(plain["arguments"].split()) if plain else self._by_shell(example.code)
+        return self._by_click(plain) if plain else self._by_shell(example.code)
 
-    def _by_click(self, arguments: list[str]) -> str:
+    def _by_click(self, command: re.Match[str]) -> str:
+        """Run a command in this process, with one of its streams in a file, and its stdout through a filter."""
         with contextlib.chdir(self.folder):
-            ran = musat(*arguments, prog_name="musat", catch_exceptions=False)
-        self.status = ran.exit_code
-        return ran.output
+            ran = musat(*shlex.split(command["arguments"]), prog_name="musat", catch_exceptions=False)
+            self.status, output = ran.exit_code, ran.output
+            if command["file"]:
+                kept, output = (ran.stderr, ran.stdout) if command["stream"] else (ran.stdout, ran.stderr)
+                Path(command["file"]).write_text(kept)
+        return self._by_shell(command["filter"], output) if command["filter"] else output
 
-    def _by_shell(self, code: str) -> str:
+    def _by_shell(self, code: str, read: str = "") -> str:
         ran = subprocess.run(
             ["bash", "-c", f"(exit {self.status}); {code}"],
             cwd=self.folder,
             env=self.environment,
-            stdin=subprocess.DEVNULL,
+            input=read,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -108,6 +114,7 @@ def session(tmp_path, monkeypatch):
     for name in ("fixtures", "card_formats"):
         shutil.copytree(ROOT / name, tmp_path / name)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("musatpy.campaign.batch.LocalExecutor", Near)
     return Session(tmp_path)
 
 

@@ -244,18 +244,21 @@ def test_both_numbers_of_a_line_are_held_against_the_record():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("deck", [ST_THOMAS, SEA, RAW])
-def test_a_changed_digit_of_a_listing_is_found(deck):
-    """Beside its record, and beside the listing as it was, there as one finding in its line."""
+def test_changed_digits_of_a_listing_are_found(deck):
+    """Of sixty numbers at a time: one finding in each line beside the listing as it was, one beside its record.
+
+    But for words of which the record has no number: of 450 digits 437 were found, of any sixty more than 54.
+    """
     _, listing, text = run_of(deck)
     chance = random.Random(450)
-    numbers = re.finditer(r"(?<![\w.])-?\d*\.\d+", listing)
-    beside_record = beside_listing = 0
-    for number in chance.sample(list(numbers), 40):
-        place = chance.choice([n for n in range(*number.span()) if listing[n].isdigit()])
-        digit = chance.choice([digit for digit in "0123456789" if digit != listing[place]])
-        changed = listing[:place] + digit + listing[place + 1 :]
-        beside_record += not compared(changed, text).same
-        found = compare_texts(listing, changed).findings
-        beside_listing += [one.place_a.line for one in found] == [listing.count("\n", 0, place) + 1]
-    # of 450, 437 and 448: some numbers the record has not, and one more second is no minute
-    assert beside_record >= 37 and beside_listing >= 39
+    numbers = list(re.finditer(r"(?<![\w.])-?\d*\.\d+", listing))
+    for _ in range(3):
+        changed = listing
+        lines = {listing.count("\n", 0, number.start()) + 1: number for number in chance.sample(numbers, 60)}
+        for number in lines.values():
+            place = chance.choice([n for n in range(*number.span()) if listing[n].isdigit()])
+            digit = chance.choice([digit for digit in "0123456789" if digit != listing[place]])
+            changed = changed[:place] + digit + changed[place + 1 :]
+        assert sorted(one.place_a.line for one in compare_texts(listing, changed).findings) == sorted(lines)
+        beside_record = {one.place_a.line for one in compared(changed, text).findings}
+        assert beside_record <= {*lines} and len(beside_record) >= 37 / 40 * len(lines)
