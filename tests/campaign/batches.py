@@ -11,6 +11,10 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import pytest
+from click.testing import Result
+
+from cli import commands
 from musatpy.runs import run_deck
 
 ROOT = Path(__file__).parents[2]
@@ -34,6 +38,14 @@ def musat(*arguments: object, cwd: Path | None = None, **more) -> subprocess.Com
     ran = subprocess.run(command(*arguments), cwd=cwd, capture_output=True, text=True, timeout=120, **more)
     assert "Traceback" not in ran.stderr
     return ran
+
+
+def here(*arguments: object, cwd: Path) -> Result:
+    """Run the command in this process, and its jobs too."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(cwd)
+        patch.setattr("musatpy.campaign.batch.LocalExecutor", Near)
+        return commands.musat(*arguments)
 
 
 def start(*arguments: object, cwd: Path) -> subprocess.Popen[str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from campaign.batches import ROOT, ST_THOMAS, assert_whole, command, decks_in, musat, summary_of
+from campaign.batches import ROOT, ST_THOMAS, Here, assert_whole, command, decks_in, here, musat, summary_of
 from cli import commands
 from json_schema import BATCH_MANUAL, BATCH_SCHEMA, load_schema, violations, with_table
 from musatpy.campaign.batch import Ledger, run_batch
@@ -56,8 +56,8 @@ def test_a_folder_of_decks_and_its_summary(tmp_path):
 def test_a_batch_leaves_what_runs_with_the_same_options_leave_and_keeps_it(tmp_path):
     options = ("--csv", "--plots", "--gis", "--crs", "EPSG:26720")
     (deck,) = decks_in(tmp_path / "decks", small=1)
-    ran = musat("batch", deck, "-o", "batch", *options, cwd=tmp_path)
-    assert ran.returncode == 0 and commands.musat("run", deck, "-o", tmp_path / "run", *options).exit_code == 0
+    ran = here("batch", deck, "-o", "batch", *options, cwd=tmp_path)
+    assert ran.exit_code == 0 and commands.musat("run", deck, "-o", tmp_path / "run", *options).exit_code == 0
 
     def left(folder):
         paths = (path.relative_to(tmp_path / folder) for path in (tmp_path / folder).rglob("*") if path.is_file())
@@ -69,7 +69,7 @@ def test_a_batch_leaves_what_runs_with_the_same_options_leave_and_keeps_it(tmp_p
     for name in files:
         if not name.endswith(".gpkg"):  # a database has a time
             assert (tmp_path / "batch" / name).read_bytes() == (tmp_path / "run" / name).read_bytes(), name
-    assert "(1 kept" in musat("batch", deck, "-o", "batch", *options, cwd=tmp_path).stdout
+    assert "(1 kept" in here("batch", deck, "-o", "batch", *options, cwd=tmp_path).stdout
     (record,) = map(json.loads, (tmp_path / "batch/.musat-batch.jsonl").read_text().splitlines())
     assert {*files} == {*record["outcome"]["outputs"]}  # of which none may be gone
     refused = commands.musat("batch", deck, "-o", tmp_path / "batch", "--crs", "EPSG:26720")
@@ -82,31 +82,31 @@ def test_rows_of_the_table_end_at_120_characters_and_say_the_first_error(tmp_pat
     long.write_bytes(ST_THOMAS.read_bytes().replace(*NOT_CONVERGED))
     for name in ("many_errors", "two_parts"):
         shutil.copy(ROOT / f"fixtures/bad_decks/{name}.crd", tmp_path)
-    ran = musat("batch", ".", cwd=tmp_path)
+    ran = here("batch", ".", cwd=tmp_path)
     lines = ran.stdout.splitlines()
     assert max(map(len, lines[:-1])) <= 120 and any(line.startswith("...") for line in lines)
     text = " ".join(ran.stdout.split())
     assert "21 errors, the first: many_errors.crd END: no END card" in text
     assert "1 error: two_parts.crd: the part of the block with photos 851, 852 has no horizontally" in text
-    quiet = musat("batch", "-q", ".", cwd=tmp_path).stderr
+    quiet = here("batch", "-q", ".", cwd=tmp_path).stderr
     assert "unusable" not in quiet and not re.search("^ ", quiet, re.MULTILINE)
 
 
 @pytest.mark.slow
 def test_warnings_of_jobs_that_are_kept_are_counted(tmp_path):
     shutil.copy(ROOT / "fixtures/verdict/iia_same_deck.crd", tmp_path)
-    first, again = (musat("batch", ".", cwd=tmp_path).stderr for _ in range(2))
+    first, again = (here("batch", ".", cwd=tmp_path).stderr for _ in range(2))
     line = "musat: 1 warning of jobs that were kept from an earlier run; --warnings prints them"
     assert "CTX.z: warning" in first and "CTX.z: warning" not in again and line in again.splitlines()
-    assert "CTX.z: warning" in musat("batch", ".", "--warnings", cwd=tmp_path).stderr
+    assert "CTX.z: warning" in here("batch", ".", "--warnings", cwd=tmp_path).stderr
 
 
 @pytest.mark.slow
 def test_doubtful_and_rejected_jobs(tmp_path):
     for name in ("control_in_feet", "cameras_underground"):
         shutil.copy(ROOT / f"fixtures/verdict/{name}.crd", tmp_path)
-    ran = musat("batch", ".", cwd=tmp_path)
-    assert ran.returncode == ExitStatus.REJECTED
+    ran = here("batch", ".", cwd=tmp_path)
+    assert ran.exit_code == ExitStatus.REJECTED
     assert {Path(job["deck"]).stem: (job["state"], job["status"]) for job in summary_of(tmp_path)["jobs"]} == {
         "control_in_feet": ("doubtful", 0),
         "cameras_underground": ("rejected", 4),
@@ -114,8 +114,8 @@ def test_doubtful_and_rejected_jobs(tmp_path):
     for stream in (ran.stdout, ran.stderr):  # the table, and what is wrong
         assert "as if control were in feet" in stream and "the camera is below the ground" in stream
     (tmp_path / "cameras_underground.crd").unlink()
-    assert musat("batch", ".", cwd=tmp_path).returncode == ExitStatus.DONE
-    assert musat("batch", ".", "--strict", cwd=tmp_path).returncode == ExitStatus.REJECTED
+    assert here("batch", ".", cwd=tmp_path).exit_code == ExitStatus.DONE
+    assert here("batch", ".", "--strict", cwd=tmp_path).exit_code == ExitStatus.REJECTED
 
 
 def test_the_manual_has_the_schema_of_the_summary():
@@ -129,7 +129,7 @@ def test_the_manual_has_the_schema_of_the_summary():
 def test_a_batch_writes_what_of_records_is_asked_for(tmp_path, content, left):
     decks_in(tmp_path, small=1)
     plan = plan_of([tmp_path], tmp_path / "out", JobOptions(record=content))
-    (outcome,) = run_batch(plan).outcomes
+    (outcome,) = run_batch(plan, executor=Here()).outcomes
     assert sorted(outcome.outputs) == left
     assert [one.kept for one in run_batch(plan).outcomes] == [True]
     if content == "tables":

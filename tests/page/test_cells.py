@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
-from campaign.batches import ST_THOMAS, musat
+from campaign.batches import ST_THOMAS, here
 from musatpy.campaign.batch_jobs import BatchJob, JobOutcome, JobState
 from musatpy.campaign.batch_reports import index_page
 from musatpy.page import compilation_page, run_page
@@ -130,8 +130,8 @@ def test_links_lead_to_what_jobs_left(tmp_path):
     decks.mkdir()
     shutil.copy(ST_THOMAS, decks / HOSTILE)
     shutil.copy(ROOT / "fixtures" / "bad_decks" / "two_parts.crd", decks)
-    ran = musat("batch", "decks", "-o", "out", "--html", "-j", "2", cwd=tmp_path)
-    assert ran.returncode == 1 and ran.stdout.rstrip().endswith("index out/musat-batch.html")
+    ran = here("batch", "decks", "-o", "out", "--html", "-j", "2", cwd=tmp_path)
+    assert ran.exit_code == 1 and ran.stdout.rstrip().endswith("index out/musat-batch.html")
     html = (tmp_path / "out" / "musat-batch.html").read_text()
     reader = Reader(html)
     assert not [tag for tag, _ in reader.tags if tag == "img"]
@@ -141,6 +141,6 @@ def test_links_lead_to_what_jobs_left(tmp_path):
     assert all((tmp_path / "out" / unquote(link)).exists() for link in links)
     page = next(tmp_path / "out" / unquote(link) for link in links if link.endswith(".html"))
     written = page.stat().st_mtime_ns
-    ran = musat("batch", "decks", "-o", "out", "--html", cwd=tmp_path)
+    ran = here("batch", "decks", "-o", "out", "--html", cwd=tmp_path)
     assert "1 kept from an earlier run" in ran.stdout and page.stat().st_mtime_ns == written
     assert (tmp_path / "out" / "musat-batch.html").read_text() == html
