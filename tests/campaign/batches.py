@@ -6,7 +6,9 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from concurrent.futures import Executor, Future
+from contextlib import chdir, contextmanager
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -40,11 +42,17 @@ def musat(*arguments: object, cwd: Path | None = None, **more) -> subprocess.Com
     return ran
 
 
+@contextmanager
+def near() -> Iterator[None]:
+    """Have batches run their jobs in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("musatpy.campaign.batch.LocalExecutor", Near)
+        yield
+
+
 def here(*arguments: object, cwd: Path) -> Result:
     """Run the command in this process, and its jobs too."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(cwd)
-        patch.setattr("musatpy.campaign.batch.LocalExecutor", Near)
+    with near(), chdir(cwd):
         return commands.musat(*arguments)
 
 

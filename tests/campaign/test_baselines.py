@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from campaign.batches import ROOT, ST_THOMAS, Near, decks_in, expected, musat
+from campaign.batches import ROOT, ST_THOMAS, decks_in, expected, musat, near
 from cli import commands
 from musatpy import __version__
 from musatpy.campaign.baseline_checks import check
@@ -36,8 +36,7 @@ def tree(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module", autouse=True)
 def in_this_process():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("musatpy.campaign.batch.LocalExecutor", Near)
+    with near():
         yield
 
 

@@ -68,7 +68,7 @@ def test_run_says_on_one_line_what_came_of_it(deck):
         (None, ["-q"], 3, "", "not converged: "),
         (
             UNDERGROUND,
-            [],
+            ["--causes", "none"],
             4,
             ": REJECTED, sigma0 26.7346",
             ": rejected: photos 1, 2, 3: the camera is below the ground",

@@ -137,30 +137,29 @@ def test_a_listing_that_nobody_reads_is_no_bad_deck(tmp_path):
         (("run", DECK, "--gis", "--crs", "EPSG:32620"), "shapely", "gis"),
         (("batch", DECK, "--html"), "jinja2", "report"),
         (("batch", DECK, "--cluster", "tcp://localhost:1"), "distributed", "cluster"),
-        (("plot", "DIR/st_thomas.json"), "matplotlib", "plots"),
-        (("report", "DIR/st_thomas.json"), "jinja2", "report"),
-        (("report", "DIR/st_thomas.json"), "matplotlib", "report"),
+        (("plot", "RECORD"), "matplotlib", "plots"),
+        (("report", "RECORD"), "jinja2", "report"),
+        (("report", "RECORD"), "matplotlib", "report"),
         (("depth", "picture", "DIR/m.png", "--height", 3, "--base", 1, "--index", 1.34), "matplotlib", "plots"),
         (
-            ("depth", "correct", "DIR/points.las", "-o", "DIR/d.las", "--cameras", "DIR/st_thomas.json"),
+            ("depth", "correct", "DIR/points.las", "-o", "DIR/d.las", "--cameras", "RECORD"),
             "laspy",
             "las",
         ),
-        (("correct", "DIR/points.las", "--run", "DIR/st_thomas.json", "-o", "DIR/true.las"), "laspy", "las"),
-        (("correct", "DIR/points.gpkg", "--run", "DIR/st_thomas.json", "-o", "DIR/true.gpkg"), "pyogrio", "gis"),
+        (("correct", "DIR/points.las", "--run", "RECORD", "-o", "DIR/true.las"), "laspy", "las"),
+        (("correct", "DIR/points.gpkg", "--run", "RECORD", "-o", "DIR/true.gpkg"), "pyogrio", "gis"),
         (("as11", "contours", "DIR/depths.tif", "-o", "DIR/c.gpkg", "--interval", "1"), "rasterio", "gis"),
-        (("as11", "compile", "DIR/st_thomas.json", COMPILED, "--gis", "-o", "DIR"), "pyogrio", "gis"),
-        (("as11", "compile", "DIR/st_thomas.json", COMPILED, "--las", "-o", "DIR"), "laspy", "las"),
+        (("as11", "compile", "RECORD", COMPILED, "--gis", "-o", "DIR"), "pyogrio", "gis"),
+        (("as11", "compile", "RECORD", COMPILED, "--las", "-o", "DIR"), "laspy", "las"),
         (("waves", ROOT / "fixtures/waves/bay.toml", "--plots", "-o", "DIR"), "matplotlib", "plots"),
     ],
 )
-def test_a_missing_package_is_one_line_with_status_1(tmp_path, monkeypatch, words, package, extra):
-    assert musat("run", "-q", DECK, "-o", tmp_path).exit_code == 0
+def test_a_missing_package_is_one_line_with_status_1(tmp_path, monkeypatch, run_record, words, package, extra):
     for name in ("points.las", "points.gpkg", "depths.tif"):
         (tmp_path / name).write_bytes(b"")
     for name in [name for name in sys.modules if name.partition(".")[0] == package] + [package]:
         monkeypatch.setitem(sys.modules, name, None)
-    result = musat(*(str(word).replace("DIR", str(tmp_path)) for word in words))
+    result = musat(*(str(word).replace("DIR", str(tmp_path)).replace("RECORD", str(run_record)) for word in words))
     assert result.exit_code == 1 and result.stdout == ""
     assert re.fullmatch(
         rf"musat: [\w ]+ needs? the package {package}: pip install 'musatpy\[{extra}\]'\n", result.stderr

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from campaign.batches import Near
+from campaign.batches import near
 from cli.commands import musat
 
 ROOT = Path(__file__).parents[2]
@@ -114,8 +114,8 @@ def session(tmp_path, monkeypatch):
     for name in ("fixtures", "card_formats"):
         shutil.copytree(ROOT / name, tmp_path / name)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("musatpy.campaign.batch.LocalExecutor", Near)
-    return Session(tmp_path)
+    with near():
+        yield Session(tmp_path)
 
 
 @pytest.mark.slow
