@@ -96,6 +96,17 @@ def test_control_in_another_system_than_positions(exact: Scene, tmp_path: Path, 
     at = WGS84.geographic(np.array([geocentric(C) for C in exact.C]))
     with pytest.raises(ModelError, match=r"gcp_list\.txt: control is 7,\d\d\d km from the positions of the photos"):
         georeferenced(chunk, ellipsoid, control, level, at, np.ones(at.shape))
+    level, ellipsoid = level_positions(control.position, UTM)
+    model = opensfm.read_model(write_opensfm(tmp_path, exact))
+    for positions in (at + np.array([0.0, 0.0, 30.0]), np.roll(at, 1, axis=0)):  # of a geoid, of other photos
+        with pytest.raises(
+            ModelError, match=r"does not fit its places: it misses 6 control points by [\d., ]+ m and 12"
+        ):
+            georeferenced(model, ellipsoid, control, level, positions, np.full(at.shape, 0.03))
+    with pytest.raises(
+        ModelError, match=r"gcp_list\.txt: images of control miss .* measured on photos of another size"
+    ):
+        georeferenced(chunk, ellipsoid, replace(control, pixel=0.5 * control.pixel), level)
 
 
 def off_truth(of: Scene, model: Model, found: Georeference) -> float:

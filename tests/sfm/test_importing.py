@@ -54,7 +54,7 @@ def test_heights_of_control_above_a_geoid(tmp_path: Path, exact: Scene) -> None:
     heights = []
     for path, options in ((plain, ()), (above, grid)):
         assert (
-            "placed by 6 control: RMS east, north, up 0.000"
+            "placed by 6 control points: RMS east, north, up 0.000"
             in imported("colmap", tmp_path, "--gcp", path, *options).output
         )
         heights.append(read_deck(tmp_path / "a.job").control.position[:, 2])
@@ -68,7 +68,10 @@ def test_positions_without_heights_take_part_in_plan(tmp_path: Path, exact: Scen
     gnss = ("--gnss", exposures(tmp_path / "exif.csv", exact, "16,1,1,2"))
     text = f"{len(exact.names)} photos have positions without heights of use: --heights takes them, with 10 m"
     control = ("--gcp", gcp_list(tmp_path / "gcp_list.txt", exact))
-    assert text in imported("colmap", tmp_path, *gnss, *control).output
+    output = imported("colmap", tmp_path, *gnss, *control).output
+    assert text in output and "no level of the water is given (--tide, --level): all points are taken" in output
+    output = imported("colmap", tmp_path, *gnss, *control, "--level", 131.0, status=1).output
+    assert "the water at 131.00 m is above the lowest photo" in output and "add_photo" not in output
     photos = read_deck(tmp_path / "a.job").photos
     np.testing.assert_array_equal(photos.position_sigma, np.tile([5.0, 5.0, np.nan], (len(exact.names), 1)))
     np.testing.assert_allclose(photos.position[:, :2], stations_of(exact, 0.0)[:, :2], atol=1e-12)

@@ -97,6 +97,17 @@ def test_errors_near_the_water_are_within_sigmas_that_cover_wet_and_dry() -> Non
     assert tally.corrected == COUNT and np.isfinite(tally.rms("sigma_z"))
 
 
+def test_a_cloud_that_is_not_where_the_adjusted_points_are_is_doubtful() -> None:
+    """Those of a run come another way: a cloud above another datum, or corrected before, misses them."""
+    method, ground, cloud = shore()
+    method = replace(method, adjusted=ground[::2], run=replace(method.run, caution="the run is rejected"))
+    for up, count in ((0.0, 0), (1.0, 1), (-1.0, 1)):
+        tally = Tally.of(corrected(method, cloud[::6] + np.array([0.0, 0.0, up]))[0], method.reasons)
+        verdict, *others = method.doubts(tally)
+        assert verdict == "the run is rejected" and len(others) == count
+        assert all(("higher, 0 lower" in text) == (up > 0.0) for text in others)
+
+
 def test_what_is_outside_of_the_water_is_dry_though_it_is_low(tmp_path: Path) -> None:
     ring = [[-50.0, -50.0], [0.0, -50.0], [0.0, 50.0], [-50.0, 50.0], [-50.0, -50.0]]
     (tmp_path / "water.json").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))

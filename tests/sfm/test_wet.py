@@ -110,6 +110,12 @@ def test_heights_decide_near_a_shore_of_a_model_that_is_off(tmp_path: Path) -> N
     east = -122.5 + np.array([-3.0, -1.0, 1.0, 3.0]) * metre / np.cos(np.radians(47.5))
     codes = shore.codes(np.column_stack([east, np.full(4, 47.5)]), 2.0 * metre)
     assert codes.tolist() == [DRY, NOTHING, NOTHING, WET]
+    stations = np.radians([[47.5, 237.49, 0.0], [47.51, 237.5, 0.0]])  # east of Greenwich to the end
+    assert len(read_water(path, "right", geographic=True, stations=stations).shore)
+    with pytest.raises(
+        ModelError, match=r"it has water at .* alone; expected: some near the photos, which are at 243"
+    ):
+        read_water(path, "right", geographic=True, stations=stations + 0.1)
 
 
 def test_a_shoreline_has_the_water_on_one_side(tmp_path: Path) -> None:

@@ -135,10 +135,9 @@ def _through_sea(ctx: click.Context, points: Path, surface: Path, source: Path, 
     sea_commands.correct_through(ctx, points, surface, pair, precision, given, source)
 
 
-def correct(ctx: click.Context, points: Path, source: Path, *, is_run: bool, strict: bool, **given: Any) -> None:
+def correct(ctx: click.Context, points: Path, source: Path, *, is_run: bool, **given: Any) -> None:
     """Correct the points of a file by the stations of a run, or of a table."""
     from musatpy.correction.photographs import ByPhotographs
-    from musatpy.runs import ExitStatus
 
     options.refuse_overwriting([given["out"]], [points, source])
     options.columns_of(points, given["columns"])
@@ -148,12 +147,20 @@ def correct(ctx: click.Context, points: Path, source: Path, *, is_run: bool, str
         raise click.UsageError(message)
     known = {points.suffix.lower(), given["out"].suffix.lower()} <= {*_TABLES_AND_CLOUDS}
     method = ByPhotographs(system=photographs.cameras.system, photographs=photographs, index=index)
-    method, tally = sea_commands.write_corrected(points, method, given, bar=known, **_more(given))
+    _write(ctx, points, method, given, bar=known)
+
+
+def _write(ctx: click.Context, points: Path, method: Any, given: dict[str, Any], *, bar: bool = True) -> None:
+    """Correct the points of a file, and tell what speaks against them."""
+    from musatpy.runs import ExitStatus
+
+    more = {"geoid": given["geoid"], "surface": given["surface"], "jobs": given["processes"] or cores()}
+    method, tally = sea_commands.write_corrected(points, method, given, bar=bar, **more)
     for doubt in (doubts := method.doubts(tally)):
         complain(f"{name_of(points)}: doubtful: {doubt}")
     if why := method.rejection(tally):
         sea_commands.reject(ctx, points, why)
-    if strict and doubts:
+    if given["strict"] and doubts:
         ctx.exit(ExitStatus.REJECTED)
 
 
@@ -169,16 +176,7 @@ def _by_job(
         raise click.UsageError(message)
     options.refuse_overwriting([given["out"]], [points, run])
     method = by_file_cameras(run, job, in_model=in_model, **how)
-    method, tally = sea_commands.write_corrected(
-        points, method, given | {"crs": None} if in_model else given, **_more(given)
-    )
-    if why := method.rejection(tally):
-        sea_commands.reject(ctx, points, why)
-
-
-def _more(given: dict[str, Any]) -> dict[str, Any]:
-    """Return what corrections by all photographs take beside what all take."""
-    return {"geoid": given["geoid"], "surface": given["surface"], "jobs": given["processes"] or cores()}
+    _write(ctx, points, method, given | {"crs": None} if in_model else given)
 
 
 def _photographs(source: Path, is_run: bool, given: dict[str, Any]) -> tuple[Photographs, float]:

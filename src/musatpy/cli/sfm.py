@@ -76,6 +76,10 @@ def import_command(form: str, path: Path, out: Path, quiet: bool, **given: Any) 
         raise click.UsageError(f"-o {name_of(out)}: a job folder is called NAME{_JOB}")
     if given["tide"] is not None and not given["tide_datum"]:
         raise click.UsageError("--tide needs --tide-datum, the height of its zero")
+    if given["tide"] is None and given["level"] is None and (given["water"] or given["flags"]):
+        raise click.UsageError("--water and --wet need the level of the water: --tide, or --level")
+    if given["tide"] is not None and given["level"] is not None:
+        raise click.UsageError("--tide and --level: one or the other")
     if given["images"] is not None and form != "metashape":
         raise click.UsageError(f"--images is of metashape: a model of {form} has its own")
     photos = out.with_name(f"{out.stem}.photos.csv")

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import pyproj
@@ -31,23 +31,28 @@ from musatpy.compilation.triangulation import AdjustedRun, covariances_in, of_re
 from musatpy.compilation.true_points import at_rest, nearest_to_rays, network_of_plates, settled
 from musatpy.correction.methods import REASON, S44, CorrectedPoints, Method, ResultColumn, Tally
 from musatpy.depth.cameras import system_of_points
-from musatpy.errors import AdjustmentError, DepthError, Problem, ProblemsError
+from musatpy.errors import AdjustmentError, DepthError, Problem, ProblemsError, count_of
 from musatpy.geometry.geodesy import surface, water_heights
 from musatpy.model import PlateMeasurements, Points
 from musatpy.model.tables import finite_rows, taken
 from musatpy.records import run_tables
+from musatpy.records.tables import numbers
 from musatpy.reduction.displacements import EARTH_RADIUS
 from musatpy.reduction.pixel_lens import PixelLens
 from musatpy.refraction.apparent import Fault
 from musatpy.sfm.export import adjusted_lenses, read_run
-from musatpy.sfm.model import links
+from musatpy.sfm.model import links, spread
 from musatpy.sfm.source import FileCameras, cameras_of_job, spread_over
-from musatpy.sfm.wet import NOTHING, WaterArea, Wet, Wetness, read_water, wetness
+from musatpy.sfm.wet import LIMIT, METRE, NOTHING, WaterArea, Wet, Wetness, read_water, wetness
 from musatpy.soundings.s44 import orders_by_sigmas
 from musatpy.units import DEGREE, MICROMETRE
 
 _SHORE = 2.0  # m, from a shore to where heights decide: without water in its bundle a cloud is off in plan
 MODEL = "model"  # the system of points in the coordinates of the model itself
+_BESIDE, _COMPARED = 1.0, 2000  # m in plan, to adjusted points, and points of a part of a file that are compared
+_STEP, _SLOPE = 0.1, 0.5  # m, and of the distance, that heights of these may differ by
+_AS_HIGH = tuple(f"{words} adjusted points within a metre" for words in ("as high as", "higher than", "lower than"))
+_LEAST, _SHARE = 10, 1 / 3  # points, and share of those compared, that are no chance and no trees
 _COLUMNS = {
     "depth": ResultColumn("below the water of its photos, m"),
     "sigma_depth": ResultColumn("m"),
@@ -55,7 +60,7 @@ _COLUMNS = {
     "sigma_h": ResultColumn("of the position in plan, m"),
     "dz": ResultColumn("true minus apparent height, m"),
     "incidence": ResultColumn("mean angle in air, degrees", "deg", decimals=2, in_layers=False),
-    "rays": ResultColumn("photos that it is taken from", "", "u2"),
+    "rays": ResultColumn("photos that it is taken from", "", "u2", decimals=0),
     "py": ResultColumn("RMS of its residuals, um", "um", decimals=2, in_layers=False),
     "s44": S44,
     "reason": REASON,
@@ -74,6 +79,7 @@ class ByFileCameras(Method):
     most: int  # rays of a point
     in_model: bool = False  # the points are in the coordinates of the model
     water: WaterArea | None = None  # outside of which all is dry
+    adjusted: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))  # (p, 3) level, of the points of the run
     error: ClassVar[type[ProblemsError]] = DepthError
     of_records: ClassVar[bool] = False
 
@@ -97,9 +103,24 @@ class ByFileCameras(Method):
             "no point is corrected: are they in the system of the job? Those of the model itself need --crs model"
         )
 
+    def doubts(self, tally: Tally) -> list[str]:
+        """Return what speaks against the result: the verdict on the run, and heights of its own points."""
+        doubts = [": ".join(part for part in (self.run.caution, self.run.because) if part)] * bool(self.run.caution)
+        for kind in ("wet", "dry"):
+            level, higher, lower = (tally.taken[f"{kind}, {words}"] for words in _AS_HIGH)
+            if higher + lower > max(_LEAST, _SHARE * (level + higher + lower)):
+                doubts.append(
+                    f"{higher} {kind} points are higher, {lower} lower, {level} as high as adjusted points beside "
+                    "them: is the cloud of another model, was it corrected before, or is its datum another one?"
+                )
+        return doubts
+
     def lines(self, tally: Tally) -> list[str]:
         """Return what has come of points in words, and what said that they are wet or dry."""
-        return [*super().lines(tally), *(f"{number} points {words}" for words, number in tally.taken.items())]
+        return [
+            *super().lines(tally),
+            *(f"{count_of(number, 'point')} {words}" for words, number in tally.taken.items()),
+        ]
 
     def corrected(self, points: FloatArray, covariance: FloatArray, classes: IntArray) -> CorrectedPoints:
         """Return what comes of finite points (n, 3) of `classes` (n,); their covariances have no part in it."""
@@ -129,7 +150,7 @@ class ByFileCameras(Method):
         if self.water is not None:
             plan, metre = level[:, :2], 1.0
             if self.cameras.placement.ellipsoid is not None:
-                plan, metre = np.degrees(level[:, 1::-1]), float(np.degrees(1.0 / EARTH_RADIUS))
+                plan, metre = np.degrees(level[:, 1::-1]), METRE
             areas = self.water.codes(plan, _SHORE * metre)
 
         every = PlateMeasurements(
@@ -148,10 +169,41 @@ class ByFileCameras(Method):
 
         for _ in in_parts(meet, np.arange(len(some)), AdjustmentError):
             pass  # those whose rays cannot be followed stay without
+        sure = fault == Fault.NONE
+        taken += self._compared(true[sure], values["depth"][sure], values["sigma_z"][sure])
         corrected = np.isin(fault, (Fault.NONE, Fault.UNDECIDED))
         values["dz"][corrected] = true[corrected, 2] - level[corrected, 2]
         true[corrected] = self.system.coordinates(true[corrected])
         return CorrectedPoints(true=true, fault=fault, values=values, taken=taken)
+
+    @cached_property
+    def _adjusted(self) -> Any:
+        """The adjusted points in plan, m, to be asked for the nearest."""
+        from scipy.spatial import KDTree  # it takes long to load
+
+        return KDTree(self.adjusted[:, :2] * self._metres)
+
+    @cached_property
+    def _metres(self) -> FloatArray:
+        """(2,) m of a unit of level coordinates in plan."""
+        if self.cameras.placement.ellipsoid is None:
+            return np.ones(2)
+        return EARTH_RADIUS * np.array([1.0, np.cos(self.adjusted[:, 0].mean())])
+
+    def _compared(self, true: FloatArray, depth: FloatArray, sigma: FloatArray) -> Counter[str]:
+        """Return how many corrected points (k, 3) are as high as adjusted ones beside them, higher, or lower.
+
+        depth, sigma: (k,) m, of their heights. Those of the run have come from other images, by another way.
+        """
+        rows = spread(len(true), _COMPARED)
+        if not len(rows) or not len(self.adjusted):
+            return Counter()
+        away, nearest = self._adjusted.query(true[rows, :2] * self._metres, distance_upper_bound=_BESIDE)
+        rows, away, nearest = (values[np.isfinite(away)] for values in (rows, away, nearest))
+        gap = true[rows, 2] - self.adjusted[nearest, 2]
+        side = np.where(np.abs(gap) > _STEP + _SLOPE * away + LIMIT * sigma[rows], np.sign(gap), 0.0)
+        kinds = np.where(depth[rows] > 0.0, "wet", "dry").tolist()
+        return Counter(f"{kind}, {_AS_HIGH[int(of)]}" for kind, of in zip(kinds, side.tolist(), strict=True))
 
     def _placed(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points (n, 3) in level coordinates, and in those of the model."""
@@ -184,7 +236,8 @@ class ByFileCameras(Method):
         covariances = covariances_in(self.run, network.pattern, network.border.size)
         sigma = self._sigmas(network, state, groups, seen, covariances)
         self._describe(network, state, groups, known, rows, values)
-        taken = stated(-values["depth"][rows], sigma[:, 2], zeros, zeros)
+        dry = self.run.block.water is None
+        taken = stated(zeros + np.inf if dry else -values["depth"][rows], sigma[:, 2], zeros, zeros)
         near = known & (taken.code == Wet.UNDECIDED)
         larger, off = sigma.copy(), np.zeros(len(rows))
         for side in (False, True):  # of those that have rays on the other one
@@ -314,12 +367,12 @@ def by_file_cameras(
     Raises `CompilationError`, `RecordError`, `ModelError`, `DepthError` where the run does not go with the cameras.
     """
     cameras, run = cameras_of_job(job), of_record(record, ideal=True)
-    tables = read_run(record, ("adjusted_parameters", "cameras", *run_tables.SYSTEM))
+    tables = read_run(record, ("adjusted_parameters", "cameras", "points", *run_tables.SYSTEM))
     rows, known = links(cameras.photos.tolist(), run.block.photos.ids.tolist())
     if not known.any():
         message = "none of its photos is one of the cameras of the job: it is the run of another job"
         raise DepthError([Problem(message=message, file=str(record))])
-    block = run.block
+    block, position = run.block, numbers(tables["points"], "position", 3)
     centred = replace(block.cameras, principal_point=np.zeros_like(block.cameras.principal_point))
     sigma = block.options.plate_sigma * run.unit_sigma if image_sigma is None else image_sigma * cameras.size
     return ByFileCameras(
@@ -331,7 +384,13 @@ def by_file_cameras(
         sigma=sigma,
         most=most,
         in_model=in_model,
+        adjusted=run_tables.level_positions(tables, position[finite_rows(position)]),
         water=None
         if water is None
-        else read_water(water, side, geographic=cameras.placement.ellipsoid is not None),
+        else read_water(
+            water,
+            side,
+            geographic=cameras.placement.ellipsoid is not None,
+            stations=cameras.placement.positions(cameras.centre),
+        ),
     )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, rows_of
-from musatpy.model import Cause, Refraction
+from musatpy.model import Cause, ObservationKind, Refraction
 from musatpy.page import accuracy, page_tables
 from musatpy.page.page_tables import cell_text, number_text, significant, size_text
 from musatpy.page.rendering import Fact, Facts, Page, PageTable, Part, Sentences
@@ -251,7 +251,8 @@ def _accuracy(tables: Tables) -> Iterator[Part]:
 
 def _camera(tables: Tables) -> Iterator[Part]:
     yield from page_tables.tables_of(_CAMERA, tables)
-    yield Sentences(texts=[_HELD])
+    if ObservationKind.LENS.label not in part(tables, "adjusted_parameters").get("kind", ()):
+        yield Sentences(texts=[_HELD])
     water = part(tables, "adjusted_water")
     if water:
         yield Facts(list(_water(tables)))

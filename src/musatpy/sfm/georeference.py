@@ -27,6 +27,9 @@ _STEPS, _AT_REST = 50, 1e-9
 _GROSS = 5.0  # robust scales
 _LEAST_WRONG = 5.0  # px, of the image of a control point
 _FAR = 1e5  # m, between control and photos
+_MOST_PIXELS = 20.0  # px, of half of the images of control: a bundle that knew of no water misses by one or two
+_MOST_BENT = 0.03  # of the distance of points, that half of the places miss by: such a bundle bends them by less
+_NO_CHANCE = 10.0  # sigmas
 _MOST_TURN = 0.1  # rad: the sigma of a turn that is as good as unknown
 
 
@@ -128,6 +131,7 @@ def georeferenced(
         _Places(x=x[rows], y=y[rows], sigma=sigma[rows], group=(rows >= count).astype(np.int64)), metric
     )
     placed = np.where(known[:, None], similarity.apply(x) - y, np.nan)
+    _require_fit(model, placed, sigma, check, count, similarity.scale)
     wrong += [
         f"{names[row]} is {', '.join(f'{value:.2f}' for value in placed[row].tolist())} m off, east, north, up"
         for row in rows[gross].tolist()
@@ -167,6 +171,12 @@ def _intersected(model: Model, control: ImagedControl | None) -> tuple[FloatArra
     gap = model.gaps(place, control.photo, control.point, control.pixel)
     size = np.linalg.norm(gap, axis=1)
     seen = np.isfinite(size)
+    if seen.any() and (middle := float(np.median(size[seen]))) > _MOST_PIXELS:
+        message = (
+            f"images of control miss where their rays meet by {middle:.0f} px (median): were they measured on "
+            "photos of another size, or do they count from another corner?"
+        )
+        raise ModelError([Problem(message=message, file=control.source)])
     usual = max(_LEAST_WRONG, _GROSS * spread(size[seen], 0.0))
     wrong = [
         f"control point {control.ids[control.point[row]]} is {size[row]:.1f} px off on "
@@ -174,6 +184,28 @@ def _intersected(model: Model, control: ImagedControl | None) -> tuple[FloatArra
         for row in np.flatnonzero(seen & (size > usual)).tolist()
     ]
     return place, notes, wrong
+
+
+def _require_fit(
+    model: Model, off: FloatArray, sigma: FloatArray, check: BoolArray, control: int, scale: float
+) -> None:
+    """Raise `ModelError` where half of the places (k, 3), the first of control, miss by more than bundles bend."""
+    away = model.position[model.point] - model.centre[model.photo]
+    least = _MOST_BENT * scale * float(np.median(np.linalg.norm(away, axis=1))) if len(away) else np.inf
+    given, medians, far = np.isfinite(off + sigma).all(axis=1) & ~check, list[str](), False
+    for what, part in (("control points", slice(control)), ("photos", slice(control, None))):
+        some = np.abs(off[part][given[part]])
+        if len(some):
+            middle, doubt = np.median(some, axis=0), np.median(sigma[part][given[part]], axis=0)
+            far |= bool((middle > np.maximum(least, _NO_CHANCE * doubt)).any())
+            medians.append(f"{len(some)} {what} by {', '.join(f'{value:.1f}' for value in middle.tolist())} m")
+    if far:
+        message = (
+            f"the model does not fit its places: it misses {' and '.join(medians)} (medians; east, north, up). Are "
+            "heights above the geoid and above the ellipsoid, or metres and feet mixed, are coordinates exchanged, "
+            "or are the positions those of other photos?"
+        )
+        raise ModelError([Problem(message=message)])
 
 
 def _solved(of: _Places, metric: bool) -> tuple[Similarity, BoolArray]:

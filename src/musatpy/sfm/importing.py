@@ -11,12 +11,11 @@ from typing import Any, cast
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.errors import Problem
+from musatpy.errors import DeckError, Problem, SystemsError, count_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block
 from musatpy.model.tables import finite_rows
 from musatpy.pointfiles.gauges import read_tide, stamp
-from musatpy.reduction.displacements import EARTH_RADIUS
 from musatpy.sfm import bingo, colmap, metashape, opensfm
 from musatpy.sfm.block import Beside, Placement, block_of
 from musatpy.sfm.control import ImagedControl, read_control
@@ -28,7 +27,7 @@ from musatpy.sfm.source import FileCameras
 from musatpy.sfm.thinning import thinned
 from musatpy.sfm.tides import PhotoLevels, datum_heights, given_levels, tide_levels
 from musatpy.sfm.times import SOURCES, Exposures, clock_offset, read_exposures
-from musatpy.sfm.wet import LIMIT, Wet, Wetness, read_flags, read_water, wetness
+from musatpy.sfm.wet import LIMIT, METRE, Wet, Wetness, read_flags, read_water, wetness
 
 _METRIC = 1e-9  # by which the scale of a file in metres may miss 1
 _PIXEL = 0.0024  # mm
@@ -117,7 +116,7 @@ def imported(asked: Asked, title: str) -> Imported:
     proof = prove(model, str(asked.images or asked.path), bingo.CONVENTIONS if asked.images else None)
     model = of_placed_points(model)
     lines, warnings = [_size(model)], [*model.notes, *proof.notes]
-    lines.append(f"straight rays miss {proof.images} of the images by {proof.median:.2f} px (median)")
+    lines.append(f"straight rays miss images by {proof.median:.2f} px (median of {proof.images})")
     exposures = _exposures(asked, model)
     control = None if asked.gcp is None else read_control(asked.gcp, model)
     geo, control_level = _placed(asked, model, control, exposures)
@@ -132,14 +131,11 @@ def imported(asked: Asked, title: str) -> Imported:
             lines.append(f"{flat} photos have positions without heights of use: --heights takes them, with 10 m")
         warnings += clock_offset(exposures).warnings()
     wet = _wetness(asked, model, geo, levels)
-    lines += [f"{count} points {words}" for words, count in wet.counts().items()]
-    if wet.against.any():
-        names = ", ".join(model.points[wet.against][:5].tolist())
-        warnings.append(f"{np.count_nonzero(wet.against)} points are wet or dry against their heights: {names}")
+    lines += [f"{count_of(count, 'point')} {words}" for words, count in wet.counts().items()]
+    warnings += _of_water(model, levels, wet)
     model, gross = of_good_images(model, max(MOST, _GROSS * proof.median), wet.code == Wet.DRY)
     warnings += gross
-    always = np.zeros(len(model.points), dtype=bool)
-    kept = thinned(model, wet.code, always, asked.per_photo)
+    kept = thinned(model, wet.code, np.zeros(len(model.points), dtype=bool), asked.per_photo)
     used = kept.kept & (wet.code < Wet.UNDECIDED)
     lines.append(f"{np.count_nonzero(used)} of {len(model.points)} points are taken into the job")
     if kept.double.any():
@@ -149,10 +145,14 @@ def imported(asked: Asked, title: str) -> Imported:
     tide = {} if levels is None or exposures is None else levels.kept(exposures.time)
     stated = model.pixel_size[np.isfinite(model.pixel_size)].tolist()
     size = asked.pixel_size or next(iter(stated), _PIXEL)
-    block = block_of(
-        model, geo.placement, beside, used, size=size, image_sigma=asked.image_sigma * size,
-        index=asked.index, index_sigma=asked.index_sigma, held=asked.held, title=title,
-    )  # fmt: skip
+    try:
+        block = block_of(
+            model, geo.placement, beside, used, size=size, image_sigma=asked.image_sigma * size,
+            index=asked.index, index_sigma=asked.index_sigma, held=asked.held, title=title,
+        )  # fmt: skip
+    except DeckError as error:  # whose fields are those of a deck that is built
+        wrong = [problem for problem in error.problems if problem.severity == "error"]
+        raise ModelError([replace(problem, card=None, field=None) for problem in wrong]) from None
     return Imported(
         block=block,
         source=FileCameras.of(model, geo.placement, size, asked.held).arrays() | tide,
@@ -161,6 +161,18 @@ def imported(asked: Asked, title: str) -> Imported:
         warnings=tuple(warnings),
         photos_csv=_table(model, exposures, levels),
     )
+
+
+def _of_water(model: Model, levels: PhotoLevels | None, wet: Wetness) -> Iterator[str]:
+    """Yield what is to be warned of, where nothing says how high the water is, or heights say another thing."""
+    if levels is None:
+        yield "no level of the water is given (--tide, --level): all points are taken as dry"
+    if wet.against.any():
+        names = ", ".join(model.points[wet.against][:5].tolist())
+        yield (
+            f"{np.count_nonzero(wet.against)} of {len(model.points)} points are wet or dry against their heights: "
+            f"{names}; look at the level of the water (unit, sign, datum), and at what says where it is"
+        )
 
 
 def _of_lens(code: IntArray) -> Iterator[str]:
@@ -191,7 +203,7 @@ def clock_lines(exposures: Exposures) -> list[str]:
 
 def _size(model: Model) -> str:
     counts = len(model.photos), len(model.cameras), len(model.points), len(model.photo)
-    return "{} photos, {} cameras, {} points, {} images".format(*counts)
+    return ", ".join(map(count_of, counts, ("photo", "camera", "point", "image")))
 
 
 def _exposures(asked: Asked, model: Model) -> Exposures | None:
@@ -211,7 +223,10 @@ def _placed(
     """Return where the model stands, and the positions (k, 3) of control as the block has them."""
     level, ellipsoid = np.zeros((0, 3)), cast("Ellipsoid | None", Ellipsoid("WGS84"))
     if control is not None:
-        level, of_control = level_positions(control.position, control.system, asked.crs, asked.geoid)
+        try:
+            level, of_control = level_positions(control.position, control.system, asked.crs, asked.geoid)
+        except SystemsError as error:
+            raise SystemsError.of(error, asked.gcp) from None
         if of_control is None and exposures is not None:
             message = "control in local metres and positions of GNSS do not go together: --gnss none, or a system"
             raise ModelError([Problem(message=message, file=str(asked.gcp))])
@@ -226,7 +241,7 @@ def _placed(
 
 def _places(geo: Georeference) -> Iterator[str]:
     """Yield the RMS of the residuals of first values, east, north, up."""
-    for what, off in (("control", geo.control), ("stations", geo.photos)):
+    for what, off in (("control points", geo.control), ("positions of photos", geo.photos)):
         known = np.isfinite(off).all(axis=1)
         if known.any():
             rms = ", ".join(f"{value:.3f}" for value in np.sqrt(np.mean(np.square(off[known]), axis=0)).tolist())
@@ -237,15 +252,26 @@ def _levels(asked: Asked, model: Model, placement: Placement, exposures: Exposur
     """Return the water at the exposures, None where nothing is said of it."""
     count = len(model.photos)
     time = np.full(count, np.nan) if exposures is None else exposures.time
+    stations = placement.positions(model.centre)
     if asked.tide is None:
+        if np.isnan(asked.level):
+            return None
         sigma = 0.05 if np.isnan(asked.level_sigma) else asked.level_sigma
-        return None if np.isnan(asked.level) else given_levels(asked.level, sigma, time)
-    if not np.isfinite(time).any():
+        levels = given_levels(asked.level, sigma, time)
+    elif not np.isfinite(time).any():
         message = "a tide needs the times of the photos: --gnss with a table of exiftool"
         raise ModelError([Problem(message=message, file=str(asked.tide))])
-    datum = datum_heights(asked.tide_datum, placement.positions(model.centre))
-    tide = read_tide(asked.tide, ModelError, asked.tide_zone, asked.tide_sigma)
-    return tide_levels(tide, model.photos.tolist(), time, datum)
+    else:
+        tide = read_tide(asked.tide, ModelError, asked.tide_zone, asked.tide_sigma)
+        datum = datum_heights(asked.tide_datum, stations)
+        levels = tide_levels(tide, model.photos.tolist(), time, datum)
+    if (levels.level >= stations[:, 2]).any():
+        message = (
+            f"the water at {levels.level.max():.2f} m is above the lowest photo, at {stations[:, 2].min():.2f} m: "
+            "is its level in metres, and --tide-datum the height of its zero above the ellipsoid?"
+        )
+        raise ModelError([Problem(message=message, file=str(asked.tide or asked.path))])
+    return levels
 
 
 def _wetness(asked: Asked, model: Model, geo: Georeference, levels: PhotoLevels | None) -> Wetness:
@@ -265,8 +291,9 @@ def _wetness(asked: Asked, model: Model, geo: Georeference, levels: PhotoLevels 
         geographic = geo.placement.ellipsoid is not None
         plan, metre = position[:, :2], 1.0
         if geographic:
-            plan, metre = np.degrees(position[:, 1::-1]), float(np.degrees(1.0 / EARTH_RADIUS))
-        water = read_water(asked.water, asked.side, geographic=geographic)
+            plan, metre = np.degrees(position[:, 1::-1]), METRE
+        stations = geo.placement.positions(model.centre)
+        water = read_water(asked.water, asked.side, geographic=geographic, stations=stations)
         areas = water.codes(plan, LIMIT * float(doubt[:2].max()) * metre)
     flags = None if asked.flags is None else read_flags(asked.flags, model.points)
     return wetness(position[:, 2], np.full(count, doubt[2]), level, sigma, flags=flags, areas=areas)

@@ -18,8 +18,11 @@ from musatpy.geometry.areas import Area, area_of
 from musatpy.interchange.layers import package, upsets
 from musatpy.pointfiles.columns import FileColumn, Wanted
 from musatpy.pointfiles.point_tables import read_table
+from musatpy.reduction.displacements import EARTH_RADIUS
 from musatpy.sfm.model import ModelError, links
 
+METRE = float(np.degrees(1.0 / EARTH_RADIUS))  # of northing, in degrees
+_REACH, _FARTHEST = 1000.0, 1e9  # m: of water from photos, and of any coordinate
 LIMIT = 3.0  # sigmas within which a height says nothing
 NOTHING = -1  # of a flag
 SOURCES = ("default", "flag", "area", "class", "height")
@@ -154,12 +157,13 @@ def _left_of(parts: FloatArray, plan: FloatArray) -> FloatArray:
     return across[np.arange(len(plan)), np.argmax(np.where(nearest_parts, np.abs(across), -1.0), axis=1)]
 
 
-def read_water(path: Path, side: str = "", *, geographic: bool) -> WaterArea:
+def read_water(path: Path, side: str = "", *, geographic: bool, stations: FloatArray | None = None) -> WaterArea:
     """Return the areas of water or the shorelines of a GeoJSON file, or of another file of GIS (extra `gis`).
 
     Closed lines are areas. `side` says where the water is along others: left or right. Coordinates are longitude
     and latitude in degrees where the job is `geographic` (others are brought to WGS 84), else local. Raises
-    `ModelError`, `DeckError` or `InterchangeError` for a file that has neither; `OSError`.
+    `ModelError`, `DeckError` or `InterchangeError` for a file that has neither, or none near `stations` (n, 3),
+    latitude and longitude in radians, or local; `OSError`.
     """
     kinds: dict[str, list[Any]] = {"Polygon": [], "LineString": []}
     for geometry in _geometries(path, geographic):
@@ -185,11 +189,26 @@ def read_water(path: Path, side: str = "", *, geographic: bool) -> WaterArea:
     corners = np.concatenate([shore.reshape(-1, 2), *outlines])
     if not len(corners):
         raise _refused(path, "nothing", "polygons, or lines of a shore")
-    if not np.isfinite(corners).all() or (geographic and (np.abs(corners) > (360.0, 90.0)).any()):
+    wrong = ~(np.abs(corners) <= ((360.0, 90.0) if geographic else _FARTHEST)).all(axis=1)
+    if wrong.any():
         expected = "longitude and latitude in degrees" if geographic else "metres"
-        raise _refused(path, "coordinates that are none", expected)
+        raise _refused(path, "a corner at {:.9g}, {:.9g}".format(*corners[wrong][0]), expected)
+    if stations is not None:
+        _require_near(path, corners, np.degrees(stations[:, 1::-1]) if geographic else stations[:, :2], geographic)
     scale = np.array([np.cos(np.radians(corners[:, 1].mean())), 1.0]) if geographic else np.ones(2)
     return WaterArea(area=area, shore=shore, side=_SIDES.get(side, 0.0), scale=scale)
+
+
+def _require_near(path: Path, corners: FloatArray, plan: FloatArray, geographic: bool) -> None:
+    """Raise `ModelError` where corners (k, 2) of water are all on one side of photos (n, 2), and far from them."""
+    if geographic:  # meridians may be counted on
+        corners = corners - [360.0 * np.round((corners[:, 0].mean() - plan[:, 0].mean()) / 360.0), 0.0]
+    (west, east), (left, right) = ((of.min(axis=0), of.max(axis=0)) for of in (corners, plan))
+    reach = right - left + (_REACH * METRE if geographic else _REACH)
+    if ((east < left - reach) | (west > right + reach)).any():
+        ranges = "{:.6g} to {:.6g}, {:.6g} to {:.6g}".format
+        water, photos = (ranges(*np.column_stack(ends).ravel()) for ends in ((west, east), (left, right)))
+        raise _refused(path, f"water at {water} alone", f"some near the photos, which are at {photos}")
 
 
 def _geometries(path: Path, geographic: bool) -> list[dict[str, Any]]:
