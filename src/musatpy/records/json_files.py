@@ -42,6 +42,7 @@ _IDS = {  # fields of tables that name a row of another one, and its ids
 }
 FIELDS = ("redundancy", "standardised", "normal_test", "detectable", "effect")  # of images, two for each
 _APART = ("plates", "observations", "solution")  # tables of which all observations are made
+_MADE = ("residual", "test", "estimated_error")  # columns of these that are more than those they are made of
 _LARGE = {"plates", "observations", "points", "bathymetric_points", "station_pairs"}  # most of a file
 _AXES = ("x", "y")
 _PLATE = "plate"
@@ -58,10 +59,13 @@ def read_json_file(path: Path, leave: Set[str] = frozenset(), **hooks: Any) -> A
 
     Tables to `leave` are not read of a record that has the lines of this program.
     """
+    quick = None if hooks else quick_json()
+    hooks["parse_constant"] = _finite
     try:
-        with suppress(ValueError, RecursionError):  # the whole file says what is wrong, and where
-            return json.loads(_without(path, leave), parse_constant=_finite, **hooks)
-        return json.loads(path.read_bytes(), parse_constant=_finite, **hooks)
+        with suppress(ValueError, RecursionError):  # Python says of the whole file what is wrong, and where
+            data = _without(path, leave)
+            return quick.loads(data) if quick else json.loads(data, **hooks)
+        return json.loads(path.read_bytes(), **hooks)
     except UnicodeDecodeError as error:
         message = f"is no JSON: byte {error.start + 1} is none of a text in UTF-8"
     except ValueError as error:
@@ -73,7 +77,7 @@ def read_json_file(path: Path, leave: Set[str] = frozenset(), **hooks: Any) -> A
 
 @cache
 def quick_json() -> Any:
-    """Return the package that writes JSON many times as fast as Python does, None without `fast`."""
+    """Return the package that reads and writes JSON some times as fast as Python does, None without `fast`."""
     return importlib.import_module("orjson") if importlib.util.find_spec("orjson") else None
 
 
@@ -156,7 +160,9 @@ def tables_of(
     if "observations" in wanted and are_apart(record):
         form = _form(schema, dict.fromkeys([*wanted, *_APART]), [*required, *_APART], plates=FIELDS)
         _hold_against(record, form, schema, path)
-        record, form = with_images(record), _form(schema, ["observations"], required)
+        columns = schema["properties"]["observations"]["properties"]
+        form = {"properties": {"observations": {"properties": {name: columns[name] for name in _MADE}}}}
+        record = with_images(record)
     _hold_against(record, form, schema, path)
     named = {name: record[name] for name in wanted if name in record}
     if faults := list(islice(_unknown_ids(named), _LISTED)) if schema is _schema() else []:
