@@ -364,7 +364,7 @@ def _draw_bars(axes: Any, of_kind: Residuals) -> None:
 
 def _draw_quantiles(axes: Any, of_kind: Residuals) -> None:
     normal, number = NormalDist(), len(of_kind.values)  # scipy's would have to be loaded, for this alone
-    expected = [normal.inv_cdf((row + 0.5) / number) for row in range(number)]
+    expected = list(map(normal.inv_cdf, ((np.arange(number) + 0.5) / number).tolist()))
     ends = [expected[0] - 0.3, expected[-1] + 0.3]
     axes.plot(ends, ends, "-", color=WET, linewidth=1.4)
     axes.plot(expected, of_kind.values, ".", color=INK, label="quantiles")

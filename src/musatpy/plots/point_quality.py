@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, rows_of
 from musatpy.plots.maps import CONFIDENCE, ELLIPSE, MAPS_NEED, NORMAL, PointMap, class_maps, point_map
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
 from musatpy.plots.submerged_points import bottom_points
@@ -129,8 +129,7 @@ def redundancy_map(tables: Tables) -> RedundancyMap:
     if not len(plates):
         raise NothingToShowError("the record has no observation of a plate")
     owners = list(observed["of"])
-    known = {name: number for number, name in enumerate(ids.tolist())}
-    row = np.array([known.get(owners[number][-1], -1) for number in plates.tolist()], dtype=np.int64)
+    row = rows_of(ids, np.array([owners[number][-1] for number in plates.tolist()]))
     plates, row = plates[row >= 0], row[row >= 0]
     if not len(plates):
         raise NothingToShowError("no observed point is in the record")
