@@ -94,6 +94,16 @@ def test_a_camera_where_none_can_be_unless_its_card_has_it_there(
     assert text in str(verdict(computed))
 
 
+def test_a_ceiling_is_seen_from_below_where_control_has_relief() -> None:
+    """Level control may be seen in a mirror, where exchanged axes put all cameras below it."""
+    below = {"position": put((slice(None), 2), -50.0), "attitude": put((slice(None), 0), np.pi)}
+    computed = with_options(altered(solution(), stations=below), initial=model.Initial.COMPUTE)
+    assert model.Concern.STATION in concerns(computed)
+    relief = {"position": lambda xyz: xyz + 300.0 * np.outer(np.arange(len(xyz)), [0.0, 0.0, 1.0])}
+    rejected = [str(reason) for reason in verdict(altered(computed, block={"control": relief})).reasons]
+    assert not any("ground that it shows" in text or "above the horizon" in text for text in rejected)
+
+
 @pytest.mark.parametrize(
     ("liquid", "adjusted", "rejected"),
     [

@@ -24,6 +24,7 @@ from musatpy.model.tables import finite_rows
 
 PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
 _FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one
+_ALONG = 0.3  # cosine from the vertical of a ray that looks along the ground
 _REACHED = 1e-9  # m from a height
 _STEPS_TO_LEVEL = 3  # at most, along a ray
 MAX_STEPS = 25
@@ -125,6 +126,14 @@ def level_start(network: Network, state: State) -> State:
 
     _for_all(network, reach)
     return replace(state, ground=ground)
+
+
+def looks_along(network: Network, state: State) -> bool:
+    """Return whether most rays look along the ground, or up: no level is a start for their points."""
+    rays = np.concatenate([group.rays.reshape(-1) for group in network.groups])
+    origin, direction = sightings.straight_rays(network, state, rays)
+    up = network.frame.axes(origin)[..., 2, :]
+    return bool(np.median(np.einsum("ki,ki->k", up, direction)) > -_ALONG)
 
 
 def _for_all(network: Network, work: Callable[[PointGroup], None]) -> None:

@@ -19,7 +19,7 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result, sightings
 from musatpy.adjustment.collinear import Simultaneous, sum_of_squares
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
-from musatpy.adjustment.ground import level_start
+from musatpy.adjustment.ground import level_start, looks_along
 from musatpy.adjustment.iteration import Outcome, State, not_raised
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import largest_movements, redundancy
@@ -166,24 +166,27 @@ class _RunOfIIIA:
     def best_of_starts(self, state: State) -> tuple[Adjusted, str]:
         """Return what comes of level ground or, where that does not do, the lower one of two, and in words which.
 
-        `state` has the points where straight rays meet. The record of iterations is that of the start. Raises
-        `AdjustmentError` where no start has normal equations that can be solved.
+        Where most rays look along the ground, that is the second one. `state` has the points where straight rays
+        meet. The record of iterations is that of the start. Raises `AdjustmentError` where no start has normal
+        equations that can be solved.
         """
         job, options = self.job, self.job.block.options
-        level = self.attempt(level_start(job.network, state))
         # of a guessed plate sigma the limit of sigma0 is that of the card
         unit = 1.0 if options.plate_sigma_is is PlateSigma.KNOWN else options.sigma0_limit**2
-        if not isinstance(level.adjusted, AdjustmentError) and level.squares <= unit * chi_square_limit(
-            redundancy(level.adjusted[0]), _UNUSUAL
+        starts = ((_LEVEL, level_start), (_STRAIGHT, straight_start))
+        first, second = starts[::-1] if looks_along(job.network, state) else starts
+        best = self.attempt(first[1](job.network, state))
+        if not isinstance(best.adjusted, AdjustmentError) and best.squares <= unit * chi_square_limit(
+            redundancy(best.adjusted[0]), _UNUSUAL
         ):
-            return level.adjusted, ""
-        straight = self.attempt(straight_start(job.network, state))
-        if not isinstance(straight.adjusted, AdjustmentError) and not not_raised(level.squares, straight.squares):
-            return straight.adjusted, f"{_STRAIGHT}; from {_LEVEL} {level.end}"
-        if isinstance(level.adjusted, AdjustmentError):
-            raise level.adjusted
-        job.iterations[:] = level.iterations
-        return level.adjusted, f"{_LEVEL}; from {_STRAIGHT} {straight.end}"
+            return best.adjusted, ""
+        other = self.attempt(second[1](job.network, state))
+        if not isinstance(other.adjusted, AdjustmentError) and not not_raised(best.squares, other.squares):
+            return other.adjusted, f"{second[0]}; from {first[0]} {best.end}"
+        if isinstance(best.adjusted, AdjustmentError):
+            raise best.adjusted
+        job.iterations[:] = best.iterations
+        return best.adjusted, f"{first[0]}; from {second[0]} {other.end}"
 
     def attempt(self, start: State) -> _Attempt:
         """Return the attempt from a start, all rays of submerged points wet."""
@@ -309,7 +312,8 @@ def straight_start(network: Network, state: State) -> State:
         away = ground[group.point, None] - origin
         usual = np.linalg.norm(middle - origin, axis=-1)
         share = np.einsum("kmi,kmi->km", away, direction) / usual
-        meets = np.all((share > 1.0 / _FAR) & (share < _FAR), axis=1) | known[group.point]
+        typical = np.median(share, axis=1)  # some camera may be near
+        meets = ((share > 0.0).all(axis=1) & (typical > 1.0 / _FAR) & (typical < _FAR)) | known[group.point]
         usually = np.mean(origin + usual[..., None] * direction, axis=1)
         ground[group.point] = np.where(meets[:, None], ground[group.point], usually)
     waves, sea = state.waves.copy(), network.sea

@@ -21,6 +21,7 @@ from musatpy.adjustment.ground import all_residuals
 from musatpy.adjustment.iteration import Outcome, SingularNormalsError, State, attitude_in, iterate
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED, SEARCHED
+from musatpy.adjustment.musat3a import straight_start
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.refinement import cauchy, robust_scale
@@ -166,7 +167,11 @@ def staged(block: Block, progress: Progress | None, sea: Sea | None, effort: Eff
         effort.spend_start(len(block.photos.ids))
     job, state = prepared(search_block(block, sea), progress, sea)
     scene = scene_of(job, state, effort)
-    state = ground_points.level_start(scene.network.with_unknown_points(), state)  # no wrong control puts any
+    network = scene.network.with_unknown_points()  # no wrong control puts any
+    if ground_points.looks_along(network, state):
+        state = straight_start(network, ground_points.start_ground(network, state))
+    else:
+        state = ground_points.level_start(network, state)
     if job.block.options.datum is Datum.FREE:
         problem = scene.problem(ones(scene))
         matrix = problem.linearise(problem.with_squares(state)).matrix

@@ -178,7 +178,7 @@ def snooped(
         # one that is out comes back where its point is explained otherwise, unless its own test says no
         back |= anew & out & ~wrong & (fits | ~judgement.predicted)
         leaving |= wrong & ~out
-        moved = bool((leaving & (value > _FAR * limit)).any())
+        moved = bool((leaving & (value > _FAR * limit)).any() or (back & image).any())
         if not back.any() and not leaving.any():
             if not tides or proven:
                 rest = True

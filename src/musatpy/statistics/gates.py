@@ -104,15 +104,17 @@ def stations(statistics: Quality) -> Iterator[Reason]:
         given_height = elevations(statistics.block, photos.position)
         given_attitude = photos.attitude
     water = photos.tide if solution.water is None else solution.water.tide
-    sees_water = np.zeros(len(height), dtype=bool)
-    plates = statistics.block.plates
-    sees_water[plates.photo[statistics.block.points.bathymetric[plates.point] & solution.plates.triangulated]] = (
-        True
-    )
-    ground = ground_heights(statistics)
-    relief = np.abs(elevations(statistics.block, solution.points.position)[plates.point] - ground[plates.photo])
+    plates, used = statistics.block.plates, solution.plates.triangulated
+    sees_water, highest = np.zeros(len(height), dtype=bool), np.full(len(statistics.block.points.ids), -np.inf)
+    sees_water[plates.photo[statistics.block.points.bathymetric[plates.point] & used]] = True
+    np.fmax.at(highest, plates.point[used], height[plates.photo[used]])
+    ground, least = ground_heights(statistics), _LEVEL * flying_height(statistics)
+    elevation = elevations(statistics.block, solution.points.position)[plates.point]
     with np.errstate(invalid="ignore"):
-        flat = _medians(statistics, relief) < _LEVEL * flying_height(statistics)
+        flat = _medians(statistics, np.abs(elevation - ground[plates.photo])) < least
+        # control that has relief is in no mirror, nor is a ceiling, which no camera sees from above
+        from_above = _medians(statistics, (highest[plates.point] > elevation).astype(float)) > 0.5
+        flat &= from_above | _is_level(statistics, least)
         drowned = sees_water & (height <= water)
         buried = flat & (height < ground) & ~(given_height < ground)
         upwards = flat & _looks_up(solution.stations.attitude) & ~_looks_up(given_attitude)
@@ -208,6 +210,13 @@ def _medians(statistics: Quality, values: FloatArray) -> FloatArray:
     medians = np.full(len(count), np.nan)
     medians[some] = 0.5 * (values[low] + values[high])
     return medians
+
+
+def _is_level(statistics: Quality, least: float) -> bool:
+    """Return whether half of the heights of the control, if any, lie within `least` m about a level."""
+    control = statistics.block.control
+    height = elevations(statistics.block, control.position)[control.known[:, 2]]
+    return not len(height) or bool(np.median(np.abs(height - np.median(height))) < least)
 
 
 def _looks_up(attitude: FloatArray) -> BoolArray:
