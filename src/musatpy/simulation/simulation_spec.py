@@ -13,8 +13,7 @@ from musatpy import model
 from musatpy.errors import SpecError
 from musatpy.files import real_path
 from musatpy.simulation import scene_keys
-from musatpy.simulation.antennas import AntennaKeys
-from musatpy.simulation.true_inertial import InertialKeys
+from musatpy.simulation.sensors import AntennaKeys, InertialKeys
 from musatpy.simulation.true_lens import LensKeys, PortKeys
 from musatpy.specs import Area, Pair, Triple, key, require, spec_of, spec_table
 

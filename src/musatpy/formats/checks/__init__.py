@@ -17,7 +17,7 @@ from musatpy.errors import Problem
 from musatpy.formats.checks.check import DeckCheck
 from musatpy.formats.draft import Draft
 
-_SUBJECTS = "references values plates places systems water waves antennas inertial datum images ports"
+_SUBJECTS = "references values plates places systems water waves sensors datum images ports"
 _MODULES = (import_module(f"{__name__}.{subject}") for subject in _SUBJECTS.split())
 _EVERY = (one for module in _MODULES for one in vars(module).values() if isinstance(one, DeckCheck))
 CHECKS = tuple(dict.fromkeys(_EVERY))  # some look at what others find
