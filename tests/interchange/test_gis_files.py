@@ -198,7 +198,7 @@ def test_a_raster_is_read_as_it_was_written(tmp_path: Path, crs: pyproj.CRS | No
 def test_rows_are_counted_from_the_south(tmp_path: Path) -> None:
     """Read and written in pieces; rasterio has the northern row first."""
     given = grid()
-    with geotiff.written(tmp_path / "a.tif", given.posts, {"depth": "m", "sigma": ""}) as writer:
+    with geotiff.written(tmp_path / "a.tif", given, {"depth": "m", "sigma": ""}) as writer:
         for first, last in ((4, 7), (0, 3), (3, 4)):
             writer.put(first, {name: values[first:last] for name, values in given.bands.items()})
     with rasterio.open(tmp_path / "a.tif") as dataset:

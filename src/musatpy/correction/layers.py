@@ -73,7 +73,7 @@ def correct_layers(
 
 def _posts(grid: Grid) -> Points:
     (heights,) = grid.bands.values()
-    xyz = np.column_stack([grid.posts.places(0, grid.shape[0]), heights.ravel()])
+    xyz = np.column_stack([grid.places(0, grid.shape[0]), heights.ravel()])
     return Points(xyz=xyz[np.isfinite(xyz[:, 2])], crs=grid.crs, heights=grid.heights)
 
 

@@ -72,7 +72,7 @@ def write(path: Path, grid: Grid) -> None:
 
     Raises `InterchangeError` without rasterio, or for what GDAL refuses; `OSError`.
     """
-    with written(path, grid.posts, {name: grid.units.get(name, "") for name in grid.bands}) as writer:
+    with written(path, grid, {name: grid.units.get(name, "") for name in grid.bands}) as writer:
         writer.put(0, grid.bands)
 
 

@@ -227,36 +227,22 @@ class Posts(Layer):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Grid(Layer):
-    """Values at the nodes of a square grid: rows go north from `south`, columns east from `west`; NaN where empty.
+class Grid(Posts):
+    """Values at the nodes of a square grid, NaN where empty; its shape is that of the values.
 
     Raises `ValueError` where bands are of different shapes, or the spacing is none.
     """
 
-    west: float
-    south: float
-    spacing: float  # m or, of longitudes and latitudes, degrees
+    shape: tuple[int, int] = field(init=False)
     bands: Mapping[str, FloatArray]  # (rows, columns) each
     units: Mapping[str, str] = field(default_factory=dict)  # of bands
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         shapes = {values.shape for values in self.bands.values()}
         if len(shapes) != 1 or any(len(shape) != 2 for shape in shapes):
             raise ValueError(f"bands of a grid are of one shape (rows, columns), not of {sorted(shapes)}")
-        if not self.spacing > 0.0:
-            raise ValueError(f"the spacing of a grid is {self.spacing}")
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        rows, columns = next(iter(self.bands.values())).shape
-        return rows, columns
-
-    @property
-    def posts(self) -> Posts:
-        """Where its nodes stand."""
-        place = {"west": self.west, "south": self.south, "spacing": self.spacing}
-        return Posts(**place, shape=self.shape, crs=self.crs, heights=self.heights)
+        object.__setattr__(self, "shape", shapes.pop())
 
 
 def _require_finite(xyz: FloatArray) -> None:
