@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TypeVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,20 @@ DateArray = NDArray[np.datetime64]
 ComplexArray = NDArray[np.complex128]
 ByteArray = NDArray[np.uint8]
 Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InRows:
+    """Arrays with one row for each of the same things."""
+
+    def __getitem__(self, which: Any) -> Self:
+        """Return the rows that a mask, slice or array of rows chooses."""
+        return replace(self, **{field.name: getattr(self, field.name)[which] for field in fields(self)})
+
+    def then(self, other: Self) -> Self:
+        """Return the rows of both, one after the other."""
+        names = [field.name for field in fields(self)]
+        return replace(self, **{n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in names})
 
 
 def rms(values: FloatArray) -> float:

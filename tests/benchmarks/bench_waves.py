@@ -42,12 +42,12 @@ def by_net(place: np.ndarray) -> None:
     reach = float(ray.reach(SHORT).radius[0])
     nodes = np.linspace(-reach, reach, int(2.0 * reach / SHORT.limits.length * 12.0) + 2)
     net = place[:2] + np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1)
-    many = ray.some(np.zeros(net.size // 2, dtype=int))
+    many = ray[np.zeros(net.size // 2, dtype=int)]
     slope = path(SHORT, many, net.reshape(-1, 2)).gradient.reshape(net.shape)
     corners = np.stack([slope[:-1, :-1], slope[1:, :-1], slope[:-1, 1:], slope[1:, 1:]])
     hit = ((corners.min(axis=0) <= 0.0) & (corners.max(axis=0) >= 0.0)).all(axis=-1)
     start = net[:-1, :-1][hit]
-    stationary(SHORT, ray.some(np.zeros(len(start), dtype=int)), start)
+    stationary(SHORT, ray[np.zeros(len(start), dtype=int)], start)
 
 
 def times() -> tuple[float, float, float, float]:

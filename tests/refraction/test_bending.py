@@ -86,11 +86,11 @@ def by_force(surface: Surface, ray: RayEnds) -> np.ndarray:
     reach = float(ray.reach(surface).radius[0])
     nodes = np.linspace(-reach, reach, int(np.ceil(2.0 * reach / surface.limits.length * 6.0)))
     start = ray.ground[0, :2] + np.stack(np.meshgrid(nodes, nodes), axis=-1).reshape(-1, 2)
-    many = ray.some(np.zeros(len(start), dtype=int))
+    many = ray[np.zeros(len(start), dtype=int)]
     # only from where the path is as even as a wave makes it: from elsewhere the method goes nowhere, and slowly
     gradient = np.linalg.norm(path(surface, many, start).gradient, axis=1)
     even = gradient < 0.25 * surface.limits.slope
-    xy, reached = stationary(surface, many.some(even), start[even])
+    xy, reached = stationary(surface, many[even], start[even])
     xy = xy[reached & (np.linalg.norm(xy - ray.ground[0, :2], axis=1) <= reach)]
     kept: list[np.ndarray] = []
     for place in xy:
@@ -107,7 +107,7 @@ def test_none_is_lost(name: str) -> None:
     assert found.complete.all()
     for i in range(len(rays.index)):
         mine = found.xy[found.ray == i]
-        force = by_force(surface, rays.some(slice(i, i + 1)))
+        force = by_force(surface, rays[slice(i, i + 1)])
         assert len(mine) == len(force)
         apart = np.linalg.norm(mine[:, None] - force, axis=-1)
         # Newton's method leaves 1e-9 of the water leg, more where two points are about to meet
@@ -121,7 +121,7 @@ def test_to_200_m_all_are_found_and_are_refraction_points(name: str) -> None:
     surface, rays = HARD[name], some_rays(60, seed=7)
     found = search(surface, rays)
     assert found.complete.all() and len(found.ray) > 100
-    at = path(surface, rays.some(found.ray), found.xy)
+    at = path(surface, rays[found.ray], found.xy)
     np.testing.assert_allclose(at.gradient, 0.0, atol=1e-11)  # Snell's law; rounding of 1500 m over some metres
     assert disc(surface, rays).has(found.xy, found.ray).all()
 

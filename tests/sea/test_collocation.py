@@ -118,7 +118,7 @@ def test_closed_cross_validation_is_leaving_out_one_by_one(trend: Trend) -> None
     closed = Collocation(data, cov, trend).cross_validation
     for row in range(25):
         kept = np.arange(25) != row
-        one = Collocation(data.rows(kept), cov, trend).predict(data.place[row : row + 1])
+        one = Collocation(data[kept], cov, trend).predict(data.place[row : row + 1])
         # both solve a system of condition 1e3 or so
         assert closed.error[row] == pytest.approx(data.value[row] - one.value[0], abs=1e-10)
         noise = cov.noise + data.sigma[row] ** 2 + JITTER * cov.signal
@@ -227,7 +227,7 @@ def test_sigmas_given_are_used_without_noise() -> None:
     spoiled = replace(data, value=data.value + 3.0 * (np.arange(40) == 0), sigma=weak)
     at = places(50, seed=3)
     first, second = (Collocation(one, found.best.estimate.covariance).predict(at).value for one in (data, spoiled))
-    rest = Collocation(data.rows(np.arange(40) > 0), found.best.estimate.covariance).predict(at).value
+    rest = Collocation(data[np.arange(40) > 0], found.best.estimate.covariance).predict(at).value
     assert np.abs(second - rest).max() < 0.01 < np.abs(first).max()  # a point of 5 m counts for next to nothing
 
 
@@ -249,7 +249,7 @@ def test_control_points_that_are_measured_twice_are_no_error() -> None:
         (observed(2), Trend.CONSTANT, "too few: a constant as trend needs 3"),
         (observed(4), Trend.PLANE, "too few: a plane as trend needs 5"),
         (observed(MOST_CONTROL + 1), Trend.CONSTANT, f"at most {MOST_CONTROL}"),
-        (observed(10).rows(np.array([0, 0, 1, 2, 3])), Trend.CONSTANT, "singular"),
+        (observed(10)[np.array([0, 0, 1, 2, 3])], Trend.CONSTANT, "singular"),
         (Observed(place=np.arange(10.0)[:, None] * [1.0, 2.0], value=np.ones(10), sigma=np.zeros(10)), Trend.PLANE,
          "stand in a line"),
     ],

@@ -36,7 +36,7 @@ def test_pieces_that_join_are_one_line() -> None:
     pieces = [line((40, 7), (20, 7), (20, 7)), line((40, 7), (80, 7), (80, 7))]
     forward = offsets([a], pieces)
     np.testing.assert_array_equal(forward.beyond, (forward.xy[:, 0] < 20.0) | (forward.xy[:, 0] > 80.0))
-    np.testing.assert_allclose(forward.part(~forward.beyond).distance, 7.0, atol=ROUNDING)
+    np.testing.assert_allclose(forward[~forward.beyond].distance, 7.0, atol=ROUNDING)
 
     for others in (
         [line((0, 0), (10, 0), (10, 10))],

@@ -276,4 +276,4 @@ def test_lines_and_dots_stand_where_the_numbers_say() -> None:
     assert all(", m" in axes.get_xlabel() + axes.get_ylabel() for axes in (against, by_size, on_map))
     for number in (1, 2, 3):  # few soundings are drawn too
         rows = np.arange(len(xy)) < number
-        assert len(difference_figure(given.part(rows), xy[rows], "few").axes[2].child_axes) == 1  # bar of colours
+        assert len(difference_figure(given[rows], xy[rows], "few").axes[2].child_axes) == 1  # bar of colours

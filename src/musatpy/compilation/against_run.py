@@ -156,7 +156,7 @@ def difference_covariances(
     of a point.
     """
     run = model.stereo.run
-    _, network, state = true_points.network_of(run, model.stereo.photos, model.readings.part(rows))
+    _, network, state = true_points.network_of(run, model.stereo.photos, model.readings[rows])
     state = replace(state, ground=run.frame.working(model.points.position[rows]))
     network = network.with_plates(network.xy, model.points.wet[rows].T.reshape(-1))
     compiled, of_run = _influences(run, network, state), _influences(run, *_run_network(run, points))

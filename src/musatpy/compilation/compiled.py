@@ -243,7 +243,7 @@ def _points(stereo: Stereomodel, readings: Readings) -> CompiledPoints:
         without |= dict.fromkeys(np.flatnonzero(readings.submerged).tolist(), NO_TIDE)
     kept = np.setdiff1d(np.arange(len(readings.ids)), list(without))
     points = CompiledPoints.nothing(len(readings.ids))
-    points.put(kept, true_points(stereo.run, stereo.photos, readings.part(kept)))
+    points.put(kept, true_points(stereo.run, stereo.photos, readings[kept]))
     vague = np.flatnonzero(points.covariance[:, 2, 2] > np.square(stereo.height))
     points.take_out(without | dict.fromkeys(vague.tolist(), NEARLY_PARALLEL))
     return points

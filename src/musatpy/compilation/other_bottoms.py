@@ -124,7 +124,7 @@ def _of_level(
         span = f"the surface goes from {low:.2f} to {high:.2f} m"
         return replace(none, reason=NO_BOTTOM if low < level < high else span), []
     backward = offsets(others, compiled, farthest)
-    backward = backward.part(bottom.at(backward.xy).reason == tin.INSIDE)
+    backward = backward[bottom.at(backward.xy).reason == tin.INSIDE]
     if not len(backward.xy):
         return replace(none, reason=NOT_ON_IT), []
     forward = offsets(compiled, others, farthest)
@@ -135,13 +135,13 @@ def _of_level(
     ]
     if len(distances) < 2:
         return replace(none, reason=PAST_ENDS), distances
-    area = area_between(forward.part(~forward.beyond), backward.part(~backward.beyond))
+    area = area_between(forward[~forward.beyond], backward[~backward.beyond])
     length = 0.5 * sum(distance.length for distance in distances)
     return replace(none, area=area, width=area / length), distances
 
 
 def _distance(surface: int, level: float, of: str, bottom: Tin | RasterBottom, samples: Offsets) -> ContourDistance:
-    good = samples.part(~samples.beyond)
+    good = samples[~samples.beyond]
     weight, distance = good.interval, good.distance
     depth = _as_depths(bottom, good, -1.0 if of == OTHER else 1.0)
     sloping = np.isfinite(depth)  # a sample at the very edge may be beside the surface

@@ -21,7 +21,7 @@ from musatpy.adjustment.network import Network, PointGroup, group_points, partic
 from musatpy.adjustment.result import bathymetric_points
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
 from musatpy.adjustment.wavy_water import WorkingSea
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, in_parts
+from musatpy.arrays import BoolArray, FloatArray, InRows, IntArray, TextArray, in_parts
 from musatpy.compilation.triangulation import AdjustedRun, covariances_in
 from musatpy.errors import AdjustmentError
 from musatpy.geometry import collinearity
@@ -40,7 +40,7 @@ _SHAPES: dict[str, tuple[int, ...]] = {
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Readings:
+class Readings(InRows):
     """k points read on the plates of two photos: refined plate coordinates xy (k, 2, 2) mm, left and right."""
 
     ids: TextArray  # (k,)
@@ -55,10 +55,6 @@ class Readings:
         """Return readings (k, 2, 2), numbered where they have no names; one sigma, or (k, 1, 1) of each."""
         names = np.arange(len(xy)).astype(np.str_) if ids is None else ids
         return cls(ids=names, submerged=submerged, xy=xy, sigma=np.broadcast_to(sigma, xy.shape))
-
-    def part(self, rows: IntArray) -> Readings:
-        """Return some of the readings."""
-        return Readings(**{name: values[rows] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -118,7 +114,7 @@ def true_points(run: AdjustedRun, photos: tuple[int, int], readings: Readings) -
     out = CompiledPoints.nothing(len(readings.ids))
 
     def from_rays(rows: IntArray) -> CompiledPoints:
-        return _from_rays(run, photos, readings.part(rows))
+        return _from_rays(run, photos, readings[rows])
 
     for first in range(0, len(readings.ids), _CHUNK):
         chunk = np.arange(first, min(first + _CHUNK, len(readings.ids)))

@@ -11,11 +11,10 @@ its minimum. The eight-point method is not used: over flat ground it has no uniq
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, ComplexArray, FloatArray, InRows
 from musatpy.geometry.collinearity import cross, orthogonal, turn
 from musatpy.geometry.similarity import TO_SIGMA, cauchy, cauchy_cost
 
@@ -30,7 +29,7 @@ _LEVEL = 0.35  # rad; without redundancy nothing but ground as level as this tel
 
 
 @dataclass(frozen=True, kw_only=True)
-class RelativeOrientations:
+class RelativeOrientations(InRows):
     """k relative orientations of m images each, absent ones with weight 0."""
 
     rotation: FloatArray  # (k, 3, 3) R, from the axes of photo 1 to those of photo 2
@@ -39,9 +38,6 @@ class RelativeOrientations:
     weight: FloatArray  # (k, m) of the points, with their robust part
     sigma: FloatArray  # (k,) rad, size of the error of rotation and base that the images leave
     front: FloatArray  # (k,) share of the points in front of both cameras
-
-    def __getitem__(self, rows: IntArray) -> Self:
-        return replace(self, **{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
     @property
     def is_sound(self) -> BoolArray:

@@ -31,7 +31,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray, TextArray, rows_of
+from musatpy.arrays import FloatArray, InRows, IntArray, TextArray, rows_of
 from musatpy.fortran import decimals_of
 from musatpy.model.reduction import BY_HEIGHTS
 from musatpy.reduction import planar
@@ -107,16 +107,12 @@ class FiducialLimits:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Marks:
+class Marks(InRows):
     """Marks with coordinates and sigmas, measured or calibrated."""
 
     ids: TextArray  # (q,)
     xy: FloatArray  # (q, 2)
     sigma: FloatArray  # (q, 2)
-
-    def take(self, rows: IntArray) -> Marks:
-        """Return the marks of `rows`, in their order."""
-        return Marks(ids=self.ids[rows], xy=self.xy[rows], sigma=self.sigma[rows])
 
 
 def transform(kind: PlanarKind, measured: Marks, calibrated: Marks, limits: FiducialLimits) -> FiducialSolution:
@@ -126,7 +122,7 @@ def transform(kind: PlanarKind, measured: Marks, calibrated: Marks, limits: Fidu
     """
     rows = rows_of(calibrated.ids, measured.ids)
     known = rows >= 0
-    marks, wanted = measured.take(np.flatnonzero(known)), calibrated.take(rows[known])
+    marks, wanted = measured[known], calibrated[rows[known]]
     refusal, residuals = _screened(kind, marks, wanted, calibrated, limits)
     fit = None
     suspects: tuple[str, ...] = ()
@@ -178,7 +174,7 @@ def _judged(
     suspects = []
     for row in range(len(marks.ids)):
         rest = np.delete(np.arange(len(marks.ids)), row)
-        a, b = marks.take(rest), wanted.take(rest)
+        a, b = marks[rest], wanted[rest]
         again = planar.fit(kind, a.xy, b.xy, a.sigma, b.sigma)
         if again is not None and again.freedom and np.abs(again.residuals).max() <= limits.residual:
             suspects.append(str(marks.ids[row]))

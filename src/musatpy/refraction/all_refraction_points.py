@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, InRows, IntArray
 from musatpy.refraction import flat
-from musatpy.refraction.stationary import Path, PerRay, RayEnds, Reach, path, solved, stationary
+from musatpy.refraction.stationary import Path, RayEnds, Reach, path, solved, stationary
 from musatpy.refraction.surface import Surface
 
 _MOST_LENGTHS = 133.0  # along the diameter of a disc: with more waves the search takes too long
@@ -57,7 +57,7 @@ class RayPoints:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Cells(PerRay):
+class _Cells(InRows):
     """Squares: rows of their rays (M,), centres (M, 2), half their sides (M,) m."""
 
     ray: IntArray
@@ -80,7 +80,7 @@ def search(surface: Surface, rays: RayEnds) -> RayPoints:
     smallest, open_ = surface.limits.length * _SMALLEST, np.arange(len(rays.index))
     complete, parts = np.zeros(len(open_), dtype=bool), []
     for left in range(_REFINEMENTS, -1, -1):
-        found = _divided(surface, rays.some(open_), within.some(open_), smallest)
+        found = _divided(surface, rays[open_], within[open_], smallest)
         complete[open_] = found.complete
         kept = (found.complete | (left == 0))[found.ray]
         parts.append((open_[found.ray[kept]], found.xy[kept], found.path[kept], found.minimum[kept]))
@@ -113,16 +113,16 @@ def _divided(surface: Surface, rays: RayEnds, within: Disc, smallest: float) -> 
     ray, start = [cells.ray[:0]], [within.centre[:0]]
     while len(cells.ray):
         cut = max(len(cells.ray) - _BATCH, 0)
-        now, cells = cells.some(slice(cut, None)), cells.some(slice(cut))
-        at = path(surface, rays.some(now.ray), now.centre)
+        now, cells = cells[cut:], cells[:cut]
+        at = path(surface, rays[now.ray], now.centre)
         open_, alone = _judged(surface, rays.index[now.ray], within, now, at)
         done = alone | (open_ & (2.0 * now.half <= smallest))
         ray.append(now.ray[done])
         step = np.where(alone[done, None], solved(at.hessian[done], at.gradient[done]), 0.0)
         start.append(now.centre[done] - step)
-        cells = cells.then(now.some(open_ & ~done).quarters())
+        cells = cells.then(now[open_ & ~done].quarters())
     rows, places = np.concatenate(ray), np.concatenate(start)
-    xy, reached = stationary(surface, rays.some(rows), places)
+    xy, reached = stationary(surface, rays[rows], places)
     here = reached & within.has(xy, rows)
     rows, xy = _distinct(rows[here], xy[here], _SAME * within.radius)
     return _sorted(surface, rays, rows, xy)
@@ -177,7 +177,7 @@ def _distinct(ray: IntArray, xy: FloatArray, same: FloatArray) -> tuple[IntArray
 
 
 def _sorted(surface: Surface, rays: RayEnds, ray: IntArray, xy: FloatArray) -> RayPoints:
-    at = path(surface, rays.some(ray), xy)
+    at = path(surface, rays[ray], xy)
     det, trace = np.linalg.det(at.hessian), np.trace(at.hessian, axis1=1, axis2=2)
     # what meets the surface from below, or leaves it upwards, is stationary but no refraction
     normal = np.concatenate([-at.slope, np.ones((len(xy), 1))], axis=1)
@@ -194,7 +194,7 @@ def _sorted(surface: Surface, rays: RayEnds, ray: IntArray, xy: FloatArray) -> R
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Disc(PerRay):
+class Disc(InRows):
     """Centre (N, 2) and radius (N,) m."""
 
     centre: FloatArray
@@ -213,7 +213,7 @@ def disc(surface: Surface, rays: RayEnds) -> Disc:
     # elsewhere, as for a ground point just below a crest, its reach is all that is known
     centre, radius = rays.ground[:, :2].copy(), reach.radius.copy()
     if bounded.any():
-        centre[bounded], radius[bounded] = _bounded(surface, rays.some(bounded), reach.some(bounded))
+        centre[bounded], radius[bounded] = _bounded(surface, rays[bounded], reach[bounded])
     return Disc(centre=centre, radius=radius)
 
 

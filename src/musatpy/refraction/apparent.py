@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, InRows, IntArray
 from musatpy.refraction.flat import air_tangent
 
 CLOSE = 1e-6  # m: how near the apparent point of a found true point is to the given one
@@ -86,14 +86,11 @@ class Stations:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Verticals:
+class Verticals(InRows):
     """Axes of n points in those of the stations, where the vertical turns from place to place."""
 
     origin: FloatArray  # (n, 3) m, where the level of the water counts from: Z of the point is its height
     axes: FloatArray  # (n, 3, 3) rows: two horizontal, and up
-
-    def __getitem__(self, rows: IntArray | slice) -> Verticals:
-        return Verticals(origin=self.origin[rows], axes=self.axes[rows])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -68,7 +68,7 @@ def incidence(
     partials = out.v, out.by_camera, out.by_ground, out.by_level, out.by_index, out.by_slope
     rows = np.flatnonzero(wet)
     for part in np.split(rows, range(_PART, len(rows), _PART)):
-        under = rays.some(part)
+        under = rays[part]
         xy, out.number[part], out.complete[part] = _principal(surface, under)
         _check_covered(surface, under, xy)
         for array, values in zip(partials, _partials(surface, under, xy), strict=True):
@@ -100,11 +100,11 @@ def _principal(surface: Surface, rays: RayEnds) -> tuple[FloatArray, IntArray, B
     number, complete = np.ones(len(rays.index), dtype=np.int64), np.ones(len(rays.index), dtype=bool)
     xy, quick = np.empty((len(rays.index), 2)), is_single(surface, rays)
     if quick.any():
-        single = rays.some(quick)
+        single = rays[quick]
         xy[quick], quick[quick] = stationary(surface, single, _flat_start(surface, single))
     open_ = np.flatnonzero(~quick)
     if len(open_):
-        points = search(surface, rays.some(open_))
+        points = search(surface, rays[open_])
         number[open_], complete[open_] = np.bincount(points.ray, minlength=len(open_)), points.complete
         xy[open_] = points.xy[np.searchsorted(points.ray, np.arange(len(open_)))]
     return xy, number, complete

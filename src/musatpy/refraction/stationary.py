@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import BoolArray, FloatArray, InRows
 from musatpy.refraction.surface import Surface
 
 _MAX_STEPS = 80
@@ -19,21 +19,7 @@ _LARGEST_ANGLE = 1.5  # rad, of a water ray from the vertical: beyond it, no bou
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PerRay:
-    """Arrays with one row for each of some rays, or of their places or cells."""
-
-    def some(self, which: Any) -> Self:
-        """Return the rows that a mask, slice or array of rows chooses."""
-        return replace(self, **{field.name: getattr(self, field.name)[which] for field in fields(self)})
-
-    def then(self, other: Self) -> Self:
-        """Return the rows of both, one after the other."""
-        names = [field.name for field in fields(self)]
-        return replace(self, **{n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in names})
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RayEnds(PerRay):
+class RayEnds(InRows):
     """Cameras and ground points (N, 3) m, indices (N,) and times (N,) s of N rays."""
 
     camera: FloatArray
@@ -84,7 +70,7 @@ def _water_angle(air: FloatArray, gamma: float, index: FloatArray) -> FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reach(PerRay):
+class Reach(InRows):
     """How far (N,) m from its ground point a ray can meet the water, and what it can find there.
 
     Its largest angle in air (N,) rad; greatest and least depth (N,) m of the ground point below the water.
@@ -97,7 +83,7 @@ class Reach(PerRay):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Path(PerRay):
+class Path(InRows):
     """The optical path (N,) over places of the surface, its gradient (N, 2) and second derivatives (N, 2, 2) there.
 
     air, water (N, 3): unit vectors along the path; their lengths (N,) m; height (N,) of the surface and its
@@ -185,7 +171,7 @@ def stationary(surface: Surface, rays: RayEnds, start: FloatArray) -> tuple[Floa
         if not len(open_):
             break
         if small.any():
-            now, at = rays.some(open_), at.some(~small)
+            now, at = rays[open_], at[~small]
     return xy, reached
 
 
@@ -201,7 +187,7 @@ def _shortened(
         if not len(worse):
             break
         shifted[worse] = xy[worse] + step[worse] / 2.0**halving
-        again = path(surface, rays.some(worse), shifted[worse])
+        again = path(surface, rays[worse], shifted[worse])
         at.replace(worse, again)
         worse = worse[_length_in_plan(again.gradient) > enough[worse]]
     return shifted, at

@@ -125,7 +125,7 @@ def point_orders(compiled: Compiled) -> dict[str, int]:
 def sections_of(compared: Sounded, compiled: Compiled | None) -> list[Section]:
     """Return what the listing says, section by section; `compiled` is None for a raster."""
     line, warning = regression(compared.differences), likeness_warning(compared.differences)
-    blunders = compared.differences.part(compared.differences.blunders)
+    blunders = compared.differences[compared.differences.blunders]
     rows = zip(blunders.names, blunders.compiled, blunders.sounded, strict=True)
     named = [f"{name}: compiled {of:.2f} m, sounded {read:.2f} m" for name, of, read in rows]
     more = [f"and {len(named) - _LARGEST} more"] if len(named) > _LARGEST else []

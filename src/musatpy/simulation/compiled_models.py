@@ -85,7 +85,7 @@ class _Models:
         read = [self._model(number, pair[number]) for number in range(len(pair))]
         stages, places = stacked([readings for readings, _ in read]), read[0][1]
         for _, more in read[1:]:
-            places = places.with_more(more)
+            places = places.then(more)
         names, ids = np.array([f"M{number}" for number in range(1, len(pair) + 1)]), np.array(self.scene.flight.ids)
         deck = compilation.Compilation(
             titles=self.scene.spec.title,

@@ -84,7 +84,7 @@ def lay_ground(
     heights = terrain.level + terrain.relief / 2.0 * (east + north)
     sea = _submerge(spec, sites, heights, draws)
     shore, levels = _shore_lines(spec, sites, flight, np.arange(len(ties)), sea, heights, draws)
-    places = given.with_more(world.at_plan(sites, heights))
+    places = given.then(world.at_plan(sites, heights))
     g = len(spec.point)
     bathymetric = np.concatenate([np.array([point.bathymetric for point in spec.point], dtype=bool), sea])
     shore = np.concatenate([np.full(g, -1), shore])

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial import cKDTree
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, InRows, IntArray
 from musatpy.errors import SpecError
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.simulation.raytrace import TracedRays, through_port, trace
@@ -21,7 +21,7 @@ REACH = 1.3  # times the plan's reach: room for tilts and relief in the search f
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrueImages:
+class TrueImages(InRows):
     """m images without error, photo by photo, points in the order of the ground."""
 
     photo: IntArray  # (m,) row of the flight
@@ -32,9 +32,6 @@ class TrueImages:
     def rays(self, points: int) -> IntArray:
         """Return the number of images of each of so many points."""
         return np.bincount(self.point, minlength=points)
-
-    def __getitem__(self, rows: BoolArray | IntArray) -> TrueImages:
-        return TrueImages(**{name: values[rows] for name, values in vars(self).items()})
 
 
 def take_images(scene: Scene) -> TrueImages:

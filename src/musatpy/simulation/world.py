@@ -12,7 +12,7 @@ import numpy as np
 import pyproj
 from numpy.typing import ArrayLike
 
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray, InRows
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import CoordinateSystem, EllipsoidSpec
 from musatpy.simulation.scene_keys import JobKeys
@@ -24,22 +24,13 @@ METRE_DECIMALS = 4  # of heights, X, Y, Z
 
 
 @dataclass(frozen=True, kw_only=True)
-class TruePlaces:
+class TruePlaces(InRows):
     """k places, on the grid of the cards."""
 
     job: FloatArray  # (k, 3) in the job's system, as model.Photos and model.Control hold it
     xyz: FloatArray  # (k, 3) m, geocentric or local
     natural: FloatArray  # (k, 3) latitude, longitude (rad), height (m); in local jobs X, Y, Z
     vertical: FloatArray  # (k, 3, 3) from xyz to east, north, up
-
-    def __getitem__(self, rows: IntArray) -> TruePlaces:
-        return TruePlaces(**{name: values[rows] for name, values in vars(self).items()})
-
-    def with_more(self, others: TruePlaces) -> TruePlaces:
-        """Return these places and others, one after the other."""
-        return TruePlaces(
-            **{name: np.concatenate([values, vars(others)[name]]) for name, values in vars(self).items()}
-        )
 
 
 def on_grid(angle: ArrayLike, decimals: int) -> FloatArray:

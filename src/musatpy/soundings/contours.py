@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from musatpy.arrays import BoolArray, ComplexArray, FloatArray
+from musatpy.arrays import BoolArray, ComplexArray, FloatArray, InRows
 from musatpy.errors import Problem, SoundingError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import crs_of
@@ -136,7 +136,7 @@ def _refused(source: Path, message: str) -> SoundingError:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Offsets:
+class Offsets(InRows):
     """n samples xy (n, 2) m of lines, each for an interval (n,) m, and their nearest places (n, 2) on others.
 
     beyond (n,): without a partner, past an open end of the other line, which is the nearest place, or too far.
@@ -151,10 +151,6 @@ class Offsets:
     def distance(self) -> FloatArray:
         """(n,) m."""
         return np.linalg.norm(self.nearest - self.xy, axis=1)
-
-    def part(self, rows: BoolArray) -> Offsets:
-        """Return some of the samples."""
-        return Offsets(**{name: values[rows] for name, values in vars(self).items()})
 
 
 def offsets(

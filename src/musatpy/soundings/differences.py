@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, InRows, TextArray
 from musatpy.soundings.s44 import survey_orders
 from musatpy.statistics.analyses import DifferenceStatistics, difference_statistics
 from musatpy.units import FOOT, YARD
@@ -30,7 +30,7 @@ _LEAST = 0.9  # correlation of depths that differ by a scale
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DepthDifferences:
+class DepthDifferences(InRows):
     """n soundings that meet a bottom: compiled and sounded depths (n,) m, and the sigma (n,) of a difference."""
 
     names: TextArray
@@ -54,10 +54,6 @@ class DepthDifferences:
                 break
             good = kept
         return ~good
-
-    def part(self, rows: BoolArray) -> DepthDifferences:
-        """Return some of the soundings."""
-        return DepthDifferences(**{name: values[rows] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,12 +104,12 @@ def median_and_spread(values: FloatArray) -> tuple[float, float]:
 
 def samples(differences: DepthDifferences) -> list[Sample]:
     """Return all differences, those without blunders, and those without blunders by bands of sounded depth."""
-    good = differences.part(~differences.blunders)
+    good = differences[~differences.blunders]
     out = [_sample("all", differences), _sample("without blunders", good)]
     for low, high in pairwise(BANDS):
         rows = (good.sounded >= low) & (good.sounded < high)
         if rows.any():
-            out.append(_sample(f"over {low:g} m" if high == np.inf else f"{low:g} to {high:g} m", good.part(rows)))
+            out.append(_sample(f"over {low:g} m" if high == np.inf else f"{low:g} to {high:g} m", good[rows]))
     return out
 
 
@@ -126,7 +122,7 @@ def _sample(what: str, part: DepthDifferences) -> Sample:
 
 def regression(differences: DepthDifferences) -> Regression | None:
     """Return the regression on the sounded depth without blunders; None for fewer than three, or of one depth."""
-    good = differences.part(~differences.blunders)
+    good = differences[~differences.blunders]
     if len(good.sounded) < 3 or not np.ptp(good.sounded) > 0.0:
         return None
     if not (good.sigma > 0.0).all():

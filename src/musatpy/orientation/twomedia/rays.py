@@ -15,7 +15,7 @@ from typing import Self
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, InRows, IntArray
 from musatpy.geometry.collinearity import (
     attitude_matrix,
     attitude_matrix_partials,
@@ -33,7 +33,7 @@ _TOUCHING = 1e-12  # of the coordinates: a camera that near the water has no ray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Orientation:
+class Orientation(InRows):
     """Trial orientations of m photos over one plane of water.
 
     attitude (..., m, 3) omega, phi, kappa, rad; station (..., m, 3); slope (..., 2) and level (...) of the water,
@@ -70,9 +70,6 @@ class Orientation:
             level=water[..., 2],
             index=water[..., 3],
         )
-
-    def __getitem__(self, rows: object) -> Self:
-        return type(self)(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
     @property
     def height(self) -> FloatArray:

@@ -145,8 +145,8 @@ def interpolate(observed: prediction.Observed, options: InterpolationOptions | N
         row, error, sigma = np.flatnonzero(used)[worst], validation.error[worst], validation.sigma[worst]
         outliers.append(Outlier(row=int(row), error=float(error), sigma=float(sigma)))
         used[row] = False
-        candidates = _candidates(observed.rows(used), options)
-    kept = observed.rows(used)
+        candidates = _candidates(observed[used], options)
+    kept = observed[used]
     best = candidates[0].estimate
     collocation = prediction.Collocation(kept, best.covariance, options.trend)
     gap, wide = estimation.spacing(kept.place), estimation.extent(kept.place)
@@ -198,7 +198,7 @@ def grouped(
     error, sigma = np.empty(count), np.empty(count)
     for group in range(min(GROUPS, count)):
         out = member == group
-        rest = observed.rows(~out)
+        rest = observed[~out]
         covariance = estimation.estimate(rest, options.trend, family, free_noise=options.free_noise).covariance
         predicted = prediction.Collocation(rest, covariance, options.trend).predict(observed.place[out])
         error[out] = observed.value[out] - predicted.value

@@ -29,7 +29,7 @@ class Likelihood:
     def __init__(self, observed: Observed, trend: Trend, family: SignalKind, *, free_noise: bool) -> None:
         self.family, self.free_noise = family, free_noise
         self.has_signal = family != SignalKind.NONE
-        parts = [observed.rows(rows) for rows in neighbours(observed.place)]
+        parts = [observed[rows] for rows in neighbours(observed.place)]
         self._blocks = [(part, lags(part.place, part.place), part.trend_rows(trend)) for part in parts]
 
     def covariance(self, unknowns: FloatArray) -> Covariance:

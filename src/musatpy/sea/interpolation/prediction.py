@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import FloatArray, InRows
 from musatpy.errors import CollocationError
 from musatpy.sea.interpolation.correlation import Correlation
 
@@ -43,7 +43,7 @@ class Covariance:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Observed:
+class Observed(InRows):
     """Values at control points: place (n, 2) m, value (n,) m, sigma (n,) m of each (0 where it is not known)."""
 
     place: FloatArray
@@ -64,10 +64,6 @@ class Observed:
         ones = np.ones((len(at), 1))
         middle = self.place.mean(axis=0)
         return ones if trend == Trend.CONSTANT else np.hstack([ones, (at - middle) / self.scale])
-
-    def rows(self, chosen: BoolArray | IntArray) -> Observed:
-        """Return some of the points."""
-        return Observed(place=self.place[chosen], value=self.value[chosen], sigma=self.sigma[chosen])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
