@@ -341,16 +341,18 @@ def first_pair(P: FloatArray, u: FloatArray) -> FloatArray:
 
     P, u: (..., m, 3), m >= 2. Not finite where the two rays are parallel.
     """
-    u1, u2 = u[..., 0, :], u[..., 1, :]
-    B = P[..., 1, :] - P[..., 0, :]
+    k = nearest_distances(P[..., 1, :] - P[..., 0, :], u[..., 0, :], u[..., 1, :])
+    with np.errstate(invalid="ignore"):
+        both = P[..., :2, :] + k[..., None] * u[..., :2, :]
+    return 0.5 * (both[..., 0, :] + both[..., 1, :])
+
+
+def nearest_distances(base: FloatArray, u1: FloatArray, u2: FloatArray) -> FloatArray:
+    """Return how far (..., 2) along two rays u1, u2 (..., 3), which start a base apart, the other is nearest."""
     D = cross(u1, u2)
     with np.errstate(divide="ignore", invalid="ignore"):
         D2 = np.einsum("...i,...i->...", D, D)
-        k1 = np.einsum("...i,...i->...", cross(B, u2), D) / D2
-        k2 = np.einsum("...i,...i->...", cross(B, u1), D) / D2
-        first = P[..., 0, :] + k1[..., None] * u1
-        second = P[..., 1, :] + k2[..., None] * u2
-    return 0.5 * (first + second)
+        return np.stack([np.einsum("...i,...i->...", cross(base, u), D) / D2 for u in (u2, u1)], axis=-1)
 
 
 def nearest_point(P: FloatArray, u: FloatArray) -> FloatArray:

@@ -43,7 +43,6 @@ def write(path: Path, layer: gis.Points | gis.Lines) -> None:
     is not the system's differ along a line; `OSError`.
     """
     paths = [point[None] for point in layer.xyz] if isinstance(layer, gis.Points) else layer.paths()
-    index = np.repeat(np.arange(len(paths)), [len(line) for line in paths])
     xyz = np.concatenate([np.empty((0, 3)), *paths])
     positions, members = _to_wgs84(path, layer, xyz)
     properties: dict[str, list[Any]] = {  # what is no number is null
@@ -55,7 +54,7 @@ def write(path: Path, layer: gis.Points | gis.Lines) -> None:
             raise gis.refuse(path, f"column {_HEIGHT}", "it has the name of the heights", "another name")
         properties[_HEIGHT] = [_line_height(path, i, line[:, 2]) for i, line in enumerate(paths)]
     units = {name: column.unit for name, column in layer.columns.items() if column.unit}
-    drawn = np.split(positions, np.searchsorted(index, np.arange(1, len(paths))))
+    drawn = np.split(positions, np.cumsum([len(line) for line in paths], dtype=int)[:-1])
     features = (
         {
             "type": "Feature",

@@ -107,7 +107,7 @@ def read(path: Path, layer: str = "", crs: pyproj.CRS | None = None, heights: st
     place: dict[str, Any] = {"crs": gis.placed(stated), "heights": description or heights, "columns": columns}
     if shapely.get_type_id(parts[0]) == _POINT:
         return gis.Points(xyz=xyz, **place)
-    return gis.Lines.of_paths(_split(xyz, index, len(parts)), **place)
+    return gis.Lines.of_paths(np.split(xyz, np.searchsorted(index, np.arange(1, len(parts)))), **place)
 
 
 def _geometry_type(layer: gis.Points | gis.Lines) -> str:
@@ -213,8 +213,3 @@ def _check(shapely: Any, path: Path, name: str, geometries: Any) -> None:
             problems.append(gis.fault(path, place, "a coordinate is no number", "x, y and z"))
     if problems:
         raise InterchangeError(problems)
-
-
-def _split(xyz: FloatArray, index: Any, count: int) -> list[FloatArray]:
-    """Return the vertices of each line."""
-    return np.split(xyz, np.searchsorted(index, np.arange(1, count)))

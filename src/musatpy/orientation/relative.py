@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.arrays import BoolArray, ComplexArray, FloatArray, InRows
-from musatpy.geometry.collinearity import cross, orthogonal, turn
+from musatpy.geometry.collinearity import cross, nearest_distances, orthogonal, turn
 from musatpy.geometry.similarity import TO_SIGMA, cauchy, cauchy_cost
 
 _SAMPLES = 60  # of two points, for the plane similarity of a pair
@@ -80,13 +80,10 @@ def model_points(
     """Return the points (..., m, 3) nearest to both rays, in the axes of photo 1, and the distances (..., m, 2)."""
     u1, v = _vectors(x1), _vectors(x2) @ rotation
     b = base[..., None, :]
-    D = cross(u1, v)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        D2 = np.einsum("...i,...i->...", D, D)
-        k1 = np.einsum("...i,...i->...", cross(b, v), D) / D2
-        k2 = np.einsum("...i,...i->...", cross(b, u1), D) / D2
-        X = 0.5 * (k1[..., None] * u1 + b + k2[..., None] * v)
-    return X, np.stack([k1, k2], axis=-1)
+    distance = nearest_distances(b, u1, v)
+    with np.errstate(invalid="ignore"):
+        X = 0.5 * (distance[..., :1] * u1 + b + distance[..., 1:] * v)
+    return X, distance
 
 
 def _vectors(x: FloatArray) -> FloatArray:

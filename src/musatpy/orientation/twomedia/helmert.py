@@ -7,6 +7,7 @@ that minimum is the one of the bundle of the same rays (docs/theory.md).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -305,8 +306,12 @@ def _squares(problem: HelmertProblem, at: rays.Orientation, linear: list[Linear]
 
 def precision(problem: HelmertProblem, at: rays.Orientation, image: FloatArray, control: FloatArray) -> FloatArray:
     """Return covariances (s, 6 m + 4, 6 m + 4) for unit weight, at images (s, n, 2) and control (s, c, 3)."""
-    linear, _ = linearised(problem, at, image, control)
-    N, _, T = _normals(problem, at, linear, _trust(problem, len(image)))
+    return inverse_of_normals(problem, at, linearised(problem, at, image, control)[0])
+
+
+def inverse_of_normals(problem: HelmertProblem, at: rays.Orientation, linear: Sequence[Linear]) -> FloatArray:
+    """Return the inverses (s, 6 m + 4, 6 m + 4) of the normals of the estimate."""
+    N, _, T = _normals(problem, at, linear, _trust(problem, len(at.level)))
     return np.asarray(T @ np.linalg.pinv(N, hermitian=True) @ np.swapaxes(T, 1, 2))
 
 
@@ -316,7 +321,7 @@ def _trust(problem: HelmertProblem, starts: int) -> FloatArray:
 
 
 def _normals(
-    problem: HelmertProblem, at: rays.Orientation, linear: list[Linear], trust: FloatArray
+    problem: HelmertProblem, at: rays.Orientation, linear: Sequence[Linear], trust: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return normals (s, u, u) and right sides (s, u) along the directions, and these, (s, 6 m + 4, u)."""
     T = directions(at, problem.unknown, _bottom(problem, at))

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.orientation.twomedia.helmert import Adjusted, HelmertProblem
+from musatpy.orientation.twomedia.helmert import Adjusted, HelmertProblem, inverse_of_normals
 from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, image_rays, refracted
 
 OF_PHOTO = ("omega", "phi", "kappa", "X0", "Y0", "Z0")
@@ -25,13 +25,13 @@ _FREE = 1e3  # rad, or heights of the stations over the water: the sigma from wh
 
 def gains(problem: HelmertProblem, adjusted: Adjusted) -> list[FloatArray]:
     """Return by how much misclosures of the groups lower the vector of one orientation, each (k, 6 m + 4, q)."""
-    inverse = _inverse(problem, adjusted)
+    inverse = inverse_of_normals(problem, adjusted.at, adjusted.linear)[0]
     return [inverse @ np.swapaxes(part.by_unknown[0], 1, 2) @ part.estimate[0] for part in adjusted.linear]
 
 
 def covariance_of(problem: HelmertProblem, adjusted: Adjusted) -> FloatArray:
     """Return the covariance (6 m + 4, 6 m + 4) for unit weight: of equal weights that of what these propagate."""
-    inverse = _inverse(problem, adjusted)
+    inverse = inverse_of_normals(problem, adjusted.at, adjusted.linear)[0]
     if not problem.equal:
         return inverse
     covariance = np.zeros_like(inverse)
@@ -39,16 +39,6 @@ def covariance_of(problem: HelmertProblem, adjusted: Adjusted) -> FloatArray:
         by_values = gain @ part.by_values[0]
         covariance += np.sum((by_values * part.variance[:, None]) @ np.swapaxes(by_values, 1, 2), axis=0)
     return covariance
-
-
-def _inverse(problem: HelmertProblem, adjusted: Adjusted) -> FloatArray:
-    """Return the inverse (6 m + 4, 6 m + 4) of the normals of the estimate."""
-    T = adjusted.directions[0]
-    N = (T.T * np.square(1.0 / problem.prior)) @ T
-    for part in adjusted.linear:
-        BT = part.by_unknown[0] @ T
-        N += np.sum(np.swapaxes(BT, 1, 2) @ part.estimate[0] @ BT, axis=0)
-    return np.asarray(T @ np.linalg.pinv(N, hermitian=True) @ T.T)
 
 
 def expected_squares(problem: HelmertProblem, adjusted: Adjusted) -> tuple[float, float]:
