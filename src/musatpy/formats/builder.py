@@ -279,15 +279,15 @@ class BlockBuilder:
             for role in _OF_OPTIONS
         ]
         given += self._given
-        flags = job_tables.flags_of((one.role, one.values) for one in given)
+        flags = job_tables.flags_of((part.role, part.values) for part in given)
         rows: dict[str, job_tables.RoleRows] = {}
         for role, specs in job_tables.roles_of(job_tables.card_family()).items():
-            of_role = [one for one in given if one.role == role]
+            of_role = [part for part in given if part.role == role]
             values = {
-                path: _stacked([one[path] for one in of_role] or [none])
+                path: _stacked([part[path] for part in of_role] or [none])
                 for path, none in job_tables.nothing(role).items()
             }
-            lines = np.concatenate([first[:0], *(one.lines for one in of_role)])
+            lines = np.concatenate([first[:0], *(part.lines for part in of_role)])
             if role not in system_rows.TABLES:  # the card that has its units, by the name of the call
                 card = job_tables.plain_card(role, self._options.system is CoordinateSystem.GEOGRAPHIC)
                 specs = (replace(card, mnemonic=_CALLS.get(role, f"add({role!r})")),)
@@ -301,12 +301,12 @@ class BlockBuilder:
 
     def _label(self, line: int) -> str:
         """Return the call that has added a row, with what that is about."""
-        rows = next((one for one in reversed(self._given) if one.lines[0] <= line <= one.lines[-1]), None)
+        rows = next((part for part in reversed(self._given) if part.lines[0] <= line <= part.lines[-1]), None)
         if rows is None:
             return _CALLS["options"]
         about = job_tables.attributes(rows.role).items()
-        links = [path for path, one in about if one.link]
-        ids = [path for path, one in about if one.identity or one.key] or links[:1]
+        links = [path for path, attribute in about if attribute.link]
+        ids = [path for path, attribute in about if attribute.identity or attribute.key] or links[:1]
         names = [str(name) for path in ids for name in np.ravel(rows[path][line - rows.lines[0]])]
         call = _CALLS.get(rows.role, _ANY)
         names = [rows.role, *names] if call == _ANY else names

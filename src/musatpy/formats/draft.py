@@ -140,14 +140,14 @@ class Draft:
     def unread(self, role: str, path: str) -> BoolArray:
         """Return (k,) True for the cards of a role on which `path` could not be read."""
         rows = self.rows[role]
-        names = {one.name for spec in rows.specs for slot in _slots(spec, path, None) for one in slot.fields}
+        names = {field.name for spec in rows.specs for slot in _slots(spec, path, None) for field in slot.fields}
         lines = [line for line, name in self._unread if name is None or name in names]
         return np.isin(rows.lines, [line for line in lines if line is not None])
 
     def lacks(self, role: str, row: int, path: str, component: int | None = None) -> bool:
         """Return whether the card of a row has a blank for `path`, and not something that could not be read."""
         rows = self.rows[role]
-        names = [one.name for slot in _slots(rows.spec(row), path, component) for one in slot.fields]
+        names = [field.name for slot in _slots(rows.spec(row), path, component) for field in slot.fields]
         value = rows[path][row] if component is None else rows[path][row, component]
         return bool(value == "" or value != value) and not self.is_unread(int(rows.lines[row]), names)
 

@@ -113,7 +113,7 @@ class DeckFamily:
         if "systems" in given:
             message = "SYS cards are left out: coordinates and attitudes are converted as the adjustment has them"
             problems = (Problem(message=message, severity="warning"), *problems)
-        warnings = tuple(replace(one, file=str(place)) for one in problems if one.severity == "warning")
+        warnings = tuple(replace(problem, file=str(place)) for problem in problems if problem.severity == "warning")
         contents = {**names, place: data}
         return Rendered(contents=contents, left_out=(), warnings=warnings, lacks=_lacks(problems))
 

@@ -265,7 +265,7 @@ def role_of(path: str, paths: Iterable[str]) -> str:
     """Return the role that an attribute belongs to, on a row that has all `paths`."""
     table, _, name = path.partition(".")
     if table == "points":
-        tables = {one.partition(".")[0] for one in paths}
+        tables = {path.partition(".")[0] for path in paths}
         return "control" if "control" in tables else "plates"
     return columns(mapping.TABLES[table])[name].role or ("stations" if table == "photos" else table)
 

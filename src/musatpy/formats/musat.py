@@ -127,7 +127,7 @@ def checked_deck(
         return CheckedDeck(block=None, problems=deck.problems)
     draft = draft_of(deck, family, flags)
     no_plates = [spec.mnemonic for spec in draft.rows["plates"].specs] if not for_run else []
-    problems = [one for one in deck.problems if one.line is not None or one.card not in no_plates]
+    problems = [problem for problem in deck.problems if problem.line is not None or problem.card not in no_plates]
     return _between_cards(draft, problems, settings, for_run)
 
 

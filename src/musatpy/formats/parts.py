@@ -53,8 +53,9 @@ def deck_parts(path: Any, name: str | None = None) -> job_tables.Tables:
     """
     family = job_tables.card_family()
     deck = read_cards(path, family, name)
-    missing = [one for one in deck.problems if one.line is None and one.card]  # cards that a whole deck must have
-    errors = [one for one in deck.problems if one.severity == "error" and one not in missing]
+    # cards that a whole deck must have
+    missing = [problem for problem in deck.problems if problem.line is None and problem.card]
+    errors = [problem for problem in deck.problems if problem.severity == "error" and problem not in missing]
     draft = draft_of(deck, family)
     if errors := errors or list(statements(draft)):
         raise DeckError(errors)

@@ -84,17 +84,18 @@ def area_of(text: str, file: str, *, geographic: bool) -> Area:
 def _of_geojson(text: str, file: str) -> tuple[tuple[FloatArray, ...], ...]:
     """Return the outlines of the polygons of a GeoJSON text, holes too; raises `DeckError` where it has none."""
     try:
-        outlines = [
-            tuple(np.array([corner[:2] for corner in outline], dtype=float) for outline in polygon)
+        polygons = [
+            tuple(np.array([corner[:2] for corner in ring], dtype=float) for ring in polygon)
             for polygon in _polygons(json.loads(text))
         ]
     except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         why = f": {error}" if isinstance(error, json.JSONDecodeError) else ""
         raise DeckError.of(f"not the GeoJSON of a polygon{why}", file=file) from error
-    good = [len(one) > 2 and one.shape[1:] == (2,) and np.isfinite(one).all() for of in outlines for one in of]
-    if not good or not all(good) or not all(outlines):
+    rings = [ring for polygon in polygons for ring in polygon]
+    good = [len(ring) > 2 and ring.shape[1:] == (2,) and np.isfinite(ring).all() for ring in rings]
+    if not good or not all(good) or not all(polygons):
         raise DeckError.of("an area needs polygons, of three corners at least each", file=file)
-    return tuple(outlines)
+    return tuple(polygons)
 
 
 def _polygons(member: Any) -> Iterator[Any]:

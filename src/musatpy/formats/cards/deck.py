@@ -253,7 +253,7 @@ class _DeckReader:
                 changed = np.flatnonzero(mended[row] != self.images.cards[line - 1]) + 1
                 place = None if message.endswith(("left", "right")) else (int(changed[0]), int(changed[-1]))
                 field = place and next(
-                    (one for one in spec.fields if one.first <= place[0] <= place[1] <= one.last), None
+                    (field for field in spec.fields if field.first <= place[0] <= place[1] <= field.last), None
                 )
                 details: dict[str, Any] = {"message": message, "columns": place}
                 if field:

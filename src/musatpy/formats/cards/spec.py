@@ -280,7 +280,7 @@ def _load_card(path: Path) -> CardSpec:
                 field.check()
         check_fields(spec.fields)
         with named("sample"):
-            values = {one.name: one.decode(spec.sample[one.first - 1 : one.last]) for one in spec.fields}
+            values = {field.name: field.decode(spec.sample[field.first - 1 : field.last]) for field in spec.fields}
             card = spec.encode(values, 1)
             require(card == spec.sample, f"does not encode to itself:\n    {spec.sample}\n    {card}")
     except ValueError as error:

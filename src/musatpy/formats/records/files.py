@@ -154,7 +154,7 @@ class _RecordReader:
 
     def _agrees(self, record: RecordSpec, number: int, values: dict[str, Value]) -> bool:
         """Return whether the fields that repeat others say the same; complain of those that do not."""
-        wrong = [one for one in record.fields if one.same_as and values[one.name] != values[one.same_as]]
+        wrong = [field for field in record.fields if field.same_as and values[field.name] != values[field.same_as]]
         for field in wrong:
             self._problem(
                 number,
@@ -286,7 +286,7 @@ class _Writer:
             blank: Value = math.nan if field.edit.is_number else ""  # what the model does not have, or says again
             column = columns.get(field.same_as or field.name)
             texts[field.name] = [blank] * count if column is None else column.tolist()
-        heads = list(zip(*(texts[one.name] for record in chain[:-1] for one in record.fields), strict=True))
+        heads = list(zip(*(texts[field.name] for record in chain[:-1] for field in record.fields), strict=True))
         places: dict[tuple[Value, ...], int] = {}
         ranks = [places.setdefault(head, len(places)) for head in heads]
         order = np.argsort(ranks, kind="stable").tolist() if heads else range(count)

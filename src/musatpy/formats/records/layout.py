@@ -170,7 +170,7 @@ class FileSpec:
     def leaves(self) -> tuple[RecordSpec, ...]:
         """Return the records that end a row: those with something to say that no other joins."""
         joined = {record.joins for record in self.records}
-        return tuple(one for one in self.records if self.row_fields(one) and one.name not in joined)
+        return tuple(record for record in self.records if self.row_fields(record) and record.name not in joined)
 
     def row_fields(self, record: RecordSpec) -> tuple[RecordField, ...]:
         """Return the fields of a row."""

@@ -79,7 +79,7 @@ def _wrong_units(file: FileSpec, geographic: bool) -> Iterator[str]:
 
 def row_of(file: FileSpec, leaf: RecordSpec) -> RecordSpec:
     """Return a kind of row as one record; the parts of a text are one field, named by the first."""
-    return replace(leaf, fields=tuple(one for one in file.row_fields(leaf) if one.target and one.part <= 1))
+    return replace(leaf, fields=tuple(field for field in file.row_fields(leaf) if field.target and field.part <= 1))
 
 
 def check_targets(file: FileSpec) -> None:
@@ -184,7 +184,7 @@ def _several(spec: FileSpec, leaf: RecordSpec) -> dict[str, list[str]]:
 
 def _to_model(spec: FileSpec, row: RecordSpec, values: Table, frame: JobFrame) -> None:
     """Turn positions, sigmas and attitudes of the file into those of the model."""
-    packed = {one.target.partition("[")[0] for one in row.fields if one.unit == PACKED}
+    packed = {field.target.partition("[")[0] for field in row.fields if field.unit == PACKED}
     for path in ("photos.position", "control.position"):
         if path in values:
             values[path] = _placed(row, path, values[path])
@@ -356,7 +356,7 @@ def can_hold_control(spec: FileSpec, leaf: RecordSpec, control: Table, frame: Jo
         if letter in "HV":
             fits |= kind == kinds["F"]
     else:
-        codes = next((dict(one.codes).values() for one in spec.row_fields(leaf) if one.target == _KIND), ())
+        codes = next((dict(field.codes).values() for field in spec.row_fields(leaf) if field.target == _KIND), ())
         fits = np.isin(kind, [kinds[letter] for letter in codes or kinds]) if _KIND in paths else kind == kinds["F"]
     if not frame.has_vertical(spec):
         fits &= (kind != kinds["H"]) & (kind != kinds["V"])
@@ -368,7 +368,7 @@ def can_hold_control(spec: FileSpec, leaf: RecordSpec, control: Table, frame: Jo
 
 def _from_model(spec: FileSpec, row: RecordSpec, table: Table, frame: JobFrame) -> None:
     """Turn positions, sigmas and attitudes of the model into those of the file."""
-    packed = {one.target.partition("[")[0] for one in row.fields if one.unit == PACKED}
+    packed = {field.target.partition("[")[0] for field in row.fields if field.unit == PACKED}
     for path, of in _SIGMAS.items():
         if path in table and path in packed:
             table[path] = table[path] / frame.radii(table[of])
