@@ -204,7 +204,7 @@ def test_a_raster_has_the_points_of_its_posts(tmp_path: Path) -> None:
     heights = np.array([[-6.0, -9.0, 2.0], [-4.0, np.nan, -7.5]])
     grid = Grid(west=100.0, south=50.0, spacing=100.0, bands={"z": heights}, crs=crs_of(LOCAL))
     geotiff.write(tmp_path / "a.tif", grid)
-    places = np.column_stack([grid.posts.places(0, 2), heights.ravel()])
+    places = np.column_stack([grid.places(0, 2), heights.ravel()])
     np.savetxt(tmp_path / "a.csv", places, "%.4f", ",", header="x,y,z", comments="")
     options = ("--stations", stations, "--index", "1.34", "--pointing", "6", "-j", "1", "-q")
     for name in ("tif", "csv"):
