@@ -2,7 +2,7 @@
 
 One BLAS thread each: the matrices are small, and the processes of a parallel run share the cores. Bytecode is kept,
 whatever the user keeps: the many runs of the program as a process of its own would each compile it anew.
-Equal blocks are adjusted once.
+Equal decks are read once, and equal blocks adjusted once.
 """
 
 import os
@@ -17,26 +17,40 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
-_adjusted = {}
+_known = {}
 _patched = False
 
 
+def once(key, work):
+    """Return what the work of a key has returned before: decks and solutions are frozen, and may be shared."""
+    if _patched or key is None:
+        return work()
+    if key not in _known:
+        _known[key] = work()
+    return _known[key]
+
+
 def pytest_configure():
-    """Have equal blocks adjusted once: a solution is frozen, and may be shared."""
+    """Have equal decks read and equal blocks adjusted once, before others take the functions by their names."""
     import musatpy.adjustment  # after the threads are set
     from musatpy.adjustment import job
+    from musatpy.formats import musat
 
-    adjust = job.adjust
+    adjust, checked_deck = job.adjust, musat.checked_deck
 
     def adjust_once(block, progress=None, sea=None):
-        if progress is not None or sea is not None or _patched:
-            return adjust(block, progress, sea)
-        key = pickle.dumps(block)
-        if key not in _adjusted:
-            _adjusted[key] = adjust(block)
-        return _adjusted[key]
+        key = pickle.dumps(block) if progress is None and sea is None else None
+        return once(key, lambda: adjust(block, progress, sea))
+
+    def checked_once(source, family=None, *, for_run=True, **more):
+        key, path = None, Path(source) if isinstance(source, str | Path) else None
+        plain = family in (None, musat.card_family()) and not any(more.values())
+        if plain and (isinstance(source, bytes) or (path and path.is_file())):
+            key = path, path.read_bytes() if path else source, for_run
+        return once(key, lambda: checked_deck(source, family, for_run=for_run, **more))
 
     job.adjust = musatpy.adjustment.adjust = adjust_once
+    musat.checked_deck = checked_once
 
 
 def pytest_runtest_setup(item):

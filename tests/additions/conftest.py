@@ -63,7 +63,7 @@ def blocks():
 
 
 def copied(folder: Path) -> Copy:
-    shutil.copytree(ROOT / "src", folder / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "src", folder / "src")
     shutil.copytree(ROOT / "card_formats", folder / "src" / "musatpy" / "card_formats")
     return Copy(folder)
 

@@ -270,7 +270,7 @@ def long_distance() -> dict[str, model.Distances]:
 def test_a_hopeless_job_ends_as_not_converged_and_names_the_culprit(spoilt, options, named):
     enums = {"refraction": model.Refraction, "program": model.Program}
     options = {name: enums[name](value) if name in enums else value for name, value in options.items()}
-    solution = musatpy.adjust(with_options(altered(BLOCK, **spoilt()), **options))
+    solution = adjust(with_options(altered(BLOCK, **spoilt()), **options))
     assert not solution.converged
     # whichever is above its limit; a step that is damped heavily can be below both
     assert re.search("still (moves|turns|damped)|no step lowers the sum of squares", solution.reason)
@@ -284,7 +284,7 @@ def test_a_hopeless_job_ends_as_not_converged_and_names_the_culprit(spoilt, opti
 
 @pytest.mark.slow
 def test_points_behind_cameras_end_the_run():
-    solution = musatpy.adjust(altered(BLOCK, **KNOWN))
+    solution = adjust(altered(BLOCK, **KNOWN))
     assert solution.reason.startswith("points stay behind their cameras")
     assert solution.passes == ()  # nothing is built on a lost triangulation
 
@@ -294,7 +294,7 @@ def test_points_behind_cameras_end_the_run():
 def test_a_start_a_degree_off_is_found_back(program):
     """A given station without sigma is a start only: the images and the control know better."""
     rigorous = with_options(BLOCK, program=program, refraction=model.Refraction.RIGOROUS)
-    found, usual = musatpy.adjust(altered(rigorous, **STATION)), musatpy.adjust(rigorous)
+    found, usual = adjust(altered(rigorous, **STATION)), adjust(rigorous)
     assert found.converged
     off = metric_differences(BLOCK, found.points.position, usual.points.position)
     assert np.nanmax(np.abs(off)) < 0.02  # m: the limits of the steps leave millimetres

@@ -186,7 +186,7 @@ def test_plates_alone_are_weighed_until_their_component_is_one() -> None:
 
 def test_errors_of_considered_water_are_not_those_of_plates() -> None:
     made = simulate(Plan(submerged=True, photos_per_strip=4, seed=3))
-    solution = musatpy.adjust(made.block)
+    solution = adjust(made.block)
     assert solution.observed is not None
     plain = plate_component(solution)
     variances = np.where(solution.observed.sigma > 0.0, 0.1 * np.square(solution.observed.sigma), 0.0)
@@ -201,7 +201,7 @@ def test_plates_that_nothing_checks_or_that_fail_keep_their_guess() -> None:
     short = musatpy.adjust(guessed(made, max_iterations=1))
     assert not short.converged
     assert short.plate_factor == 1.0
-    solution = musatpy.adjust(guessed(made))
+    solution = adjust(guessed(made))
     unchecked = altered(solution, observed={"redundancy": np.zeros_like(solution.observed.redundancy)})
     assert plate_component(unchecked) is None
     exact = simulate(Plan(photos_per_strip=3, seed=2, noise=0.0))  # residuals are rounding: no sigma at all
@@ -213,7 +213,7 @@ def test_errors_are_as_large_as_their_sigmas_say() -> None:
     squares: dict[str, list[np.ndarray]] = {"stations": [], "points": [], "control": []}
     for seed in range(12):
         made = simulate(Plan(submerged=True, station_sigma=0.05, photos_per_strip=4, seed=seed))
-        for name, values in squared_errors(made, musatpy.adjust(guessed(made))).items():
+        for name, values in squared_errors(made, adjust(guessed(made))).items():
             squares[name].append(values)
     ratios = {name: float(np.sqrt(np.nanmean(np.concatenate(values)))) for name, values in squares.items()}
     # 12 strips that correlate within: 0.08; sigma0 for all alike gives 0.54 for stations and 0.61 for control
@@ -224,7 +224,7 @@ def test_errors_are_as_large_as_their_sigmas_say() -> None:
 @pytest.mark.parametrize("program", list(Program))
 def test_large_blocks_find_their_plate_sigma(program: Program) -> None:
     made = simulate(Plan(photos_per_strip=72, strips=3, seed=1))
-    solution = musatpy.adjust(guessed(made, program))
+    solution = adjust(guessed(made, program))
     assert solution.converged
     assert solution.plate_factor == pytest.approx(SHARE, rel=0.03)  # of some thousand degrees of freedom
 

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-import musatpy
 from altered import altered
 from drivers import wave_scenes_study as study
-from musatpy.adjustment import wave_search
+from musatpy.adjustment import adjust, wave_search
 from musatpy.adjustment.collinear import wave_curvature
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import prepared
@@ -31,7 +30,7 @@ scene = lru_cache(wave_scenes.scene)
 
 @lru_cache
 def solved(seed: int) -> Solution:
-    return musatpy.adjust(scene(seed).block)
+    return adjust(scene(seed).block)
 
 
 def worst(made: Scene, found: Solution) -> float:
@@ -63,7 +62,7 @@ def test_a_false_geometry_is_left_for_the_true_crests(monkeypatch: pytest.Monkey
     assert found.converged and worst(scene(TWO_WAVES), found) < 5.0 and found.sigma0 < 1.1
     assert set(found.water.waves.verdicts.ravel()) == {"determined"}
     monkeypatch.setattr(wave_search, "STARTS", 0)
-    alone = musatpy.adjust(scene(TWO_WAVES).block)
+    alone = adjust(scene(TWO_WAVES).block)
     assert alone.sum_of_squares > 1.5 * found.sum_of_squares and worst(scene(TWO_WAVES), alone) > 5.0
 
 
@@ -108,14 +107,14 @@ def test_a_wave_lost_in_the_noise_converges() -> None:
 def test_waves_that_do_not_converge_are_named() -> None:
     """By the parameter, with the digits that show it."""
     made = scene(NO_LIMIT)
-    found = musatpy.adjust(altered(made.block, options={"max_iterations": 2}))
+    found = adjust(altered(made.block, options={"max_iterations": 2}))
     assert re.search(r"wave SWELL azimuth still changes by 0\.0[1-9]\d? degrees", found.reason)
 
 
 @pytest.mark.slow
 def test_chop_that_no_card_knows_of_is_conspicuous() -> None:
     """0.3 m of it: the wave of the cards does not take it for its own."""
-    assert musatpy.adjust(wave_scenes.scene(CHOP, chop=0.3).block).sigma0 > 3.0
+    assert adjust(wave_scenes.scene(CHOP, chop=0.3).block).sigma0 > 3.0
     assert solved(CHOP).sigma0 < 1.5
 
 
@@ -123,7 +122,7 @@ def test_chop_that_no_card_knows_of_is_conspicuous() -> None:
 def test_waves_that_no_ray_meets_stay_as_given() -> None:
     made = scene(LEVEL_GUESS).block
     dry = np.zeros(len(made.points.ids), dtype=bool)
-    found = musatpy.adjust(altered(made, points={"bathymetric": dry}))
+    found = adjust(altered(made, points={"bathymetric": dry}))
     np.testing.assert_array_equal(found.water.waves.value, found.water.waves.prior)
     assert not found.water.waves.searched.any()
 

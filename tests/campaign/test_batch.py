@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from campaign.batches import ROOT, ST_THOMAS, Here, assert_whole, command, decks_in, here, musat, summary_of
+from campaign.batches import ROOT, ST_THOMAS, Here, assert_whole, command, decks_in, here, musat, near, summary_of
 from cli import commands
 from json_schema import BATCH_MANUAL, BATCH_SCHEMA, load_schema, violations, with_table
 from musatpy.campaign.batch import Ledger, run_batch
@@ -143,6 +143,7 @@ def test_a_content_that_there_is_not_is_refused(tmp_path):
 
 
 @pytest.mark.slow
+@near()
 def test_what_is_finished_depends_on_deck_options_and_results(tmp_path, monkeypatch):
     (deck,) = decks_in(tmp_path, small=1)
     formats = Path(shutil.copytree(ROOT / "card_formats" / "musat", tmp_path / "cards"))
@@ -284,6 +285,7 @@ def test_a_deck_that_is_edited_while_it_runs_has_no_results(tmp_path):
 
 
 @pytest.mark.slow
+@near()
 def test_an_output_folder_that_cannot_be_made_fails_its_jobs_only(tmp_path):
     decks_in(tmp_path, small=2)
     (tmp_path / "file").write_text("in the way")

@@ -12,7 +12,19 @@ from typing import Self
 
 import pytest
 
-from campaign.batches import ROOT, Here, assert_whole, decks_in, leftovers, musat, start, summary_of, wait_for
+from campaign.batches import (
+    ROOT,
+    Here,
+    assert_whole,
+    decks_in,
+    here,
+    leftovers,
+    musat,
+    near,
+    start,
+    summary_of,
+    wait_for,
+)
 from musatpy.campaign.batch import run_batch
 from musatpy.campaign.batch_jobs import BatchJob, JobOptions, JobState
 from musatpy.campaign.carried import cluster as workers_of
@@ -34,6 +46,7 @@ def told(folder: Path) -> list[dict]:
     return [{**job, "seconds": None, "folder": None} for job in summary_of(folder)["jobs"]]
 
 
+@near()
 def test_jobs_that_are_carried_leave_and_say_what_those_of_this_machine_do(tmp_path):
     """Among them a deck that cannot be used, one that is not there, card formats, lists and polygons of points."""
     decks_in(tmp_path, small=1)
@@ -125,7 +138,7 @@ def test_a_cluster_that_does_not_answer(tmp_path, monkeypatch):
 
 def test_the_program_is_known_by_its_sources(tmp_path):
     """A copy with one changed title is another program, of the same version; a finished job is run again by it."""
-    shutil.copytree(ROOT / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "src", tmp_path / "src")
     shutil.copytree(ROOT / "card_formats", tmp_path / "card_formats")
     says = [sys.executable, "-c", "from musatpy.campaign.batch_jobs import program; print(program())"]
 
@@ -190,7 +203,7 @@ class Cluster:
 
 def test_a_cluster_of_which_a_worker_is_killed(tmp_path):
     decks_in(tmp_path / "decks", small=6)
-    assert musat("batch", "decks", "-o", "local", "-q", cwd=tmp_path).returncode == 0
+    assert here("batch", "decks", "-o", "local", "-q", cwd=tmp_path).exit_code == 0
     with Cluster(tmp_path / "cluster", workers=2) as cluster:
         batch = start("batch", "decks", "-o", "far", "--cluster", cluster.address, cwd=tmp_path)
         ledger = tmp_path / "far" / ".musat-batch.jsonl"

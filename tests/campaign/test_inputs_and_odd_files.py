@@ -13,9 +13,11 @@ from campaign.batches import (
     ROOT,
     command,
     decks_in,
+    here,
     ledger_of,
     leftovers,
     musat,
+    near,
     processes_in,
     start,
     summary_of,
@@ -51,6 +53,7 @@ def deck_with_geoid(folder: Path) -> tuple[Path, Path]:
 
 
 @pytest.mark.slow
+@near()
 def test_another_geoid_model_is_another_job(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     deck, grid = deck_with_geoid(tmp_path)
@@ -81,6 +84,7 @@ def test_card_formats_that_are_edited_while_a_process_is_at_work(tmp_path):
 
 
 @pytest.mark.slow
+@near()
 def test_what_has_the_name_of_a_deck_and_is_none(tmp_path):
     (deck,) = decks_in(tmp_path, small=1)
     shutil.copy(deck, tmp_path / "._small0.crd")
@@ -101,10 +105,11 @@ def test_what_has_the_name_of_a_deck_and_is_none(tmp_path):
 
 
 @pytest.mark.slow
+@near()
 def test_the_folder_of_a_deck_is_not_made_for_it(tmp_path):
     """A name that was mistyped leaves nothing; the job of a manifest says what is not there."""
-    ran = musat("batch", "mistyped/small0.crd", cwd=tmp_path)
-    assert (ran.returncode, ran.stderr) == (1, "musat: mistyped/: No such file or directory\n")
+    ran = here("batch", "mistyped/small0.crd", cwd=tmp_path)
+    assert (ran.exit_code, ran.stderr) == (1, "musat: mistyped/: No such file or directory\n")
     (tmp_path / "m.toml").write_text('[[job]]\ndeck = ["mistyped/small0.crd", "m.toml/small0.crd"]\n')
     first, second = run_batch(plan_of([tmp_path / "m.toml"])).outcomes
     assert "No such file or directory" in str(first.problems[0])
@@ -140,6 +145,7 @@ def test_signals_that_end_a_program_end_a_batch_in_order(tmp_path, number):
 
 
 @pytest.mark.slow
+@near()
 def test_a_ledger_that_cannot_be_written_anew_is_still_read_and_added_to(tmp_path, monkeypatch):
     (deck,) = decks_in(tmp_path, small=1)
     (outcome,) = run_batch(plan_of([tmp_path])).outcomes
@@ -158,6 +164,7 @@ def test_a_ledger_that_cannot_be_written_anew_is_still_read_and_added_to(tmp_pat
 
 
 @pytest.mark.slow
+@near()
 def test_a_baseline_behind_a_link(tmp_path, monkeypatch):
     decks_in(tmp_path / "decks", small=1)
     (tmp_path / "far" / "base").mkdir(parents=True)
@@ -168,6 +175,7 @@ def test_a_baseline_behind_a_link(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+@near()
 def test_only_one_writes_to_a_baseline_at_a_time(tmp_path):
     (deck,) = decks_in(tmp_path, small=1)
     save(tmp_path, [deck])
@@ -184,11 +192,12 @@ def test_only_one_writes_to_a_baseline_at_a_time(tmp_path):
 
 
 @pytest.mark.slow
+@near()
 def test_a_baseline_that_cannot_be_written_to_cannot_be_checked(tmp_path):
     (deck,) = decks_in(tmp_path, small=1)
     save(tmp_path / "base", [deck])
     (tmp_path / "base" / ".new").write_text("in the way")
-    assert musat("baseline", "check", tmp_path / "base").returncode == 2
+    assert here("baseline", "check", "base", cwd=tmp_path).exit_code == 2
 
 
 def test_what_gets_its_name_is_on_the_disk(tmp_path, monkeypatch):

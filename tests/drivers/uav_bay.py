@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.model import Block, Points, Solution
+from musatpy.model import Block, CauseSearch, Points, Solution
 from musatpy.pipeline import adjust
 from musatpy.sfm.block import TURN, lens_of, pixels_of
 from musatpy.sfm.colmap import write_model
@@ -82,7 +82,7 @@ def bay(seed: int, folder: Path, cloud: int = 3000, points: int = 900) -> Bay:
     spec.write_text(toml_of(SPEC | {"points": {"extra": [{"number": points}]}}), encoding="utf-8")
     simulated = simulate(spec, seed=seed)
     block = simulated.block
-    solution = adjust(blind(block))
+    solution = adjust(blind(block), causes=CauseSearch.NONE)
     assert solution.converged and solution.parameters is not None
     model = model_of(block, solution)
     dense = SPEC | {"points": {"extra": [{"number": cloud}]}, "control": []}

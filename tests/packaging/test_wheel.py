@@ -1,6 +1,5 @@
 """The wheel holds the card formats, and the program runs from it alone."""
 
-import json
 import subprocess
 import sys
 import tomllib
@@ -91,13 +90,3 @@ def test_cards_are_read_with_the_formats_of_the_wheel(unpacked):
     assert Path(package) == unpacked / "musatpy" / "__init__.py"
     assert Path(formats) == unpacked / "musatpy" / "card_formats"
     assert int(cards) == len(list(ROOT.glob("card_formats/musat/*.toml")))
-
-
-@pytest.mark.slow
-def test_the_wheel_runs_a_deck(unpacked, tmp_path):
-    deck = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
-    ran = run(unpacked, "from musatpy.cli.main import main; main()", "run", str(deck), "-o", str(tmp_path))
-    assert ran.returncode == 0, ran.stderr
-    assert "ACCEPTED" in ran.stdout
-    assert (tmp_path / "st_thomas.lst").read_bytes() == deck.with_suffix(".lst").read_bytes()
-    assert json.loads((tmp_path / "st_thomas.json").read_text())["solution"]["converged"] is True

@@ -128,16 +128,15 @@ def drawn_with_long_names(name: str) -> Any:
     return laid_out(BY_NAME[name], {**renamed, "titles": ["WATER " * 13]})
 
 
-def test_nine_in_ten_residuals_are_drawn_within_a_fifth_of_the_spacing(
-    block: dict[str, Any], figures: dict[str, Any]
-) -> None:
+def test_nine_in_ten_residuals_are_drawn_within_a_fifth_of_the_spacing(block: dict[str, Any]) -> None:
     plates = plate_residuals(block)
-    arrows = [one for axes in figures["residuals"].axes for one in axes.collections if isinstance(one, Quiver)]
+    figure = laid_out(BY_NAME["residuals"], block)
+    arrows = [one for axes in figure.axes for one in axes.collections if isinstance(one, Quiver)]
     drawn = np.concatenate([np.hypot(one.U, one.V) / one.scale for one in arrows])
     assert len(drawn) == len(plates.residual)
     apart = np.sqrt(228.6**2 / (len(drawn) // len(plates.photos)))
     assert np.percentile(drawn, 90.0) == pytest.approx(0.2 * apart, rel=1e-6)
-    keys = [key for axes in figures["residuals"].axes for key in axes.artists if isinstance(key, QuiverKey)]
+    keys = [key for axes in figure.axes for key in axes.artists if isinstance(key, QuiverKey)]
     assert {key.label for key in keys} == {f"{keys[0].U:g} um"} and len(keys) == len(plates.photos)
 
 
