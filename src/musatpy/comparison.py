@@ -16,9 +16,11 @@ import numpy as np
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.errors import MusatError, RecordError
 from musatpy.geometry.collinearity import wrapped
+from musatpy.geometry.geodesy import metric_differences
 from musatpy.model.solution import WAVE_VALUES
 from musatpy.model.tables import falling
-from musatpy.records.tables import NamedRows, Tables, metric_differences, numbers, texts
+from musatpy.records.run_tables import ellipsoid_spec
+from musatpy.records.tables import NamedRows, Tables, numbers, texts
 from musatpy.units import DEGREE
 
 _ROUNDING = 9  # decimals of differences, by which rounding errors do not order them
@@ -138,7 +140,8 @@ def compare(first: Tables, second: Tables, labels: tuple[str, str] = ("A", "B"))
 def _placed(record: Tables, first: NamedRows, second: NamedRows, sigma: str, attitude: bool) -> ComparedRows:
     """Return the differences of positions, and of attitudes, where both have them; `sigma` is that of positions."""
     ids = second.common(first)
-    difference = metric_differences(record, *(of.array(ids, "position", 3) for of in (first, second)))
+    places = (of.array(ids, "position", 3) for of in (first, second))
+    difference = metric_differences(record["options"]["system"], ellipsoid_spec(record), *places)
     sigmas = second.array(ids, sigma, 3)
     if attitude:
         turn = wrapped(second.array(ids, "attitude", 3) - first.array(ids, "attitude", 3))

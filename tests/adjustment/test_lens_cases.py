@@ -13,9 +13,9 @@ from adjustment.test_lenses import unknowns
 from altered import altered
 from blocks import converged, simulation
 from musatpy.errors import AdjustmentError
-from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Grade, Solution
 from musatpy.simulation import Simulation
+from musatpy.statistics import metric_differences
 
 LEVEL, INDEX, FOCAL = 0.3, 0.002, 0.05  # sigmas of what is given: m, none, mm
 DRAWS = 50
@@ -53,13 +53,13 @@ def errors_over_sigmas(simulated: Simulation, solution: Solution) -> dict[str, A
     """Errors over a priori sigmas after the adjustment of every unknown, by what it is."""
     truth, water, parameters = simulated.truth, solution.water, solution.parameters
     assert water is not None and parameters is not None
-    ellipsoid, unit = Ellipsoid("clrk66"), solution.unit_sigma
+    block, unit = solution.block, solution.unit_sigma
     of_stations, of_points = (
         np.sqrt(np.einsum("nii->ni", table.covariance)) / unit for table in (solution.stations, solution.points)
     )
-    places = ellipsoid.metric_differences(truth.stations.job, solution.stations.position, True)
+    places = metric_differences(block, truth.stations.job, solution.stations.position)
     turns = solution.stations.attitude - truth.attitude
-    points = ellipsoid.metric_differences(truth.points.job, solution.points.position, True) / of_points
+    points = metric_differences(block, truth.points.job, solution.points.position) / of_points
     wet = truth.bathymetric
     ratios = {
         "F": (parameters.value - [truth.parameters[0].value]) / (parameters.spread / unit),

@@ -12,7 +12,7 @@ from cli.commands import musat
 from musatpy.formats.families import agencies
 from musatpy.formats.musat import read_deck
 from musatpy.formats.parts import deck_parts
-from musatpy.jobs.plan_positions import frame_of
+from musatpy.geometry.geodesy import frame_of
 from musatpy.model import ControlKind
 from record_rows import read_rows
 
@@ -185,7 +185,7 @@ def test_run_punches_files_of_another_family(tmp_path: Path) -> None:
     assert "punched files: patb holds no tides: 3 left out" in result.stderr
     record = read_rows(tmp_path / "st_thomas.json")
     parts, _ = agencies()["patb"].read(tmp_path / "st_thomas.ori", deck_parts(ST_THOMAS))
-    frame = frame_of(read_deck(ST_THOMAS))
+    frame = frame_of(read_deck(ST_THOMAS).options.system, read_deck(ST_THOMAS).ellipsoid)
     punched = frame.working(parts["stations"]["photos.position"])
     adjusted = frame.working(np.array([row["position"] for row in record["stations"]]))
     np.testing.assert_allclose(punched, adjusted, atol=2e-5)  # the files have five decimals of a metre

@@ -12,8 +12,9 @@ from musatpy.errors import DeckError, MusatError
 from musatpy.formats.musat import deck_bytes
 from musatpy.geometry.areas import Area, area_of
 from musatpy.geometry.collinearity import attitude_matrix
+from musatpy.geometry.geodesy import frame_of
 from musatpy.jobs.extract import extracted, photos_above, photos_named, photos_showing
-from musatpy.jobs.plan_positions import frame_of, ground_level, images_on_ground, plan
+from musatpy.jobs.plan_positions import ground_level, images_on_ground, plan
 from musatpy.model import Block, CoordinateSystem
 from musatpy.units import DEGREE
 from raw_plates import raw_block
@@ -177,7 +178,7 @@ def test_an_empty_box_is_an_error() -> None:
 @pytest.mark.parametrize("system", list(CoordinateSystem))
 def test_images_are_put_down_on_level_ground_along_their_rays(system: CoordinateSystem) -> None:
     block = in_system(system)
-    frame, plates, station = frame_of(block), block.plates, block.photos
+    frame, plates, station = frame_of(block.options.system, block.ellipsoid), block.plates, block.photos
     ground = images_on_ground(block, 20.0)
     at = frame.working(station.position)
     axes = frame.axes(at)

@@ -14,10 +14,10 @@ from jobs.decks import cards, cayman, photos, reread, rich, st_thomas
 from musatpy import model
 from musatpy.errors import AdjustmentError
 from musatpy.formats.musat import check_deck, deck_bytes
+from musatpy.geometry.geodesy import frame_of
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import extracted, photos_named
 from musatpy.jobs.merge import MergeOptions, merged
-from musatpy.jobs.plan_positions import frame_of
 from musatpy.jobs.punch import Content, Punch, PunchedPoints, punched, restart
 from musatpy.model import Block, ControlKind, CoordinateSystem, Program, Refraction, Solution, Treatment, WaterLevel
 from musatpy.pipeline import adjust
@@ -44,7 +44,7 @@ def again(solution: Solution) -> Solution:
 
 def apart(one: Solution, other: Solution) -> float:
     """The largest distance (m) between stations, and between points, of two solutions."""
-    frame, ids = frame_of(one.block), other.block.points.ids.tolist()
+    frame, ids = frame_of(one.block.options.system, one.block.ellipsoid), other.block.points.ids.tolist()
     rows = [ids.index(name) for name in one.block.points.ids.tolist()]
     assert one.block.photos.ids.tolist() == other.block.photos.ids.tolist()
     there = np.isfinite(one.points.position).all(axis=1)
@@ -229,7 +229,7 @@ def test_a_result_has_the_adjusted_values_and_their_sigmas() -> None:
     again = reread(block)
     assert notes == ()
     assert len(again.plates.photo) == 0
-    frame = frame_of(block)
+    frame = frame_of(block.options.system, block.ellipsoid)
     shift = frame.working(again.photos.position) - frame.working(solution.stations.position)
     assert np.abs(shift).max() < 2.2e-4  # half of 0.00001 seconds of latitude and longitude, 0.05 mm of height
     turn = again.photos.attitude - solution.stations.attitude
@@ -307,7 +307,7 @@ def test_a_result_is_control_of_the_strip_that_goes_on() -> None:
     # The whole strip knows more: both agree within the sigmas of the strip that leans on the west.
     whole = cayman_solved()
     rows = [whole.block.photos.ids.tolist().index(name) for name in joined.photos.ids.tolist()]
-    frame = frame_of(block)
+    frame = frame_of(block.options.system, block.ellipsoid)
     shift = np.abs(frame.working(whole.stations.position[rows]) - frame.working(solution.stations.position))
     sigma = np.sqrt(np.diagonal(solution.stations.covariance, axis1=1, axis2=2))[:, :3]
     assert shift.max() < 3.0 * sigma.max()

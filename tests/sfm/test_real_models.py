@@ -7,7 +7,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.geodesy import Ellipsoid, metric_differences
+from musatpy.model import EllipsoidSpec
 from musatpy.sfm import colmap, metashape, opensfm
 from musatpy.sfm.conventions import prove
 from musatpy.sfm.georeference import level_positions
@@ -65,7 +66,7 @@ def test_cameras_of_metashape_stand_where_their_references_are() -> None:
     reference[:, :2] = np.radians(reference[:, :2])
     assert model.to_geocentric is not None
     there = model.centre @ model.to_geocentric[:3, :3].T + model.to_geocentric[:3, 3]
-    gap = Ellipsoid("WGS84").metric_differences(reference, Ellipsoid("WGS84").geographic(there), geographic=True)
+    gap = metric_differences("GEOG", EllipsoidSpec(name="WGS84"), reference, Ellipsoid("WGS84").geographic(there))
     assert (np.sqrt(np.mean(np.square(gap[:, :2]), axis=0)) < 2.5).all()
     assert (np.median(np.abs(gap[:, :2]), axis=0) < 2.1).all()
     assert gap[:, 2].std() == pytest.approx(44.0, abs=1.0)

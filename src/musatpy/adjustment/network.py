@@ -12,9 +12,8 @@ from musatpy.adjustment.normals import PARAMETERS
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.errors import AdjustmentError, Problem
-from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame, LocalFrame, middle_of
-from musatpy.model import Block, Control, CoordinateSystem, ObservationKind, PointStatus
+from musatpy.geometry.geodesy import Frame, frame_of
+from musatpy.model import Block, Control, ObservationKind, PointStatus
 from musatpy.model.tables import order_of
 
 if TYPE_CHECKING:
@@ -299,21 +298,8 @@ class Participation:
 
 
 def job_frame(block: Block) -> Frame:
-    """Return the working frame of a job. Raises `AdjustmentError` where its ellipsoid is unknown."""
-    system = block.options.system
-    stations = block.photos.position
-    if system is CoordinateSystem.LOCAL:
-        return LocalFrame(middle_of(stations))
-    spec = block.ellipsoid
-    if spec is None:
-        raise AdjustmentError([Problem(message=f"a {system} job needs an ellipsoid")])
-    try:
-        ellipsoid = Ellipsoid.of(spec)
-    except ValueError as error:
-        raise AdjustmentError([Problem(message=str(error))]) from error
-    if system is CoordinateSystem.GEOCENTRIC:
-        return GeocentricFrame(middle_of(stations), ellipsoid)
-    return GeographicFrame(middle_of(ellipsoid.geocentric(stations)), ellipsoid)
+    """Return the working frame of a job. Raises `SystemsError` where its ellipsoid is unknown."""
+    return frame_of(block.options.system, block.ellipsoid, block.photos.position)
 
 
 def participation(block: Block) -> Participation:

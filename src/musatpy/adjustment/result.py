@@ -379,20 +379,20 @@ def bathymetric_points(
     wet = [part for group in groups for part in (group.part(known[group.point]),) if len(part.point)]
     apparent = _straight_intersections(measured, state, wet)
     level = _water_levels(measured, state, submerged, wet)
-    depth = level - _where_known(measured.frame.height, apparent)
+    depth = level - measured.frame.height(apparent)
     # a dry point stays where it is; without a WTR card there is no index to predict by
     factor = np.where(depth > 0.0, state.index if block.water else np.nan, 1.0)
     predicted_depth = depth * factor
     predicted = _at_heights(measured, apparent, level - predicted_depth)
     return BathymetricPoints(
         point=chosen,
-        apparent=_where_known(measured.frame.system, apparent)[chosen],
-        predicted=_where_known(measured.frame.system, predicted)[chosen],
+        apparent=measured.frame.system(apparent)[chosen],
+        predicted=measured.frame.system(predicted)[chosen],
         water_level=level[chosen],
         incidence=_incidence(measured, state, wet)[chosen],
         apparent_depth=depth[chosen],
         predicted_depth=predicted_depth[chosen],
-        depth=(level - _where_known(measured.frame.height, state.ground))[chosen],
+        depth=(level - measured.frame.height(state.ground))[chosen],
         depth_sigma=depth_sigma[chosen],
     )
 
@@ -447,21 +447,9 @@ def _water_levels(
     return np.divide(total, number, out=np.full(measured.points, np.nan), where=number > 0)
 
 
-def _where_known(convert: Callable[[FloatArray], FloatArray], working: FloatArray) -> FloatArray:
-    """Return what becomes of points (p, 3), NaN for those without a position."""
-    known = finite_rows(working)
-    of_known = convert(working[known])
-    out = np.full((len(working), *of_known.shape[1:]), np.nan)
-    out[known] = of_known
-    return out
-
-
 def _at_heights(network: Network, working: FloatArray, height: FloatArray) -> FloatArray:
     """Return points moved along their local verticals to heights (p,), NaN where either is unknown."""
-    moved = np.full(working.shape, np.nan)
-    known = np.isfinite(height) & finite_rows(working)
     # along the local vertical, not along geocentric Z as in Table 6.9
-    level = network.frame.level(working[known])
-    level[:, 2] = height[known]
-    moved[known] = network.frame.from_level(level)
-    return moved
+    level = network.frame.level(working)
+    level[:, 2] = height
+    return np.where(np.isfinite(height)[:, None], network.frame.from_level(level), np.nan)

@@ -15,6 +15,7 @@ import pyproj
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import FloatArray
+from musatpy.errors import SystemsError
 from musatpy.geometry.collinearity import local_vertical
 
 _SAME_AXIS = 1e-6  # m: GRS 80 and WGS 84 differ by 1e-4 m in their semi-minor axes, and are two ellipsoids
@@ -101,25 +102,35 @@ class Ellipsoid:
         geographic = np.asarray(geographic, dtype=float)
         return local_vertical(geographic[..., 0], geographic[..., 1])
 
-    def metric_differences(self, given: FloatArray, other: FloatArray, geographic: bool) -> FloatArray:
-        """Return others minus given positions (n, 3), metres along the east, north, up of the given ones.
 
-        Geographic or geocentric, all of them. A component that is not given (NaN) is NaN in the result, and takes
-        no part in that of the others.
-        """
-        start = np.where(np.isnan(given), other, given)
-        known = ~(np.isnan(start) | np.isnan(other)).any(axis=1)
-        result = np.full(given.shape, np.nan)
-        if not known.any():
-            return result
-        start, other = start[known], other[known]
-        frames = self.frame(start if geographic else self.geographic(start))
-        shift = self.geocentric(other) - self.geocentric(start) if geographic else other - start
-        result[known] = np.einsum("nij,nj->ni", frames, shift)
-        missing = np.asarray(np.isnan(given))
-        if not geographic:  # X, Y, Z mix east, north and up: without one of them none is known
-            missing = np.repeat(missing.any(axis=1), 3).reshape(given.shape)
-        return np.where(missing, np.nan, result)
+def ellipsoid_by(spec: EllipsoidNumbers | None, system: str) -> Ellipsoid:
+    """Return the ellipsoid of a spec, for a job of a system. Raises `SystemsError` where missing or unknown."""
+    if spec is None:
+        raise SystemsError.of(f"a {system} job needs an ellipsoid")
+    try:
+        return Ellipsoid.of(spec)
+    except ValueError as error:
+        raise SystemsError.of(error) from error
+
+
+def metric_differences(
+    system: str, spec: EllipsoidNumbers | None, given: FloatArray, other: FloatArray
+) -> FloatArray:
+    """Return others minus given positions (n, 3) of a job of a system, metres along east, north, up of the given.
+
+    In local jobs the axes are those of the frame. A component that is not given (NaN) is NaN in the result, and
+    takes no part in that of the others. Raises `SystemsError` where the ellipsoid is missing or unknown.
+    """
+    if system == "LOCL":
+        return other - given
+    ellipsoid, geographic = ellipsoid_by(spec, system), system == "GEOG"
+    start = np.where(np.isnan(given), other, given)
+    frames = ellipsoid.frame(start if geographic else ellipsoid.geographic(start))
+    shift = ellipsoid.geocentric(other) - ellipsoid.geocentric(start) if geographic else other - start
+    missing = np.asarray(np.isnan(given))
+    if not geographic:  # X, Y, Z mix east, north and up: without one of them none is known
+        missing = np.repeat(missing.any(axis=1), 3).reshape(given.shape)
+    return np.where(missing, np.nan, np.einsum("nij,nj->ni", frames, shift))
 
 
 class Frame(ABC):
@@ -243,6 +254,19 @@ class GeographicFrame(GeocentricFrame):
 
     def system(self, working: ArrayLike) -> FloatArray:
         return self.level(working)
+
+
+def frame_of(system: str, spec: EllipsoidNumbers | None, stations: FloatArray | None = None) -> Frame:
+    """Return the frame of a job of a system (LOCL, GEOC, GEOG) about the middle of its stations (n, 3), or about 0.
+
+    Raises `SystemsError` where its ellipsoid is missing or unknown.
+    """
+    if system == "LOCL":
+        return LocalFrame(np.zeros(3) if stations is None else middle_of(stations))
+    ellipsoid, kind = ellipsoid_by(spec, system), GeographicFrame if system == "GEOG" else GeocentricFrame
+    if stations is None:
+        return kind(np.zeros(3), ellipsoid)
+    return kind(middle_of(ellipsoid.geocentric(stations) if system == "GEOG" else stations), ellipsoid)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

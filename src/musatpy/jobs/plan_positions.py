@@ -9,27 +9,9 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.errors import DeckError
 from musatpy.geometry.collinearity import attitude_matrix
-from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame, LocalFrame
+from musatpy.geometry.geodesy import ellipsoid_by, frame_of
 from musatpy.model import Block, CoordinateSystem
 from musatpy.units import DEGREE
-
-
-def frame_of(block: Block) -> Frame:
-    """Return the frame of a block, its working axes about the origin of its system.
-
-    Raises `DeckError` where an ellipsoid is needed and not known.
-    """
-    system, spec = block.options.system, block.ellipsoid
-    if system is CoordinateSystem.LOCAL:
-        return LocalFrame(np.zeros(3))
-    if spec is None:
-        raise DeckError.of(f"a {system} job needs an ellipsoid")
-    try:
-        ellipsoid = Ellipsoid.of(spec)
-    except ValueError as error:
-        raise DeckError.of(error) from error
-    kind = GeographicFrame if system is CoordinateSystem.GEOGRAPHIC else GeocentricFrame
-    return kind(np.zeros(3), ellipsoid)
 
 
 def plan(block: Block, system: FloatArray) -> FloatArray:
@@ -47,21 +29,7 @@ def _level(block: Block, system: FloatArray) -> FloatArray:
     """Return positions (..., 3), of geocentric jobs as latitude, longitude, height; NaN where not known."""
     if block.options.system is not CoordinateSystem.GEOCENTRIC:
         return np.array(system)
-    known = np.isfinite(system).all(axis=-1)
-    level = np.full(system.shape, np.nan)
-    level[known] = frame_of(block).level(system[known])
-    return level
-
-
-def control_heights(block: Block) -> FloatArray:
-    """Return the heights (k,) of control, NaN where not given."""
-    position = block.control.position
-    if block.options.system is not CoordinateSystem.GEOCENTRIC:
-        return position[:, 2]
-    heights = np.full(len(position), np.nan)
-    known = np.isfinite(position).all(axis=1)
-    heights[known] = frame_of(block).height(position[known])
-    return heights
+    return ellipsoid_by(block.ellipsoid, block.options.system).geographic(system)
 
 
 def ground_level(block: Block) -> float:
@@ -69,7 +37,7 @@ def ground_level(block: Block) -> float:
 
     Raises `DeckError` where a block has neither.
     """
-    for heights in (control_heights(block), block.photos.tide):
+    for heights in (_level(block, block.control.position)[:, 2], block.photos.tide):
         known = heights[np.isfinite(heights)]
         if known.size:
             return float(np.median(known))
@@ -85,7 +53,7 @@ def images_on_ground(block: Block, height: float) -> FloatArray:
     if block.raw:
         message = "the plates are comparator readings (RED): where their points are is known only after a run"
         raise DeckError.of(message)
-    frame, photos, plates = frame_of(block), block.photos, block.plates
+    frame, photos, plates = frame_of(block.options.system, block.ellipsoid), block.photos, block.plates
     known = np.asarray(np.isfinite(np.hstack([photos.position, photos.attitude])).all(axis=1))
     rays = np.flatnonzero(known[plates.photo])
     photo = plates.photo[rays]
@@ -126,9 +94,6 @@ def near_control(blocks: list[Block], limit: float) -> list[tuple[int, str, int,
 
 def _working_plan(block: Block) -> FloatArray:
     """Return control (k, 3) in working axes at height 0, so that distances are those in plan; NaN where unknown."""
-    position, frame = _level(block, block.control.position), frame_of(block)
-    known = np.isfinite(position[:, :2]).all(axis=1)
+    position = _level(block, block.control.position)
     position[:, 2] = 0.0
-    working = np.full(position.shape, np.nan)
-    working[known] = frame.from_level(position[known])
-    return working
+    return frame_of(block.options.system, block.ellipsoid).from_level(position)

@@ -15,8 +15,8 @@ import numpy as np
 from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, turn_about_one_line, wrapped
+from musatpy.geometry.geodesy import frame_of
 from musatpy.jobs.agreement import in_common
-from musatpy.jobs.plan_positions import frame_of
 from musatpy.model.block import in_order, with_tables
 from musatpy.model.tables import empty, stacked, taken
 from musatpy.model.water import WAVE_SIGMAS, known_waves
@@ -140,7 +140,8 @@ def _places_to_start(solution: model.Solution) -> tuple[FloatArray, FloatArray]:
     frame of the station where it then is. Their observations keep their residuals: what a card says of them may
     change in its last digits with the vertical, and stands for the same observation.
     """
-    photos, adjusted, frame = solution.block.photos, solution.stations, frame_of(solution.block)
+    photos, adjusted = solution.block.photos, solution.stations
+    frame = frame_of(solution.block.options.system, solution.block.ellipsoid)
     observed = np.isfinite(photos.position_sigma)
     stays = observed.all(axis=1, keepdims=True)
     given, at_rest = frame.working(photos.position), frame.working(adjusted.position)

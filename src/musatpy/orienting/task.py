@@ -10,8 +10,7 @@ from scipy.linalg import eigh
 from musatpy import model
 from musatpy.adjustment.lenses import ideal_plates
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.geometry.geodesy import Frame, LocalFrame
-from musatpy.jobs.plan_positions import frame_of
+from musatpy.geometry.geodesy import Frame, LocalFrame, frame_of
 from musatpy.orientation.twomedia.methods import METHODS, TRIPLET
 from musatpy.orientation.twomedia.oriented import OrientationError
 from musatpy.orientation.twomedia.sights import Method, Sights, WaterPlane
@@ -202,7 +201,7 @@ def _axes(block: model.Block, photos: IntArray, in_model: bool) -> LevelAxes:
     """
     if in_model:
         return LevelAxes(frame=LocalFrame(np.zeros(3)), middle=np.zeros(3), turn=np.eye(3))
-    frame = frame_of(block)
+    frame = frame_of(block.options.system, block.ellipsoid)
     stations = block.photos.position[photos]
     given = stations if np.isfinite(stations).all() else block.control.position
     given = given[np.isfinite(given).all(axis=1)]
@@ -289,5 +288,5 @@ def _base(block: model.Block, photos: IntArray) -> float | None:
     stations = block.photos.position[photos[:2]]
     if len(stations) < 2 or not np.isfinite(stations).all():
         return None
-    first, second = frame_of(block).working(stations)
+    first, second = frame_of(block.options.system, block.ellipsoid).working(stations)
     return float(np.linalg.norm(second - first)) or None

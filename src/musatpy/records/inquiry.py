@@ -16,9 +16,11 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import MusatError, nearest
+from musatpy.geometry.geodesy import metric_differences
 from musatpy.model import ObservationKind
 from musatpy.model.tables import falling
-from musatpy.records.tables import NamedRows, Tables, array_of, metric_differences
+from musatpy.records.run_tables import ellipsoid_spec
+from musatpy.records.tables import NamedRows, Tables, array_of
 
 _DECIMALS = 2  # of test values, as they are printed
 
@@ -227,9 +229,7 @@ class _RecordedRun:
         ids, common = np.unique(here[shared], return_counts=True)
         table = self.named[is_photo]
         place = table.array([name, *ids], "position", 3)
-        distance = np.linalg.norm(
-            metric_differences(self.record, np.repeat(place[:1], len(ids), axis=0), place[1:]), axis=1
-        )
+        distance = self._distances(np.repeat(place[:1], len(ids), axis=0), place[1:])
         order = np.lexsort((np.arange(len(ids)), np.round(distance, 6)))
         sigma = table.array(ids, "position_sigma" if is_photo else "sigma", 3)[:, 2]
         wet = self.record["bathymetric_points"]
@@ -257,7 +257,12 @@ class _RecordedRun:
 
     def _moved(self, photo: str) -> float:
         given, place = (self.named[True].array([photo], field, 3) for field in ("given_position", "position"))
-        return float(np.linalg.norm(metric_differences(self.record, given, place)))
+        return float(self._distances(given, place)[0])
+
+    def _distances(self, first: FloatArray, second: FloatArray) -> FloatArray:
+        """Return how far positions (r, 3) of the record are apart (r,) m."""
+        system, ellipsoid = self.record["options"]["system"], ellipsoid_spec(self.record)
+        return np.linalg.norm(metric_differences(system, ellipsoid, first, second), axis=1)
 
 
 def _without(effect: FloatArray, detectable: FloatArray, error: FloatArray) -> FloatArray:

@@ -15,12 +15,12 @@ from musatpy import model
 from musatpy.arrays import FloatArray, IntArray, rows_of
 from musatpy.errors import RecordError
 from musatpy.geometry.crs import LongitudeLatitude
+from musatpy.geometry.geodesy import ellipsoid_by
 from musatpy.geometry.systems import Geographic, System, geographic
 from musatpy.model.solution import WAVE_VALUES
 from musatpy.model.water import WAVE_SIGMAS, index_fault
 from musatpy.records.tables import Tables, flags, numbers, part, texts
 from musatpy.systems import statement_on
-from musatpy.systems.statement import ellipsoid_by
 from musatpy.units import AngleUnit
 
 SYSTEM = ("options", "ellipsoid", "stated")  # tables that tell the system of a job

@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.errors import MusatError
-from musatpy.geometry.geodesy import Ellipsoid
 
 Tables = Mapping[str, Any]
 
@@ -87,18 +85,3 @@ class NamedRows:
         if "position" not in self.table or self.table["position"][row][0] is not None:
             return None
         return f"is not determined: {self.table['reason'][row] or 'no position'}"
-
-
-def metric_differences(tables: Tables, first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return second minus first positions (r, 3) of a record in metres, east, north, up (X, Y, Z in local jobs).
-
-    Raises `MusatError` where a record that is not of a local job has no ellipsoid that is known.
-    """
-    system, spec = tables["options"]["system"], tables["ellipsoid"]
-    if system == "LOCL":
-        return second - first
-    try:
-        ellipsoid = Ellipsoid(spec["name"] or "", spec["semi_major_axis"], spec["inverse_flattening"])
-    except (TypeError, ValueError) as error:  # none, or one that PROJ does not know
-        raise MusatError(f"a {system} job without an ellipsoid: {error}") from error
-    return ellipsoid.metric_differences(first, second, system == "GEOG")

@@ -15,7 +15,8 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import count_of
-from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry import geodesy
+from musatpy.geometry.geodesy import ellipsoid_by
 from musatpy.model import (
     Block,
     Concern,
@@ -437,38 +438,16 @@ def rectangular(block: Block, positions: FloatArray) -> FloatArray:
     """Return X, Y, Z (n, 3) m of positions (n, 3) in the job's system; rows with a NaN come back all NaN."""
     if block.options.system is not CoordinateSystem.GEOGRAPHIC:
         return positions
-    known = ~np.isnan(positions).any(axis=1)
-    xyz = np.full(positions.shape, np.nan)
-    if known.any():
-        xyz[known] = _ellipsoid(block).geocentric(positions[known])
-    return xyz
+    return ellipsoid_by(block.ellipsoid, block.options.system).geocentric(positions)
 
 
 def elevations(block: Block, positions: FloatArray) -> FloatArray:
     """Return the heights (n,) m of positions (n, 3) in the job's system; NaN where a position has a NaN."""
     if block.options.system is not CoordinateSystem.GEOCENTRIC:
         return positions[:, 2]
-    known = ~np.isnan(positions).any(axis=1)
-    heights = np.full(len(positions), np.nan)
-    if known.any():
-        heights[known] = _ellipsoid(block).geographic(positions[known])[:, 2]
-    return heights
+    return ellipsoid_by(block.ellipsoid, block.options.system).geographic(positions)[:, 2]
 
 
 def metric_differences(block: Block, given: FloatArray, adjusted: FloatArray) -> FloatArray:
-    """Return adjusted minus given (n, 3), metres along the east, north, up of the given points.
-
-    Both are positions (n, 3) in the job's system. A component that is not given (NaN) is NaN in the result, and
-    takes no part in that of the others; in local jobs the axes are those of the frame.
-    """
-    if block.options.system is CoordinateSystem.LOCAL:
-        return adjusted - given
-    geographic = block.options.system is CoordinateSystem.GEOGRAPHIC
-    return _ellipsoid(block).metric_differences(given, adjusted, geographic)
-
-
-def _ellipsoid(block: Block) -> Ellipsoid:
-    spec = block.ellipsoid
-    if spec is None:
-        raise ValueError("a geographic or geocentric block without an ellipsoid")
-    return Ellipsoid.of(spec)
+    """Return adjusted minus given positions (n, 3) of a job, as `musatpy.geometry.geodesy` does, m."""
+    return geodesy.metric_differences(block.options.system, block.ellipsoid, given, adjusted)

@@ -17,7 +17,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.collinearity import AngleForm, angle_rates, angles_by_turn, in_axes, matrix_of, wrapped
-from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.geodesy import Ellipsoid, ellipsoid_by
 from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, System, TangentPlane
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, SystemSpec
 
@@ -179,16 +179,6 @@ def own_statement(block: Block) -> Statement:
 def ellipsoid_of(block: Block) -> Ellipsoid:
     """Return the ellipsoid of a block. Raises `SystemsError` where it is missing or unknown."""
     return ellipsoid_by(block.ellipsoid, block.options.system)
-
-
-def ellipsoid_by(spec: EllipsoidSpec | None, system: str) -> Ellipsoid:
-    """Return the ellipsoid of a spec, for a job of a system. Raises `SystemsError` where missing or unknown."""
-    if spec is None:
-        raise SystemsError.of(f"a {system} job needs an ellipsoid")
-    try:
-        return Ellipsoid.of(spec)
-    except ValueError as error:
-        raise SystemsError.of(error) from error
 
 
 def require_same_earth(block: Block, system: System) -> None:
