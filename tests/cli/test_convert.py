@@ -114,8 +114,8 @@ def test_cameras_of_a_table_beside_a_deck(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ("--control-sigma a", "'a' is not one, two or three numbers above zero"),
-        ("--control-sigma 1,-1", "'1,-1' is not one, two or three numbers above zero"),
+        ("--control-sigma a", "'a' is not numbers with commas between them"),
+        ("--control-sigma 1,-1", "'1,-1' has a number that is not greater than zero"),
         ("--plate-sigma 0", "'--plate-sigma'"),
         ("--camera RC8=1,2", "--camera RC8=1,2: not NAME=FOCAL or NAME=FOCAL,X,Y"),
         ("--camera RC8=x", "--camera: CAM.focal_length: 'x' is not a number"),

@@ -231,7 +231,7 @@ def test_bad_points_are_all_reported(tmp_path: Path, text: str, messages: list[s
         (["--model", "grid", "--most", "2"], "--most is for the model fourier"),
         (["--image-sigma", "5"], "--image-sigma and --focal go together"),
         (["--image-sigma", "5", "--focal", "152"], "--image-sigma needs --cameras"),
-        (["--sigma", "1,1,0"], "a sigma is greater than zero"),
+        (["--sigma", "1,1,0"], "'1,1,0' has a number that is not greater than zero"),
         (["--image-sigma", "5", "--focal", "152", "--sigma", "1,1,1"], "one or the other"),
         (["--cameras", str(SEA / "cameras.csv"), "--pair", "L,X"], "no station X among L, R"),
         (["--cameras", str(SEA / "cameras.csv"), "--pair", "L"], "two names are needed"),

@@ -20,7 +20,7 @@ from musatpy.campaign.carried import delivered, parcel_of, run_parcel
 from musatpy.campaign.local import LocalExecutor, ProcessDiedError
 from musatpy.campaign.locks import FolderLocks
 from musatpy.campaign.manifest import BatchPlan
-from musatpy.campaign.worker import run_job
+from musatpy.campaign.worker import failure_of, run_job
 from musatpy.errors import MusatError
 from musatpy.files import NO_LINK, real_path, remove_leftovers, write_files
 from musatpy.memory import cores
@@ -242,7 +242,7 @@ class _Batch:
             try:
                 self.locks.take(job.folder, _ELSEWHERE)
             except OSError as error:
-                self.end(n, JobOutcome(state=JobState.FAILED, message=_words(error)))
+                self.end(n, JobOutcome(**failure_of(error)))
         jobs = [job for n, job in enumerate(self.plan.jobs) if n not in self.outcomes]
         summary = self.plan.folder / f"{self.plan.name}.json"
         index = [] if self.plan.index is None else [self.plan.index]
@@ -329,7 +329,8 @@ class _Batch:
         try:
             self.ledger.add(job, outcome)
         except OSError as error:
-            self.notes.append(f"{_words(error)}: finished jobs are done again when the batch is resumed")
+            why = failure_of(error)["message"]
+            self.notes.append(f"{why}: finished jobs are done again when the batch is resumed")
 
 
 def _lost(error: Exception) -> JobOutcome:
@@ -343,7 +344,3 @@ def _lost(error: Exception) -> JobOutcome:
         return JobOutcome(state=JobState.FAILED, message=why)
     what = str(error) if isinstance(error, MusatError) else f"{type(error).__name__}: {error}"
     return JobOutcome(state=JobState.CRASHED, message=f"its worker was lost: {what}")
-
-
-def _words(error: OSError) -> str:
-    return f"{error.filename or 'system'}: {error.strerror or error}"

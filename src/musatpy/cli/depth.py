@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +63,23 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
         if self.positive and min(numbers) <= 0.0:
             self.fail(f"'{value}' has a number that is not greater than zero", param, ctx)
         return numbers
+
+
+class Sigmas(Numbers):
+    """Sigmas of three coordinates, of which fewer may be said: by how many there are, which of them are whose."""
+
+    name = "sigmas"
+
+    def __init__(self, whose: Mapping[int, tuple[int, int, int]]) -> None:
+        super().__init__(positive=True)
+        self.whose = whose
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
+        """Return the three sigmas of a text."""
+        sigmas = super().convert(value, param, ctx)
+        if len(sigmas) not in self.whose:
+            self.fail(f"{' or '.join(map(str, self.whose))} numbers are needed, not {len(sigmas)}", param, ctx)
+        return tuple(sigmas[n] for n in self.whose[len(sigmas)])
 
 
 index_options = options_of(

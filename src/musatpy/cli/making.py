@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import shlex
 from collections.abc import Mapping, Sequence
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli import options
+from musatpy.cli.depth import Sigmas
 from musatpy.cli.messages import complain, complain_of, name_of, tell
 from musatpy.cli.options import FILE, FOLDER, POSITIVE, NamedPath, flag, option
 from musatpy.errors import DeckError, Problem, count_of, printable
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from musatpy.formats.job_tables import Tables
 
 _CAMERA = ("camera", "focal_length", "xp", "yp")  # fields of its card, in the order of an option
-_OF_COUNT = {1: (0, 0, 0), 2: (0, 0, 1), 3: (0, 1, 2)}  # which of so many numbers are those of east, north, up
 _WILL_NOT_RUN = 3  # exit status of `convert` whose deck lacks something
 
 
@@ -125,20 +124,6 @@ def waves_command(spec: Path, plots: bool, form: ImageForm, out_dir: Path | None
     tell(f"{name_of(text)}: sigma {sigma} m, accuracy {says}")
 
 
-def _three_sigmas(ctx: click.Context, param: click.Parameter, text: str | None) -> tuple[float, ...]:
-    """Return the sigmas of east, north and up that one, two or three numbers say; nothing of no text."""
-    if text is None:
-        return ()
-    words = text.split(",")
-    try:
-        sigmas = tuple(float(words[n]) for n in _OF_COUNT[len(words)])
-    except (KeyError, ValueError):
-        sigmas = ()
-    if not sigmas or not all(0.0 < sigma < math.inf for sigma in sigmas):
-        raise click.BadParameter(f"'{text}' is not one, two or three numbers above zero", ctx, param)
-    return sigmas
-
-
 @click.command(name="convert", short_help="Convert a job between decks and other agencies' files.")
 @click.argument("source", metavar="FROM", type=NamedPath(exists=True))
 @click.argument("target", metavar="TO", type=FILE)
@@ -159,7 +144,7 @@ def _three_sigmas(ctx: click.Context, param: click.Parameter, text: str | None) 
 @option(
     "--control-sigma EAST,NORTH,UP",
     "Standard deviations of control that has none, m; one number for all, or two for plan and height.",
-    callback=_three_sigmas,
+    Sigmas({1: (0, 0, 0), 2: (0, 0, 1), 3: (0, 1, 2)}),  # east, north, up
 )
 @options.set_option
 @options.submerged_option
@@ -178,7 +163,7 @@ def convert_command(
     deck: Path | None,
     cameras: tuple[str, ...],
     plate_sigma: float | None,
-    control_sigma: tuple[float, ...],
+    control_sigma: tuple[float, ...] | None,
     settings: tuple[str, ...],
     submerged: Path | None,
     formats: Path | None,

@@ -59,13 +59,6 @@ def _open_log(ctx: click.Context, param: click.Parameter, path: Path | None) -> 
     log(_begun(ctx))
 
 
-def _with_common(command: click.Command) -> click.Command:
-    """Return a command that has the options of all, unless it is a group."""
-    if not isinstance(command, click.Group) and COMMON[0] not in command.params:
-        command.params += COMMON
-    return command
-
-
 WORDS = "musatpy.words"  # those of the command line, in the `meta` of a context
 COMMON: list[click.Parameter] = [
     click.Option(
@@ -79,7 +72,10 @@ COMMON: list[click.Parameter] = [
 
 
 class LazyCommands(UserDict[str, Any]):
-    """Commands by their names, each imported when asked for: from `module`, as its `command`, or `module:name`."""
+    """Commands by their names, each imported when asked for: from `module`, as its `command`, or `module:name`.
+
+    Each has the options of all, unless it is a group.
+    """
 
     def __getitem__(self, name: str) -> click.Command:
         """Return a command; raises `KeyError`."""
@@ -87,7 +83,9 @@ class LazyCommands(UserDict[str, Any]):
         if isinstance(command, str):
             module, _, attribute = command.partition(":")
             command = self[name] = getattr(import_module(module), attribute or "command")
-        return _with_common(command)
+        if not isinstance(command, click.Group) and COMMON[0] not in command.params:
+            command.params += COMMON
+        return command
 
 
 class LazyGroup(click.Group):

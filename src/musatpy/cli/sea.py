@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from musatpy.cli import options
-from musatpy.cli.depth import POSITIVE, Finite, Numbers, index_by, index_options, system_options
+from musatpy.cli.depth import POSITIVE, Finite, Sigmas, index_by, index_options, system_options
 from musatpy.cli.messages import complain, name_of, progress_through, tell
 from musatpy.cli.options import FILE, LazyGroup, flag, option, options_of
 from musatpy.errors import SeaError, count_of
@@ -31,29 +31,14 @@ if TYPE_CHECKING:
 _OF = {"fourier": ("shortest", "longest", "most"), "grid": ("spacing", "curvature")}
 FAMILIES = ("none", "gaussian", "exponential", "elliptic", "bessel", "swell")
 UNHELPFUL = 3  # exit status of the old name where the interpolation does not help
-_RECORD, _TABLES, _LAS = ".json", (".csv", ".xyz", ".txt"), (".las", ".laz")
-
-
-class SigmaOption(Numbers):
-    """Sigmas of three coordinates, or one of all."""
-
-    name = "sigmas"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
-        """Return the three sigmas of a text."""
-        sigmas = super().convert(value, param, ctx)
-        if len(sigmas) not in (1, 3):
-            self.fail(f"1 or 3 numbers are needed, not {len(sigmas)}", param, ctx)
-        if min(sigmas) <= 0.0:
-            self.fail("a sigma is greater than zero", param, ctx)
-        return sigmas * (3 // len(sigmas))
+_RECORD, _TABLES = ".json", (".csv", ".xyz", ".txt")
 
 
 precision_options = options_of(
     option(
         "--sigma M|X,Y,Z",
         "Sigma of points that have none of their own: one for all coordinates, or one for each.",
-        SigmaOption(),
+        Sigmas({1: (0, 0, 0), 3: (0, 1, 2)}),
     ),
     option("--image-sigma UM", "Sigma of plate coordinates; replaces --sigma.", POSITIVE),
     options.columns_option,

@@ -96,26 +96,25 @@ def read_raster_bottom(source: Path, job: Ellipsoid | None) -> RasterBottom:
     with geotiff.opened(source, pyproj.CRS.from_wkt(LOCAL)) as raster:
         posts, names = raster.posts, raster.names
         if _DEPTH not in names:
-            raise _refused(source, f"it has no band {_DEPTH} but {', '.join(names)}")
+            raise CompilationError.of(f"it has no band {_DEPTH} but {', '.join(names)}", file=source)
         if min(posts.shape) < 2:
-            raise _refused(source, "a bottom has two rows and columns at least")
+            raise CompilationError.of("a bottom has two rows and columns at least", file=source)
         depth, sigma = (
             raster.rows(name, 0, posts.shape[0]) if name in names else None for name in (_DEPTH, _SIGMA)
         )
     assert depth is not None
     if not np.isfinite(depth).any():
-        raise _refused(source, "all of its posts are empty")
+        raise CompilationError.of("all of its posts are empty", file=source)
     if (posts.crs is None) != (job is None):
         stated = "no coordinate system" if posts.crs is None else f"the system {posts.crs.name}"
-        raise _refused(
-            source, f"it has {stated}, and the job {'a local one' if job is None else 'one of the globe'}"
-        )
+        job_is = "a local one" if job is None else "one of the globe"
+        raise CompilationError.of(f"it has {stated}, and the job {job_is}", file=source)
     system, metres = None, np.ones(2)
     if posts.crs is not None and job is not None:
         try:
             system = system_of(posts.crs.to_wkt(), job)
         except SystemsError as error:
-            raise _refused(source, error.problems[0].message) from error
+            raise CompilationError.of(error.problems[0].message, file=source) from error
         metres = _metres(posts, system, job)
     sigma = np.zeros(depth.shape) if sigma is None else sigma
     return RasterBottom(posts=posts, depth=depth, sigma=sigma, system=system, metres=metres)
@@ -128,10 +127,6 @@ def _metres(posts: Posts, system: System, job: Ellipsoid) -> FloatArray:
     beside = middle + posts.spacing * np.eye(3)[:2]
     places = job.geocentric(system.level(np.vstack([middle, beside])))
     return np.asarray(np.linalg.norm(places[1:] - places[0], axis=1) / posts.spacing)
-
-
-def _refused(source: Path, message: str) -> CompilationError:
-    return CompilationError.of(message, file=source)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,7 +157,9 @@ def contour_raster(
         names = raster.names
         name = band or (names[0] if len(names) == 1 else _DEPTH)
         if name not in names:
-            raise _refused(source, f"which band has the depths? --band is one of {', '.join(names)}")
+            raise CompilationError.of(
+                f"which band has the depths? --band is one of {', '.join(names)}", file=source
+            )
         values, posts = raster.rows(name, 0, raster.posts.shape[0]), raster.posts
     is_depth = name == _DEPTH or wish.datum is not None
     if wish.datum is not None:
@@ -176,14 +173,14 @@ def contour_raster(
 
 def _drawn(source: Path, values: FloatArray, posts: Posts, wish: ContourWish) -> Contours:
     if not np.isfinite(values).any():
-        raise _refused(source, "all of its posts are empty")
+        raise CompilationError.of("all of its posts are empty", file=source)
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     levels = np.array(wish.levels) if wish.levels else levels_between(low, high, wish.interval)
     multiples = np.rint(levels / wish.interval) if wish.interval else np.arange(len(levels))
     index = levels[multiples % wish.index == 0].tolist()
     drawn = grid_contours(values, (posts.west, posts.south), posts.spacing, levels.tolist(), index, wish.shortest)
     if not drawn.lines:
-        raise _refused(source, f"there is no contour between {low:.2f} and {high:.2f} m")
+        raise CompilationError.of(f"there is no contour between {low:.2f} and {high:.2f} m", file=source)
     return drawn
 
 

@@ -12,7 +12,7 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.errors import DeckError, Problem
 from musatpy.jobs import agreement
 from musatpy.jobs.agreement import Part
-from musatpy.jobs.naming import Linking, NamedKind, Once, once
+from musatpy.jobs.naming import Linking, NamedKind, Once
 from musatpy.model import Block, EqualElevations, Photos, PlateMeasurements, Points, WaterLevel, Waves
 from musatpy.model.block import in_order, linking, with_tables
 from musatpy.model.tables import Table, columns, parts_of, taken
@@ -111,15 +111,8 @@ class _Merger:
         self, name: str, label: str, table: Any, key: IntArray, what: Iterable[str], apart: Sequence[str]
     ) -> Any:
         """Return a table of all parts with its rows once; `key` says which are the same, `what` their names."""
-        distinct = once(
-            table,
-            key,
-            self.names.deck(name),
-            [part.name for part in self.parts],
-            what=[f"{label} {part}" for part in what],
-            apart=apart,
-            prefer=self.options.prefer,
-        )
+        named = [f"{label} {part}" for part in what]
+        distinct = self.names.once(name, table, key, named, apart, self.options.prefer)
         self.doubles[label] = distinct
         self.problems += distinct.problems
         return taken(table, distinct.stays)

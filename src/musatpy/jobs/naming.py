@@ -192,6 +192,16 @@ def prefixed(block: Block, kind: NamedKind, prefix: str, names: Names, but: Cont
 _LINKS = {"cameras": NamedKind.CAMERA, "photos": NamedKind.PHOTO, "points": NamedKind.POINT}  # tables with names
 
 
+@dataclass(frozen=True, kw_only=True)
+class Once:
+    """Which rows (k,) of stacked tables stay, what was dropped as said before, and where one deck was believed."""
+
+    stays: BoolArray
+    dropped: int
+    believed: tuple[str, ...]  # what these rows are called
+    problems: tuple[Problem, ...]
+
+
 class Linking:
     """The names of all parts in the order of first appearance; equal ones are one thing."""
 
@@ -244,54 +254,37 @@ class Linking:
         sizes = [getattr(part.block, name).count for part in self.parts]
         return np.repeat(np.arange(len(self.parts)), sizes)
 
+    def once(
+        self, name: str, table: Any, key: IntArray, what: Sequence[str], apart: Sequence[str], prefer: int
+    ) -> Once:
+        """Return each row of a table of all parts that several decks give only once.
 
-@dataclass(frozen=True, kw_only=True)
-class Once:
-    """Which rows (k,) of stacked tables stay, what was dropped as said before, and where one deck was believed."""
-
-    stays: BoolArray
-    dropped: int
-    believed: tuple[str, ...]  # what these rows are called
-    problems: tuple[Problem, ...]
-
-
-def once(
-    table: Any,
-    key: IntArray,
-    part: IntArray,
-    names: Sequence[str],
-    *,
-    what: Sequence[str],
-    apart: Sequence[str] = (),
-    prefer: int = -1,
-) -> Once:
-    """Return each row of a table that several decks give only once.
-
-    Rows with the same `key` (k, q) of different decks `part` (k,) are the same thing, called `what` (k,); the
-    attributes `apart` of the key are not compared. Where they differ, the row of deck `prefer` holds (-1: none
-    does), and without one that is a problem, which names the decks by `names`. Rows of one deck stay as they are.
-    """
-    stays = np.ones(len(part), dtype=bool)
-    dropped, believed, problems = 0, [], []
-    columns = [column.name for column in fields(table) if column.name not in apart]
-    _, inverse = np.unique(key, axis=0, return_inverse=True)
-    inverse = inverse.reshape(-1)
-    repeated = np.flatnonzero(np.bincount(inverse)[inverse] > 1) if len(inverse) else np.zeros(0, dtype=int)
-    decided = set(inverse[part == prefer].tolist())
-    kept: dict[int, int] = {}
-    for row in repeated.tolist():
-        first = kept.setdefault(int(inverse[row]), row)
-        if part[first] == part[row]:
-            continue
-        differ = [name for name in columns if not same(getattr(table, name)[first], getattr(table, name)[row])]
-        if differ and int(inverse[row]) not in decided:
-            message = f"{what[row]} differs in {', '.join(differ)}: {names[part[first]]} and {names[part[row]]}"
-            problems.append(Problem(message=message))
-        elif differ:
-            believed.append(what[row])
-        else:
-            dropped += 1
-        loser = first if differ and part[row] == prefer else row
-        stays[loser] = False
-        kept[int(inverse[row])] = row if loser == first else first
-    return Once(stays=stays, dropped=dropped, believed=tuple(dict.fromkeys(believed)), problems=tuple(problems))
+        Rows with the same `key` (k, q) of different decks are the same thing, called `what` (k,); the attributes
+        `apart` of the key are not compared. Where they differ, the row of deck `prefer` holds (-1: none does), and
+        without one that is a problem, which names the decks. Rows of one deck stay as they are.
+        """
+        part, names = self.deck(name), [part.name for part in self.parts]
+        stays = np.ones(len(part), dtype=bool)
+        dropped, believed, problems = 0, [], []
+        columns = [column.name for column in fields(table) if column.name not in apart]
+        _, inverse = np.unique(key, axis=0, return_inverse=True)
+        inverse = inverse.reshape(-1)
+        repeated = np.flatnonzero(np.bincount(inverse)[inverse] > 1) if len(inverse) else np.zeros(0, dtype=int)
+        decided = set(inverse[part == prefer].tolist())
+        kept: dict[int, int] = {}
+        for row in repeated.tolist():
+            first = kept.setdefault(int(inverse[row]), row)
+            if part[first] == part[row]:
+                continue
+            differ = [name for name in columns if not same(getattr(table, name)[first], getattr(table, name)[row])]
+            if differ and int(inverse[row]) not in decided:
+                message = f"{what[row]} differs in {', '.join(differ)}: {names[part[first]]} and {names[part[row]]}"
+                problems.append(Problem(message=message))
+            elif differ:
+                believed.append(what[row])
+            else:
+                dropped += 1
+            loser = first if differ and part[row] == prefer else row
+            stays[loser] = False
+            kept[int(inverse[row])] = row if loser == first else first
+        return Once(stays=stays, dropped=dropped, believed=tuple(dict.fromkeys(believed)), problems=tuple(problems))

@@ -342,6 +342,7 @@ def _of_waves(compiled: Compiled) -> str:
 def listing_of(
     done: CompilationReport,
     sections: list[Section],
+    kind: str = "COMPILATION",
     *,
     carriage_control: bool = False,
     date: datetime.date | None = None,
@@ -349,15 +350,12 @@ def listing_of(
     """Return the listing of a compilation, or of models set up, from its sections, on pages of 132 columns."""
     title, caution = "".join(done.compiled.deck.titles[:1]), done.compiled.run.caution
     mark = MARKS.get(done.verdict.grade, "") if done.verdict else ""
-    return print_titled(
-        "COMPILATION", title, sections, caution, mark=mark, carriage_control=carriage_control, date=date
-    )
+    return print_titled(kind, title, sections, caution, mark=mark, carriage_control=carriage_control, date=date)
 
 
 def point_listing(done: CompilationReport) -> str:
     """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
-    title, caution = "".join(done.compiled.deck.titles[:1]), done.compiled.run.caution
-    return print_titled("COMPARISON OF POINTS", title, _comparison_sections(done), caution)
+    return listing_of(done, _comparison_sections(done), "COMPARISON OF POINTS")
 
 
 def _comparison_sections(done: CompilationReport) -> list[Section]:
