@@ -461,9 +461,7 @@ def _ground_priors(block: Block, frame: Frame, enters: BoolArray) -> GroundPrior
 
 def level_coordinates(block: Block, frame: Frame) -> FloatArray:
     """Return control in level coordinates (k, 3); geocentric control must be complete to have any."""
-    level = np.array(block.control.position)
+    position = block.control.position
     if block.options.system is CoordinateSystem.GEOCENTRIC:
-        complete = finite_rows(level)
-        level[~complete] = np.nan
-        level[complete] = frame.level(frame.working(level[complete]))
-    return level
+        return frame.level(frame.working(position))
+    return np.array(position)

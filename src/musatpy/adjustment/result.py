@@ -321,8 +321,7 @@ def _points(
             reasons[point] = "its rays are parallel"
     status[lost] = status[list(unstated)] = PointStatus.NOT_DETERMINED
     determined = status != PointStatus.NOT_DETERMINED
-    position = np.full((network.points, 3), np.nan)
-    position[determined] = network.frame.system(state.ground[determined])
+    position = np.where(determined[:, None], network.frame.system(state.ground), np.nan)
     water, tide_sigma = water_over(network, state), _tide_sigmas(block, network, known)
     lowest, highest, water_sigma = np.full((3, network.points), np.nan)
     np.fmin.at(lowest, network.point, water)

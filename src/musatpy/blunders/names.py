@@ -166,9 +166,7 @@ def flying_height(scene: StagedBlock, state: State) -> float:
 
 def exchanged_photos(block: Block, scene: StagedBlock, state: State) -> list[tuple[int, int]]:
     """Return the pairs of photos that stand where the cards of the other one say."""
-    given = np.full_like(state.position, np.nan)
-    stated_on_card = finite_rows(block.photos.position)
-    given[stated_on_card] = scene.network.frame.working(block.photos.position[stated_on_card])
+    given = scene.network.frame.working(block.photos.position)
     return _pairs(state.position, given, FAR * flying_height(scene, state))
 
 

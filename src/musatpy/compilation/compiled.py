@@ -157,8 +157,7 @@ def _table(run: AdjustedRun, deck: Compilation, datum: DepthDatum, models: Seque
     kind, submerged = deck.stages.kind[rows], np.concatenate([m.readings.submerged for m in models])
     dry = np.asarray(~points.wet.any(axis=1))
     apparent = np.where(np.isnan(points.apparent) & dry[:, None], position, points.apparent)
-    height, known = np.full(len(position), np.nan), np.flatnonzero(np.isfinite(position).all(axis=1))
-    height[known] = frame.height(frame.working(position[known]))
+    height = frame.height(frame.working(position))
     sigma = np.sqrt(np.diagonal(points.covariance, axis1=1, axis2=2))
     depth, tide = datum.over(position) - height, np.repeat([m.stereo.tides.mean() for m in models], numbers)
     over_water = height - tide
