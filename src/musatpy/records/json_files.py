@@ -341,8 +341,7 @@ def with_images(record: Mapping[str, Any]) -> dict[str, Any]:
     names = [[photo, point] for photo, point in zip(plates["photo"], plates["point"], strict=True)]
     pairs = {"of": zip(names, names, strict=True), "component": repeat(_AXES, len(names))}
     pairs |= {name: plates[name] for name in ("residual", "sigma", *FIELDS)}
-    found: dict[str, list[Any]]
-    found = {name: list(compress(chain.from_iterable(pair), there)) for name, pair in pairs.items()}
+    found = {name: list[Any](compress(chain.from_iterable(pair), there)) for name, pair in pairs.items()}
     found["kind"] = [_PLATE] * len(found["of"])
     students = _students(found["standardised"], solution["unit_sigma"], solution["degrees_of_freedom"])
     found["test"] = students

@@ -190,7 +190,8 @@ def _require_fit(
     model: Model, off: FloatArray, sigma: FloatArray, check: BoolArray, control: int, scale: float
 ) -> None:
     """Raise `ModelError` where half of the places (k, 3), the first of control, miss by more than bundles bend."""
-    away = model.position[model.point] - model.centre[model.photo]
+    rows = np.arange(0, len(model.photo), 1 + len(model.photo) // 2000)  # of images enough for a median
+    away = model.position[model.point[rows]] - model.centre[model.photo[rows]]
     least = _MOST_BENT * scale * float(np.median(np.linalg.norm(away, axis=1))) if len(away) else np.inf
     given, medians, far = np.isfinite(off + sigma).all(axis=1) & ~check, list[str](), False
     for what, part in (("control points", slice(control)), ("photos", slice(control, None))):

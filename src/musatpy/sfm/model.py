@@ -111,16 +111,12 @@ def checked(model: Model, source: str) -> Model:
     with np.errstate(invalid="ignore"):
         turned = np.abs(np.linalg.det(model.rotation) - 1.0) < NO_TURN
     good = turned & np.isfinite(model.centre).all(axis=1)
-    for what, rows in (
-        ("an image on photo", np.unique(model.photo[lost])),
-        ("place or rotation of photo", np.flatnonzero(~good)),
+    for message, names in (
+        ("an image on photo {} is no number", model.photos[np.unique(model.photo[lost])]),
+        ("place or rotation of photo {} is none", model.photos[~good]),
+        ("a coordinate of point {} is no number", model.points[~np.isfinite(model.position).all(axis=1)]),
     ):
-        message = "is no number" if what.startswith("an") else "is none"
-        problems += [
-            Problem(message=f"{what} {name} {message}", file=source) for name in model.photos[rows].tolist()
-        ]
-    away = model.points[~np.isfinite(model.position).all(axis=1)].tolist()
-    problems += [Problem(message=f"a coordinate of point {name} is no number", file=source) for name in away]
+        problems += [Problem(message=message.format(name), file=source) for name in names.tolist()]
     refused(problems)
     return model
 
