@@ -72,9 +72,8 @@ def wrong(block: Block, name: str, size: float) -> Block:
     return altered(block, **{table: {"position": moved}})
 
 
-@pytest.mark.parametrize(
-    "name", ["st_thomas", *(pytest.param(name, marks=pytest.mark.slow) for name in BLOCKS if name != "st_thomas")]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(BLOCKS))
 def test_reference_errors_move_what_an_adjustment_of_the_altered_deck_moves(name: str) -> None:
     block = altered(BLOCKS[name](), options=TIGHT)
     before = adjust(block)
