@@ -389,13 +389,13 @@ class RayReach:
     height: float
 
 
-def reach_of(network: Network, state: State, part: Participation) -> RayReach:
-    """Return the lengths of the rays at `state`."""
+def reach_of(network: Network, state: State, used: BoolArray) -> RayReach:
+    """Return the lengths of the rays at `state`; the flying height is that of the measurements `used` (m,)."""
     with np.errstate(invalid="ignore", over="ignore"):
         rays = np.linalg.norm(state.ground[network.point] - state.position[network.photo], axis=1)
     nearest = np.full(network.points, np.inf)
     np.fmin.at(nearest, network.point, rays)
-    rays = rays[part.used & np.isfinite(rays)]
+    rays = rays[used & np.isfinite(rays)]
     return RayReach(nearest=nearest, height=float(np.median(rays)) if len(rays) else np.inf)
 
 

@@ -100,7 +100,7 @@ def solution(
     warnings += _what_is_odd(block.photos.ids[idle], free, dof) + _steep(block, network, state)
     plates = _plate_residuals(network, measured, state, part)
     known = precision(block, refracted, state, factor, free, plates.residual, squares, dof)
-    reach = reach_of(network, state, part)
+    reach = reach_of(network, state, part.used)
     stated, points = _points(block, refracted, state, part, known, reach)
     name = unknown_name(refracted, block)
     waves = _waves(refracted, state, known, name, crests)

@@ -17,6 +17,7 @@ import numpy as np
 from musatpy import adjustment
 from musatpy.adjustment.iteration import State, given_minus
 from musatpy.adjustment.job import prepared
+from musatpy.adjustment.precision import reach_of
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import IntArray
 from musatpy.blunders.competition import Rival, rivals
@@ -24,8 +25,8 @@ from musatpy.blunders.explanation import NEARLY, sensible
 from musatpy.blunders.findings import findings
 from musatpy.blunders.hypotheses import CARDS, CONTROL, PLATES, STATIONS, Hypothesis, hypotheses, in_words
 from musatpy.blunders.linear_model import linear_model
-from musatpy.blunders.names import FAR, exchanged_photos, flying_height
-from musatpy.blunders.scene import Effort, StagedBlock, ones, scene_of, search_block, standing
+from musatpy.blunders.names import FAR, exchanged_photos
+from musatpy.blunders.scene import Effort, StagedBlock, ones, scene_of, search_block, standing, taking_part
 from musatpy.blunders.search import BlunderSearch
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Cause, CauseKind, CoordinateSystem, Initial, OtherFlags, Solution
@@ -141,7 +142,8 @@ def _misplaced(block: Block, scene: StagedBlock, state: State) -> Iterator[list[
         return
     difference = given_minus(photos, scene.network.frame, state.position, state.M, given)
     shift, turn = difference[:, :3], difference[:, 3:]
-    far = np.linalg.norm(np.nan_to_num(shift), axis=1) / (FAR * flying_height(scene, state))
+    height = reach_of(scene.network, state, taking_part(scene.network)).height
+    far = np.linalg.norm(np.nan_to_num(shift), axis=1) / (FAR * height)
     far = np.where(np.isfinite(photos.position_sigma).any(axis=1), 0.0, far)
     turned = np.abs(np.nan_to_num(turn)).max(axis=1) / _TURNED
     worst = np.maximum(far, np.where(np.isfinite(photos.attitude_sigma).any(axis=1), 0.0, turned))

@@ -16,6 +16,7 @@ import numpy as np
 
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.network import Network
+from musatpy.adjustment.precision import reach_of
 from musatpy.adjustment.sightings import image_coordinates, images
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.hypotheses import CARDS, PLATES, Hypothesis, of_kinds
@@ -156,18 +157,10 @@ FAR = 0.1  # of the flying height: a station farther than this from its card is 
 _NEARER = 0.3  # times as far the place of the other one must be
 
 
-def flying_height(scene: StagedBlock, state: State) -> float:
-    """Return the median distance, m, of points from the stations that see them."""
-    network = scene.network
-    rays = np.flatnonzero(taking_part(network))
-    off = state.ground[network.point[rays]] - state.position[network.photo[rays]]
-    return float(np.nanmedian(np.linalg.norm(off, axis=1)))
-
-
 def exchanged_photos(block: Block, scene: StagedBlock, state: State) -> list[tuple[int, int]]:
     """Return the pairs of photos that stand where the cards of the other one say."""
     given = scene.network.frame.working(block.photos.position)
-    return _pairs(state.position, given, FAR * flying_height(scene, state))
+    return _pairs(state.position, given, FAR * reach_of(scene.network, state, taking_part(scene.network)).height)
 
 
 def exchanged_control(last: SnoopingResult) -> list[tuple[int, int]]:
