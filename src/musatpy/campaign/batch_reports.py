@@ -15,6 +15,7 @@ from urllib.parse import quote
 
 import musatpy
 from musatpy.campaign.batch_jobs import BatchJob, JobOutcome, JobState
+from musatpy.errors import count_of
 from musatpy.runs import ExitStatus
 
 SCHEMA_VERSION = "1.1"
@@ -104,7 +105,7 @@ def verdict(outcomes: Sequence[JobOutcome]) -> str:
     numbers = _counts(outcomes)
     parts = [f"{numbers[state]} {state}" for state in JobState if numbers[state]]
     kept = f" ({numbers['kept']} kept from an earlier run)" if numbers["kept"] else ""
-    return f"{numbers['jobs']} {'job' if numbers['jobs'] == 1 else 'jobs'}: {', '.join(parts)}{kept}"
+    return f"{count_of(numbers['jobs'], 'job')}: {', '.join(parts)}{kept}"
 
 
 def index_page(title: str, folder: Path, jobs: Sequence[BatchJob], outcomes: Sequence[JobOutcome]) -> bytes:

@@ -11,7 +11,7 @@ import numpy as np
 
 from musatpy import adjustment
 from musatpy.arrays import BoolArray
-from musatpy.errors import AdjustmentError, DeckError, Problem, numerics
+from musatpy.errors import AdjustmentError, DeckError, Problem, count_of, numerics
 from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.job_tables import POINT_FLAGS, Tables, card_family
 from musatpy.formats.musat import check_deck
@@ -75,7 +75,7 @@ def flags_set(block: Block, wanted: PointFlags) -> FlagsSet:
     flags = {flag: points.ids[of].tolist() for flag, of in zip(POINT_FLAGS, (submerged, dry), strict=True)}
     for (option, path), ids in zip(given.items(), flags.values(), strict=True):
         if path is not None:
-            settings.append(f"{option}={path.name} ({len(ids)} point{'' if len(ids) == 1 else 's'})")
+            settings.append(f"{option}={path.name} ({count_of(len(ids), 'point')})")
     if not undecided.any():
         return FlagsSet(flags=flags, settings=tuple(settings), undecided=())
     names = " ".join(points.ids[undecided].tolist())

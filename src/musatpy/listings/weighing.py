@@ -294,10 +294,10 @@ def compare_listings(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Di
 
 def overflows(sections: Sequence[SectionSummary]) -> list[str]:
     """Return what is to be said of sections with asterisks in both files."""
-    counts = [(section.title, section.overflowed) for section in sections if section.overflowed]
     return [
-        f"{title}: {count} field{'s' * (count > 1)} of asterisks in both, whose numbers are not known"
-        for title, count in counts
+        f"{section.title}: {count_of(count, 'field')} of asterisks in both, whose numbers are not known"
+        for section in sections
+        if (count := section.overflowed)
     ]
 
 

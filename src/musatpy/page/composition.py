@@ -44,7 +44,12 @@ def page_of_record(path: Path, inputs: Iterable[Path] = (), particulars: Mapping
     record, `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
     """
     check_packages()
-    return page_of_tables(_tables_of(path), [path, *inputs], particulars)
+    record = read_json_file(path, LEFT)
+    kind = _kind_of(record)
+    if not kind:
+        raise RecordError.of(NO_RECORD, file=path)
+    tables = known_of(record, path, LEFT if kind == _RUN else (), schema=KINDS[kind.encode()].schema())
+    return page_of_tables(tables, [path, *inputs], particulars)
 
 
 def page_of_tables(tables: Tables, files: Sequence[Path], particulars: Mapping[str, str] | None = None) -> str:
@@ -76,14 +81,6 @@ def _kind_of(record: Any) -> str:
     """Return what a record is of, as its version says: `schema` of a run; empty of what is no record."""
     kinds = [name.decode() for name in KINDS]
     return next((name for name in kinds if isinstance(record, Mapping) and f"{name}_version" in record), "")
-
-
-def _tables_of(path: Path) -> dict[str, Any]:
-    """Return what a record has; raises as `page_of_record`."""
-    record = read_json_file(path, LEFT)
-    if kind := _kind_of(record):
-        return known_of(record, path, LEFT if kind == _RUN else (), schema=KINDS[kind.encode()].schema())
-    raise RecordError.of(NO_RECORD, file=path)
 
 
 def _provenance(tables: Tables, files: Mapping[str, str]) -> Chapter:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
+from musatpy.errors import count_of
 from musatpy.model import Editing, PlateSigma, Program, Refraction, Solution, Verdict, Weights
 from musatpy.model.findings import SEARCH_GIVEN_UP, Reason
 from musatpy.reports import (
@@ -218,7 +219,7 @@ def _depths(content: Content, edited: Edited) -> Iterator[Figure]:
         yield Figure(
             label="Sigma of depths, median and largest",
             value=f"{' and '.join(edited('F12.3', number) for number in numbers)} m",
-            detail=f" of {count} point{'s' * (count > 1)}, {low} to {high} m deep",
+            detail=f" of {count_of(count, 'point')}, {low} to {high} m deep",
             section=bathymetric.DEPTHS.title,
             numbers=numbers,
         )

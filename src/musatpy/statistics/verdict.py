@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from musatpy.arrays import FloatArray
+from musatpy.errors import count_of
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model import (
     Concern,
@@ -84,8 +85,7 @@ def blunders(statistics: Quality) -> Iterator[Reason]:
     if solution.unedited:
         yield Reason(Grade.REJECTED, Concern.BLUNDERS, f"nothing was edited: {solution.unedited}", "Blunders")
     elif solution.findings and solution.block.options.editing is not Editing.EDIT:
-        count = len(solution.findings)
-        text = f"{count} blunder{'s' if count > 1 else ''} found and left in the solution"
+        text = f"{count_of(len(solution.findings), 'blunder')} found and left in the solution"
         yield Reason(Grade.DOUBTFUL, Concern.BLUNDERS, text, "Blunders")
 
 
