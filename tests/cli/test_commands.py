@@ -101,7 +101,7 @@ def test_a_bad_deck_ends_with_1_and_every_reason_and_the_others_are_run(bad_deck
 @pytest.mark.parametrize(("bad", "status"), [(False, 3), (True, 1)])
 def test_of_several_decks_1_comes_before_3_before_4(slow_deck, tmp_path, bad, status):
     decks = [UNDERGROUND, slow_deck, *([tmp_path / "missing.crd"] if bad else [])]
-    assert musat("run", "-q", *decks, "-o", tmp_path / "out").exit_code == status
+    assert musat("run", "-q", "--causes", "none", *decks, "-o", tmp_path / "out").exit_code == status
 
 
 def test_options_of_the_listing(deck, tmp_path):
