@@ -274,7 +274,7 @@ BAD: list[tuple[str, str, str]] = [
     ("gcp_list.txt", "{utm}\n1 2 nan 4 5 a.jpg\n", "gcp_list.txt:2: '1 2 nan 4 5 a.jpg' is not x y z px py photo"),
     ("gcp_list.txt", "1 2 3 4 5 {photo}\n", "gcp_list.txt:1: '1 2 3 4 5 "),
     ("gcp_list.txt", "12\t13\t{photo}\n", "images without coordinates or names belong to no point"),
-    ("gcp_list.txt", "{utm}\n1\t2\t3\t4\t5\tno.jpg\n", "photos of control that the model does not have: no.jpg"),
+    ("gcp_list.txt", "{utm}\n1\t2\t3\t4\t5\tno.jpg\n", "1 photo of control not in the model: no.jpg"),
     (
         "gcp_list.txt",
         "{utm}\n1\t2\t3\t4\t5000\t{photo}\n",
@@ -318,7 +318,7 @@ def test_names_that_several_photos_have(tmp_path: Path, chunk: Model) -> None:
     (tmp_path / "gcp_list.txt").write_text(f"{UTM}\n1\t2\t3\t4\t5\tb/1.jpg\n1\t2\t3\t4\t5\tmissing.jpg\n")
     control = read_control(tmp_path / "gcp_list.txt", model)
     assert control.photo.tolist() == [1]
-    assert control.notes == ("photos of control that the model does not have: missing.jpg",)
+    assert control.notes == ("1 photo of control not in the model: missing.jpg",)
 
 
 @pytest.mark.skipif(not CASES.is_dir(), reason="the real lists stand beside the project, not in it")

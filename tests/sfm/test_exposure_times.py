@@ -139,6 +139,7 @@ def test_photos_are_matched_by_the_whole_path_else_by_the_only_tail() -> None:
     ]
     assert matched(names, files).tolist() == [1, 0, -2, 3, 3, 1, -1, -1]
     assert matched(["a.jpg", "a"], ["x/a.jpg", "x/a.dng"]).tolist() == [0, -2]
+    assert matched(["m/a.jpg", "a.jpg", "b.dng", "c.v2"], ["m/a", "b.jpg", "c.v2"]).tolist() == [0, 0, -1, 2]
 
 
 def test_exposures_of_the_photos_of_a_model(tmp_path: Path) -> None:
@@ -152,6 +153,10 @@ def test_exposures_of_the_photos_of_a_model(tmp_path: Path) -> None:
         "exif.csv: photos 3.jpg and m/3.jpg would both be m/3.jpg",
         "exif.csv: photo 7.jpg: no row fits",
     ]
+    with pytest.raises(
+        ModelError, match=r"exif.csv: it has none of the photos .* as x/7.jpg; its first is m/0.jpg"
+    ):
+        read.of(["x/7.jpg", "8.jpg"], "exif.csv")
 
 
 def test_what_is_wrong_is_told_with_its_place(tmp_path: Path) -> None:

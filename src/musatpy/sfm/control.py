@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.errors import Problem
+from musatpy.errors import Problem, count_of
 from musatpy.pointfiles.columns import LON_LAT, MAP_PLACES, PLAN, FileColumn, Wanted, number
 from musatpy.pointfiles.point_tables import read_table
 from musatpy.sfm.metashape import chunk_of, stated_system
@@ -32,6 +32,7 @@ _IMAGES = ("photo", "px", "py")
 _PLACES = ((*PLAN, "z"), (*LON_LAT, "z"))
 _SIGMAS = ("sigma_x", "sigma_y", "sigma_z")
 _NO = ("", "0", "no", "false", "n")
+_NAMED = 5  # photos that are lacking
 _WANTED = Wanted(
     columns=(
         FileColumn(name="id", kind="text", expected="a name"),
@@ -252,7 +253,9 @@ def _assembled(source: str, system: str, rows: Sequence[_Stated], model: Model) 
             seen.add((k, fit))
             images.append((k, fit, row.pixel))
     refused(problems)
-    notes = [f"photos of control that the model does not have: {' '.join(sorted(off))}"] * bool(off)
+    notes = [f"{count_of(len(off), 'photo')} of control not in the model: {' '.join(sorted(off)[:_NAMED])}"] * bool(
+        off
+    )
     if off and not images:
         raise ModelError([Problem(message=f"{notes[0]}; expected: names as {photos[0]}", file=source)])
     return ImagedControl(

@@ -68,6 +68,8 @@ class Exposures:
         """Return those of photos of a model. Raises `ModelError` that names photos of which none is certain."""
         rows = matched(names, self.photos.tolist())
         wrong = unmatched(names, rows, self.photos)
+        if (rows == -1).all():
+            wrong = {"": f"it has none of the photos of the model, as {names[0]}; its first is {self.photos[0]}"}
         refused([Problem(message=message, file=file) for message in wrong.values()])
         of = {field.name: getattr(self, field.name)[rows] for field in fields(self)}
         return Exposures(**of | {"photos": np.array(names, dtype=np.str_)})
@@ -274,20 +276,25 @@ def blind_sigma(heights: bool) -> FloatArray:
 def matched(names: Sequence[str], files: Sequence[str]) -> IntArray:
     """Return the files (n,) of photos: of the whole path, else the only one of which one is the tail of the other.
 
-    Tails are whole folders; cases do not count, nor suffixes of files where a name has none. -1: none, -2: several.
+    Tails are whole folders; cases do not count, nor suffixes where one of both has none. -1: none, -2: several.
     """
     whole, tails = defaultdict[str, set[int]](set), defaultdict[str, set[int]](set)
     for row, file in enumerate(files):
         for number, tail in enumerate(_tails(file)):
-            for key in {tail, re.sub(r"\.\w+$", "", tail)}:
+            for key in {tail, _bare(tail)}:
                 tails[key].add(row)
                 if not number:
                     whole[key].add(row)
-    rows = []
-    for name in names:
+    without = {row for row, file in enumerate(files) if _bare(file) == file}
+
+    def fitting(name: str) -> set[int]:
         first, *others = _tails(name)
         longer = (whole[tail] for tail in others if tail in whole)
-        fits = whole.get(first) or tails.get(first) or next(longer, set())
+        return whole.get(first) or tails.get(first) or next(longer, set())
+
+    rows = []
+    for name in names:
+        fits = fitting(name) or fitting(_bare(name)) & without
         rows.append(min(fits) if len(fits) == 1 else -1 - (len(fits) > 1))
     return np.array(rows, dtype=np.int64)
 
@@ -302,6 +309,11 @@ def unmatched(names: Sequence[str], rows: IntArray, files: TextArray) -> dict[st
         elif other != name:
             wrong[name] = f"photos {other} and {name} would both be {files[row]}"
     return wrong
+
+
+def _bare(name: str) -> str:
+    """Return a name without its suffix."""
+    return re.sub(r"\.\w+$", "", name)
 
 
 def _tails(name: str) -> list[str]:
