@@ -31,7 +31,7 @@ from musatpy.compilation.triangulation import AdjustedRun, covariances_in, of_re
 from musatpy.compilation.true_points import at_rest, nearest_to_rays, network_of_plates, settled
 from musatpy.correction.methods import REASON, S44, CorrectedPoints, Method, ResultColumn, Tally
 from musatpy.depth.cameras import system_of_points
-from musatpy.errors import AdjustmentError, DepthError, Problem, ProblemsError, count_of
+from musatpy.errors import AdjustmentError, DepthError, ProblemsError, count_of
 from musatpy.geometry.geodesy import surface, water_heights
 from musatpy.model import PlateMeasurements, Points
 from musatpy.model.tables import finite_rows, taken
@@ -371,7 +371,7 @@ def by_file_cameras(
     rows, known = links(cameras.photos.tolist(), run.block.photos.ids.tolist())
     if not known.any():
         message = "none of its photos is one of the cameras of the job: it is the run of another job"
-        raise DepthError([Problem(message=message, file=str(record))])
+        raise DepthError.of(message, record)
     block, position = run.block, numbers(tables["points"], "position", 3)
     centred = replace(block.cameras, principal_point=np.zeros_like(block.cameras.principal_point))
     sigma = block.options.plate_sigma * run.unit_sigma if image_sigma is None else image_sigma * cameras.size

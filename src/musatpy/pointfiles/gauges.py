@@ -12,7 +12,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.errors import Problem, ProblemsError
+from musatpy.errors import ProblemsError
 from musatpy.pointfiles.columns import FileColumn, Wanted, number
 from musatpy.pointfiles.point_tables import PointTable, read_table
 
@@ -216,8 +216,7 @@ def zone_of(text: str, error: type[ProblemsError]) -> tzinfo | None:
     try:
         return zone or (ZoneInfo(text) if text else None)
     except (KeyError, ValueError, OSError):
-        message = f"'{text}' is no time zone: +hh:mm, or a name such as Europe/Berlin"
-        raise error([Problem(message=message)]) from None
+        raise error.of(f"'{text}' is no time zone: +hh:mm, or a name such as Europe/Berlin") from None
 
 
 def seconds(times: Sequence[datetime | None]) -> FloatArray:

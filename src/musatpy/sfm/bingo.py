@@ -37,14 +37,14 @@ def with_images(model: Model, path: Path, size: float | None) -> Model:
     sizes = model.pixel_size if size is None else np.full((len(model.lenses), 2), size)
     if not np.isfinite(sizes).all():
         message = "images in millimetres need the size of a pixel, which the model does not state: --pixel-size"
-        raise ModelError([Problem(message=message, file=str(path))])
+        raise ModelError.of(message, path)
     (spec,) = (file for file in agencies()["bingo"].files if file.file == IMAGES)
     read = read_records(path.read_bytes(), spec, str(path))
     tables, faults = parts_of_file(read, JobFrame(None, None, None))
     problems = [*read.problems, *faults]
     refused([problem for problem in problems if problem.severity == "error"])
     if "plates" not in tables:
-        raise ModelError([Problem(message="it has no images of points", file=str(path))])
+        raise ModelError.of("it has no images of points", path)
     of_photo, of_point, xy = (tables["plates"][f"plates.{name}"] for name in ("photo", "point", "xy"))
     names, first, row = np.unique(of_photo, return_index=True, return_inverse=True)
     fits = matched(names.tolist(), model.photos.tolist())
@@ -55,7 +55,7 @@ def with_images(model: Model, path: Path, size: float | None) -> Model:
     notes = [f"photos of {path.name} that the model does not have: {' '.join(off)}"] * bool(off)
     if len(off) == len(names):
         expected = f"expected: names as {model.photos[0]}, by Metashape's option 'Use item labels'"
-        raise ModelError([Problem(message=f"{notes[0]}; {expected}", file=str(path))])
+        raise ModelError.of(f"{notes[0]}; {expected}", path)
     used = np.flatnonzero(fits[row] >= 0)
     photo = fits[row[used]]
     points, point = np.unique(of_point[used], return_inverse=True)
@@ -65,8 +65,7 @@ def with_images(model: Model, path: Path, size: float | None) -> Model:
     model = replace(model, pixel=pixel + 0.5 * extent(model))
     model = replace(model, position=intersections(model, photo, point, model.pixel, len(points)))
     if misfits := _misfits(model):
-        message = f"most of the images are not those of these photos: {misfits}"
-        raise ModelError([Problem(message=message, file=str(path))])
+        raise ModelError.of(f"most of the images are not those of these photos: {misfits}", path)
     return model
 
 

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.errors import Problem
 from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import geographic
@@ -209,7 +208,7 @@ def _add_cameras(build: Any, model: Model, names: list[str], size: float, held: 
                     f"camera {camera}: fisheye images reach {steepest:.0f} degrees off the axis, and the plane "
                     f"of ideal images holds none beyond {_STEEPEST:.0f}: undistort the photos before the model"
                 )
-                raise ModelError([Problem(message=message)])
+                raise ModelError.of(message)
             extent = np.abs(ideal_coordinates(lens, pixels, size)).max(axis=0, initial=0.5 * min(form))
             form = float(2.0 * extent[0]), float(2.0 * extent[1])
         build.add_camera(

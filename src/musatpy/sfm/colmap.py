@@ -72,7 +72,7 @@ def component_of(path: Path, component: int) -> Path:
     below = (path,) if is_colmap(path) else (*path.glob("*"), *path.glob("sparse/*"))
     folders = sorted(filter(is_colmap, below), key=lambda folder: (len(folder.name), folder.name))
     if not folders:
-        raise ModelError([Problem(message="it has no model of COLMAP: images.bin or images.txt", file=str(path))])
+        raise ModelError.of("it has no model of COLMAP: images.bin or images.txt", path)
     many = len(folders) > 1 and not component
     sizes = [len(read_model(folder).photos) if many else 0 for folder in folders]
     return folders[chosen_component(sizes, component, str(path))]
@@ -342,7 +342,7 @@ class _Bytes:
         count = int(file.take(_COUNT)[0])
         if count * smallest > len(file.data):
             message = f"it says that it has {count} entries, which do not go into {len(file.data)} bytes"
-            raise ModelError([Problem(message=message, file=str(path))])
+            raise ModelError.of(message, path)
         return file, count
 
     def take(self, form: struct.Struct) -> tuple[float, ...]:
@@ -355,8 +355,7 @@ class _Bytes:
     def need(self, size: int) -> None:
         """Raise `ModelError` where the file has less than `size` bytes left."""
         if self.at + size > len(self.data):
-            message = f"the file ends at byte {len(self.data)}, in the middle of an entry"
-            raise ModelError([Problem(message=message, file=str(self.path))])
+            raise ModelError.of(f"the file ends at byte {len(self.data)}, in the middle of an entry", self.path)
 
 
 def _binary_cameras(path: Path) -> Iterator[tuple[int, PixelLens]]:

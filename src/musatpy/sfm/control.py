@@ -200,7 +200,7 @@ def _of_metashape(path: Path) -> tuple[str, list[_Stated]]:
                 photo = labels.get(at.get("camera_id"), "")
                 rows.append(_Stated(id=names[marker.get("marker_id")], photo=photo, pixel=pixel))
     if not rows:
-        raise ModelError([Problem(message="it has no markers", file=str(path))])
+        raise ModelError.of("it has no markers", path)
     return stated_system(chunk.findtext("marker_reference") or chunk.findtext("reference")), rows
 
 

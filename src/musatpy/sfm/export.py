@@ -11,7 +11,6 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from musatpy.arrays import FloatArray, rows_of
-from musatpy.errors import Problem
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model import ObservationKind
 from musatpy.records import run_tables
@@ -29,7 +28,7 @@ def read_run(path: Path, names: Sequence[str]) -> Tables:
     """Return tables of the record of a run. Raises `RecordError`, and `ModelError` where it has not converged."""
     tables = read_record(path, ("solution", *names))
     if not tables["solution"]["converged"]:
-        raise ModelError([Problem(message="the run has not converged", file=str(path))])
+        raise ModelError.of("the run has not converged", path)
     return tables
 
 
@@ -60,7 +59,7 @@ def adjusted_model(tables: Tables, cameras: FileCameras, *, apparent: bool = Fal
     photos = run_tables.photos_of(tables)
     placement, notes, lenses = cameras.placement, list[str](), list[PixelLens]()
     if not np.isin(photos.ids, cameras.photos).any():
-        raise ModelError([Problem(message="none of the photos of the run is one of the cameras of the job")])
+        raise ModelError.of("none of the photos of the run is one of the cameras of the job")
     axes = placement.axes(photos.position)
     for row, lens in enumerate(adjusted_lenses(tables, cameras)):
         if isinstance(lens, CorrectedLens):
@@ -131,8 +130,7 @@ def write_cameras(model: Model, path: Path) -> None:
     sensors = SubElement(chunk, "sensors", next_id=str(len(model.lenses)))
     for number, (name, lens) in enumerate(zip(model.cameras, model.lenses, strict=True)):
         if any(lens.d):
-            message = f"camera {name}: Metashape has no lens with a denominator"
-            raise ModelError([Problem(message=message)])
+            raise ModelError.of(f"camera {name}: Metashape has no lens with a denominator")
         _add_sensor(sensors, number, name, lens)
     cameras = SubElement(chunk, "cameras", next_id=str(len(model.photos)), next_group_id="0")
     for number, name in enumerate(model.photos.tolist()):

@@ -59,17 +59,17 @@ def level_positions(
         system_of(crs, own_ellipsoid(crs), geoid)
     if not definition:
         message = "no coordinate system is stated: give --crs EPSG:code[+vertical], or --crs local for local metres"
-        raise SystemsError([Problem(message=message)])
+        raise SystemsError.of(message)
     if definition == LOCAL:
         return np.array(position), None
     ellipsoid, a_b = own_ellipsoid(definition), Ellipsoid("WGS84").axes
     if np.abs(np.subtract(ellipsoid.axes, a_b)).max() > _SAME_EARTH:
         message = f"{definition[:60]} stands on another ellipsoid than WGS 84 and GRS 80: no datum is shifted"
-        raise SystemsError([Problem(message=message)])
+        raise SystemsError.of(message)
     system = system_of(definition, ellipsoid, geoid)
     if system.plane and system.units[0] != "m":
         message = f"{system.text}: it is in {system.units[0]}, and heights beside it may be too: give metres"
-        raise SystemsError([Problem(message=message)])
+        raise SystemsError.of(message)
     return system.level(position), ellipsoid
 
 
@@ -206,7 +206,7 @@ def _require_fit(
             "heights above the geoid and above the ellipsoid, or metres and feet mixed, are coordinates exchanged, "
             "or are the positions those of other photos?"
         )
-        raise ModelError([Problem(message=message)])
+        raise ModelError.of(message)
 
 
 def _solved(of: _Places, metric: bool) -> tuple[Similarity, BoolArray]:
@@ -278,4 +278,4 @@ def _require_turns(of: _Places, J: FloatArray, good: BoolArray, first: int) -> N
         f"line and {across:.2f} m beside it, of sigmas of {np.median(of.sigma):.2f} m: a control point off that "
         "line is lacking"
     )
-    raise ModelError([Problem(message=message)])
+    raise ModelError.of(message)

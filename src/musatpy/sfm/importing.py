@@ -88,7 +88,7 @@ def read_model(asked: Asked) -> Model:
     if asked.form == "opensfm":
         reconstruction = path if path.is_file() else opensfm.reconstruction_of(path)
         if reconstruction is None:
-            raise ModelError([Problem(message="it has no reconstruction.json", file=str(path))])
+            raise ModelError.of("it has no reconstruction.json", path)
         return opensfm.read_model(reconstruction, asked.component)
     model = metashape.read_model(path, asked.component)
     return model if asked.images is None else bingo.with_images(model, asked.images, asked.pixel_size)
@@ -112,7 +112,7 @@ def imported(asked: Asked, title: str) -> Imported:
     if not len(model.photo):
         message = "it has no images of points, which an adjustment needs"
         message += f": {bingo.IMAGES} of a BINGO export beside it, or --images" * (asked.form == "metashape")
-        raise ModelError([Problem(message=message, file=str(asked.path))])
+        raise ModelError.of(message, asked.path)
     proof = prove(model, str(asked.images or asked.path), bingo.CONVENTIONS if asked.images else None)
     model = of_placed_points(model)
     lines, warnings = [_size(model)], [*model.notes, *proof.notes]
@@ -229,7 +229,7 @@ def _placed(
             raise SystemsError.of(error, asked.gcp) from None
         if of_control is None and exposures is not None:
             message = "control in local metres and positions of GNSS do not go together: --gnss none, or a system"
-            raise ModelError([Problem(message=message, file=str(asked.gcp))])
+            raise ModelError.of(message, asked.gcp)
         ellipsoid = of_control
     stations, sigma = (None, None) if exposures is None else (exposures.position, exposures.sigma)
     # metres of a model are those of its positions: without RTK they are no better than these
@@ -259,8 +259,7 @@ def _levels(asked: Asked, model: Model, placement: Placement, exposures: Exposur
         sigma = 0.05 if np.isnan(asked.level_sigma) else asked.level_sigma
         levels = given_levels(asked.level, sigma, time)
     elif not np.isfinite(time).any():
-        message = "a tide needs the times of the photos: --gnss with a table of exiftool"
-        raise ModelError([Problem(message=message, file=str(asked.tide))])
+        raise ModelError.of("a tide needs the times of the photos: --gnss with a table of exiftool", asked.tide)
     else:
         tide = read_tide(asked.tide, ModelError, asked.tide_zone, asked.tide_sigma)
         datum = datum_heights(asked.tide_datum, stations)

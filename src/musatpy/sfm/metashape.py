@@ -103,14 +103,13 @@ def chunk_of(path: Path) -> Element:
     try:
         data = path.read_bytes()
         if _DECLARED.search(data.replace(b"\0", b"")):  # in UTF-16 too
-            message = "it declares a document type or entities, which no file of Metashape does"
-            raise ModelError([Problem(message=message, file=str(path))])
+            raise ModelError.of("it declares a document type or entities, which no file of Metashape does", path)
         chunks = list(ElementTree.fromstring(data).iter("chunk"))
     except (OSError, ElementTree.ParseError) as error:
-        raise ModelError([Problem(message=f"it cannot be read: {error}", file=str(path))]) from None
+        raise ModelError.of(f"it cannot be read: {error}", path) from None
     if len(chunks) != 1:
         message = f"it has {len(chunks) or 'no'} chunk{'s' * (len(chunks) > 1)}: an export of cameras has one"
-        raise ModelError([Problem(message=message, file=str(path))])
+        raise ModelError.of(message, path)
     return chunks[0]
 
 
@@ -145,21 +144,21 @@ def _lenses(path: Path, chunk: Element, initial: bool = False) -> Iterator[tuple
             )
             unread = [key for key in ("p3", "p4") if float(of.findtext(key) or 0.0)]
         except ValueError as error:
-            raise ModelError([Problem(message=f"sensor {name}: {error}", file=str(path))]) from None
+            raise ModelError.of(f"sensor {name}: {error}", path) from None
         if unread:
             message = f"sensor {name} has {' and '.join(unread)}, which is not read: calibrate it without"
-            raise ModelError([Problem(message=message, file=str(path))])
+            raise ModelError.of(message, path)
         w, h, nominal = _nominal(sensor).tolist()
         if initial and of.get("class") == "adjusted" and np.isfinite(nominal / w / h):
             f, b1, cx, cy, p1, p2, b2, *k = nominal / h, nominal / w - nominal / h, *(0.0,) * 9
         if not (min(f, f + b1, width, height) > 0.0 and np.isfinite([f, cx, cy, p1, p2, b1, b2, *k]).all()):
             message = f"sensor {name} has no size, no focal length above zero, or what is no number"
-            raise ModelError([Problem(message=message, file=str(path))])
+            raise ModelError.of(message, path)
         if of.get("type") == "fisheye" and (p1 or p2):
             message = (
                 f"sensor {name} is a fisheye lens with p1 and p2, which is not read: calibrate it without them"
             )
-            raise ModelError([Problem(message=message, file=str(path))])
+            raise ModelError.of(message, path)
         yield (
             str(sensor.get("id")),
             PixelLens(

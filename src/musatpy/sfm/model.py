@@ -148,6 +148,5 @@ def chosen_component(sizes: Sequence[int], component: int, source: str) -> int:
     if component > len(sizes):
         raise ModelError([Problem(message=f"{message}, and no number {component}", file=source)])
     if not component and len(some) > 1:
-        message = f"{message}, of {', '.join(map(str, sizes))} photos: choose one by --component"
-        raise ModelError([Problem(message=message, file=source)])
+        raise ModelError.of(f"{message}, of {', '.join(map(str, sizes))} photos: choose one by --component", source)
     return component - 1 if component else some[0]

@@ -98,7 +98,7 @@ def read_model(path: Path, component: int = 0) -> Model:
 def _component(path: Path, content: Any, component: int) -> Mapping[str, Any]:
     """Return one of the reconstructions of a file. Raises `ModelError` where it is not said which."""
     if not isinstance(content, list) or not all(isinstance(part, dict) for part in content) or not content:
-        raise ModelError([Problem(message="it has no list of reconstructions", file=str(path))])
+        raise ModelError.of("it has no list of reconstructions", path)
     sizes = [len(_items(path, part, "shots")) for part in content]
     return content[chosen_component(sizes, component, str(path))]
 
@@ -107,7 +107,7 @@ def _items(path: Path, reconstruction: Mapping[str, Any], key: str) -> Mapping[s
     """Return the items of a reconstruction by their names. Raises `ModelError`."""
     items = reconstruction.get(key, {})
     if not isinstance(items, dict) or not all(isinstance(item, dict) for item in items.values()):
-        raise ModelError([Problem(message=f"its {key} are no items by their names", file=str(path))])
+        raise ModelError.of(f"its {key} are no items by their names", path)
     return items
 
 
@@ -115,7 +115,7 @@ def _json(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise ModelError([Problem(message=f"it cannot be read: {error}", file=str(path))]) from None
+        raise ModelError.of(f"it cannot be read: {error}", path) from None
 
 
 def _lens(path: Path, name: str, of: Mapping[str, Any]) -> PixelLens:
@@ -123,7 +123,7 @@ def _lens(path: Path, name: str, of: Mapping[str, Any]) -> PixelLens:
     kind = str(of.get("projection_type", "perspective"))
     if kind not in _LENSES:
         message = f"camera {name}: lenses of the kind {kind} are not read; those that are: {', '.join(_LENSES)}"
-        raise ModelError([Problem(message=message, file=str(path))])
+        raise ModelError.of(message, path)
     focal, radial = _LENSES[kind]
     try:
         width, height = int(of["width"]), int(of["height"])
@@ -132,11 +132,10 @@ def _lens(path: Path, name: str, of: Mapping[str, Any]) -> PixelLens:
         k = tuple(float(of.get(key, 0.0)) for key in radial)
         p = (float(of.get("p1", 0.0)), float(of.get("p2", 0.0)))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        message = f"camera {name}: {error} is not there, or no number"
-        raise ModelError([Problem(message=message, file=str(path))]) from None
+        raise ModelError.of(f"camera {name}: {error} is not there, or no number", path) from None
     size = max(width, height)
     if not (min(width, height, fx, fy) > 0 and np.isfinite([fx, fy, *c, *k, *p]).all()):
-        raise ModelError([Problem(message=f"camera {name} has a number that cannot be", file=str(path))])
+        raise ModelError.of(f"camera {name} has a number that cannot be", path)
     return PixelLens(
         width=width,
         height=height,
@@ -185,7 +184,7 @@ def _tracks(path: Path) -> tuple[list[str], list[str], FloatArray]:
         except (IndexError, ValueError):
             expected = "photo, track, feature, x, y, ... between tabs"
             raise ModelError([Problem(file=str(path), line=place, found=line[:60], expected=expected)]) from None
-    raise ModelError([Problem(message="its lines have different lengths", file=str(path))])
+    raise ModelError.of("its lines have different lengths", path)
 
 
 def _finite(values: FloatArray) -> FloatArray:
@@ -210,7 +209,7 @@ def _reference(path: Path, reconstruction: Mapping[str, Any]) -> FloatArray | No
             raise ValueError("no place")
     except (KeyError, TypeError, ValueError):
         message = "latitude, longitude, altitude of its reference are not all there as numbers"
-        raise ModelError([Problem(message=message, file=str(path))]) from None
+        raise ModelError.of(message, path) from None
     at = place * [DEGREE, DEGREE, 1.0]
     out = np.eye(4)
     out[:3, :3] = _WGS84.frame(at).T

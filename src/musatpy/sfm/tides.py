@@ -52,7 +52,7 @@ def datum_heights(statement: str, position: FloatArray) -> FloatArray:
         return np.full(len(position), height)
     if not Path(statement).suffix:
         message = f"the datum '{statement}' is neither a height in metres nor a grid of heights (.gtx, .tif)"
-        raise ModelError([Problem(message=message)])
+        raise ModelError.of(message)
     return Geoid(statement).reached(position)
 
 
