@@ -9,7 +9,7 @@ from musatpy.arrays import rows_of
 from musatpy.geometry.collinearity import attitude_matrix, image
 from musatpy.plots.depth_profile import along, half_corridor, strips
 from musatpy.plots.exposures import correlated, joined
-from musatpy.plots.maps import confidence_ellipses, free_sides, largest_of_cells, view_of
+from musatpy.plots.maps import confidence_ellipses, free_sides, largest_of_cells, view_of, without_paths
 from musatpy.plots.plane import footprints, frames, plane_of, turned
 from musatpy.plots.plate_residuals import CELLS, cell_means
 from musatpy.plots.point_quality import graded, steps
@@ -206,3 +206,8 @@ def test_the_plane_of_a_geographic_job_is_a_map_about_it() -> None:
     on_map = np.arctan2(x[2] - x[0], y[2] - y[0]) + plane.turns(positions)[0]
     assert np.degrees(np.remainder(on_map, 2.0 * np.pi)) == pytest.approx(azimuth % 360.0, abs=1e-3)
     assert not plane.own and "18" in plane.labels[1]
+
+
+def test_names_of_files_stand_in_pictures_without_folders_and_suffixes() -> None:
+    names = np.array(["DCIM/DJI_0001.JPG", "a\\b\\c.tif", "1.A", "S1.2", "d/e"])
+    assert without_paths(names).tolist() == ["DJI_0001", "c", "1.A", "S1.2", "d/e"]

@@ -13,7 +13,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.figures import BAND, DRY, GREY, INK, WATER, WET, new_panels, write_beside
 from musatpy.geometry.collinearity import wrapped
-from musatpy.plots.maps import NORMAL
+from musatpy.plots.maps import NORMAL, without_paths
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
 from musatpy.plots.plane import MapPlane
 from musatpy.plots.submerged_points import CORRECTIONS, PlottedPoints, submerged_points
@@ -272,7 +272,7 @@ def _draw_water(axes: Any, data: DepthProfile) -> None:
     label = "water, at each photo" if (data.photos != "").any() else "water"
     axes.plot(*data.water[order].T, "-", color=WATER, linewidth=1.2, label=label)
     if len(data.water) <= 30:
-        write_beside(axes, data.water, data.photos, (0, 5), ha="center")
+        write_beside(axes, data.water, without_paths(data.photos), (0, 5), ha="center")
 
 
 def profile_picture(

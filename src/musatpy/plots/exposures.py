@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray, rms
 from musatpy.figures import BAND, GREY, INK, LETTER, WET, add_bar, name_rows, name_ticks, new_panels, shades
-from musatpy.plots.maps import NORMAL, add_arrows, dress, name_places, view_of
+from musatpy.plots.maps import NORMAL, add_arrows, dress, name_places, view_of, without_paths
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
 from musatpy.plots.plane import MapPlane, plane_of, turned
 from musatpy.records.tables import Tables, numbers, part, texts
@@ -202,7 +202,7 @@ def _station_figure(data: ObservedStations) -> Any:
         panel.axhline(0.0, color=INK, linewidth=0.6)
         panel.plot(place, data.difference[:, axis], "o", color=WET, label="difference")
         panel.set(ylabel=f"{name}, m", xticks=[])
-    name_ticks(panel, place, data.photos)
+    name_ticks(panel, place, without_paths(data.photos))
     panel.set_xlabel("photo")
     return figure
 

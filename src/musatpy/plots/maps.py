@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -24,6 +25,7 @@ _LONG, _SHORT = 8.0, 3.6  # inches, of the sides of a map
 _PANEL = 4.6  # inches, of the long side of one of several maps
 _BORDER, _KEY = 0.05, 0.09  # of the extent, around the block and for the keys below it
 _BEYOND = 1.0  # extents of the block, within which points are in view
+_PATH = re.compile(r"^(?:.*[/\\])?([^/\\]+)\.(?:jpe?g|tiff?|png|dng)$", re.IGNORECASE)
 _MOST_NAMES = 40
 _MOST_STATIONS = 200  # in maps of points, where more footprints would hide these
 _PERCENTILE = 90.0
@@ -207,6 +209,11 @@ def free_sides(places: FloatArray, room: FloatArray, taken: FloatArray) -> Float
     return out
 
 
+def without_paths(names: TextArray) -> TextArray:
+    """Return names (n,), those of files of photos without their folders and suffixes."""
+    return np.array([_PATH.sub(r"\1", name) for name in names.tolist()], dtype=np.str_)
+
+
 def name_places(
     axes: Any, xy: FloatArray, names: TextArray, most: int = _MOST_NAMES, taken: FloatArray = _NOWHERE, **style: Any
 ) -> FloatArray:
@@ -214,6 +221,7 @@ def name_places(
 
     `taken` (k, 2) are the middles of names written before. Returns them with those of these.
     """
+    names = without_paths(names)
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
     known = np.flatnonzero(((xy >= low) & (xy <= high)).all(axis=1))
     rows = known[:: -(-len(known) // most) or 1]

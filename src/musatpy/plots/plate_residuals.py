@@ -11,7 +11,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, rms, rows_of
 from musatpy.figures import DRY, GREY, INK, LIGHT, WET, new_panels
-from musatpy.plots.maps import NORMAL, add_key, draw_rings, magnification, quiver, spacing
+from musatpy.plots.maps import NORMAL, add_key, draw_rings, magnification, quiver, spacing, without_paths
 from musatpy.plots.picture import NothingToShowError, Picture, counted, measure
 from musatpy.plots.plane import frames
 from musatpy.records.tables import Tables, flags, numbers, part, texts
@@ -23,6 +23,7 @@ _MEDIAN = 0.6745  # of the magnitude of a standard normal variable
 _CIRCLE = 140.0  # points squared, of the cell with most images
 _LEAST = 3  # images of a cell whose mean is drawn
 _MEAN_SHARE = 0.6  # of the distance of cells, which are neighbours in rows: what nine in ten means are drawn as
+_SHORT = 8  # letters of a name that stands before its RMS in one line
 _PHOTOS, _COLUMNS = 20, 4  # photos at most, and how many of them side by side
 _PANEL, _WIDE, _MEANS = 3.2, 10.0, 4.5  # inches, of a photo at most, of all photos, and of the means of a camera
 _BORDER, _KEY = 0.04, 0.14  # of a format, around it, and for the key below
@@ -113,10 +114,12 @@ def _draw_photos(plates: ImageResiduals) -> Any:
     width = min(_PANEL, _WIDE / columns)
     size = [width] * columns, [width * _slope(extent)] * rows
     figure, panels = new_panels(*size, "Plate residuals, adjusted minus measured", beside=0.3, below=0.45)
+    names = without_paths(plates.photos)
     for axes, photo in zip(panels.ravel(), shown.tolist(), strict=False):
         _set_format(axes, corners)
         draw_rings(axes, plates.corners[photo][None])
-        axes.set_title(f"{plates.photos[photo]}: RMS {measure(plates.rms[photo], 'um')}")
+        gap = " " if len(names[photo]) <= _SHORT else "\n"
+        axes.set_title(f"{names[photo]}:{gap}RMS {measure(plates.rms[photo], 'um')}")
         _draw_images(axes, plates, plates.photo == photo, factor)
     for axes in panels.ravel()[len(shown) :]:
         axes.remove()
