@@ -81,9 +81,9 @@ class Beside:
     @classmethod
     def nothing(cls, photos: int, points: int) -> Beside:
         """Return that nothing is known."""
-        three, one = np.full((photos, 3), np.nan), np.full(photos, np.nan)
+        position, level = np.full((photos, 3), np.nan), np.full(photos, np.nan)
         return cls(
-            position=three, position_sigma=three, tide=one, tide_sigma=one, time=one,
+            position=position, position_sigma=position, tide=level, tide_sigma=level, time=level,
             tide_group=np.full(photos, "", dtype=np.str_),
             wet=np.zeros(points, dtype=bool), dry=np.zeros(points, dtype=bool),
         )  # fmt: skip

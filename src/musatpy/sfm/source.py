@@ -77,7 +77,7 @@ class FileCameras:
     def read(cls, source: Mapping[str, Any], file: str) -> FileCameras:
         """Return the cameras in the `source` of a job folder. Raises `ModelError` where it has none."""
         try:
-            scale, *rest = source["placement"].tolist()
+            scale, *similarity = source["placement"].tolist()
             return cls(
                 program=str(source["program"][0]),
                 lenses=tuple(
@@ -86,8 +86,8 @@ class FileCameras:
                 ),
                 placement=Placement(
                     scale=scale,
-                    rotation=np.array(rest[:9]).reshape(3, 3),
-                    shift=np.array(rest[9:]),
+                    rotation=np.array(similarity[:9]).reshape(3, 3),
+                    shift=np.array(similarity[9:]),
                     ellipsoid=_ellipsoid(str(source["ellipsoid"][0])),
                 ),
                 to_geocentric=source.get("to_geocentric"),

@@ -113,15 +113,15 @@ def clock_offset(exposures: Exposures) -> ClockOffset:
     step, change = np.diff(t[pairs], axis=0)[0], np.diff(d[pairs], axis=0)[0]
     far = step > _APART
     slope = float(np.median(change[far] / step[far])) if far.any() else np.nan
-    rest = d - np.nan_to_num(slope) * t
-    offset = float(np.median(rest))
-    scatter = 1.4826 * float(np.median(np.abs(rest - offset)))
+    level = d - np.nan_to_num(slope) * t
+    offset = float(np.median(level))
+    scatter = 1.4826 * float(np.median(np.abs(level - offset)))
     return ClockOffset(
         photos=len(both),
         offset=offset,
         drift=86400.0 * slope,
         scatter=scatter if len(both) > 2 else np.nan,
-        apart=exposures.photos[both][np.abs(rest - offset) > max(_SLOW, 5.0 * scatter)],
+        apart=exposures.photos[both][np.abs(level - offset) > max(_SLOW, 5.0 * scatter)],
     )
 
 

@@ -247,5 +247,5 @@ def _moved(coordinates: Any, way: pyproj.Transformer) -> Any:
     return list(way.transform(*coordinates[:2]))
 
 
-def _refused(path: Path, found: str, expected: str) -> ModelError:
-    return ModelError([Problem(message=f"it has {found}; expected: {expected}", file=str(path))])
+def _refused(path: Path, content: str, expected: str) -> ModelError:
+    return ModelError([Problem(message=f"it has {content}; expected: {expected}", file=str(path))])
