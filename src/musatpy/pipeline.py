@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from musatpy.blunders.scene import Effort
 
 
-_OF_ALL = (CauseKind.FOCAL_LENGTH, CauseKind.PRINCIPAL_POINT, CauseKind.INDEX)  # heights bend under them
+_OF_ALL = (  # heights bend under them
+    CauseKind.FOCAL_LENGTH, CauseKind.PRINCIPAL_POINT, CauseKind.DISTORTION, CauseKind.INDEX,
+)  # fmt: skip
 _STOPPED = "search stopped: the causes are those found until then; --causes all searches four times as long"
 
 

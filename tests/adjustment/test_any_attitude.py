@@ -11,6 +11,7 @@ from musatpy import adjust, adjustment, verdict
 from musatpy.adjustment.first_lenses import with_first_lenses
 from musatpy.adjustment.initial import initial_photos
 from musatpy.model import Grade, Program, Solution
+from musatpy.model.lenses import Ports
 from musatpy.orientation.absolute import Targets, absolute_orientation
 from musatpy.reports import positions
 from musatpy.reports.positions import STATIONS
@@ -162,6 +163,21 @@ def test_pairs_tell_the_first_focal_length_and_radial_distortion() -> None:
     lens = dict(zip(first.lens_unknowns.parameter.tolist(), first.lens_unknowns.value.tolist(), strict=True))
     assert lens["F"] == pytest.approx(FOCAL_LENGTH + off, rel=0.05) and "mm of camera C35" in notes[0]
     assert lens["K1"] == pytest.approx(LENS["K1"], rel=0.5)
+
+
+def test_pairs_behind_a_port_meet_outside_it() -> None:
+    """The images of a camera in water whose focal length is right: rays inside would want a third more."""
+    block = monument(
+        1, photos=6, points=80, control=4, off=None, initial="COMPUTE", lens=dict.fromkeys(LENS, 0.0)
+    ).block
+    r = np.linalg.norm(block.plates.xy, axis=1, keepdims=True) / block.cameras.focal_length
+    refracted = np.tan(np.arcsin(1.33 * np.sin(np.arctan(r)))) / r
+    flat = {"distance": 1e-3, "thickness": 0.0, "glass_index": 1.5, "water_index": 1.33}
+    port = Ports(
+        camera=np.zeros(1, int), tilt=np.zeros((1, 2)), **{name: np.full(1, x) for name, x in flat.items()}
+    )
+    block = replace(block, plates=replace(block.plates, xy=block.plates.xy * refracted), ports=port)
+    assert with_first_lenses(block)[2] == ()
 
 
 @pytest.mark.slow

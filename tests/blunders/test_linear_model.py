@@ -11,7 +11,7 @@ import pytest
 from altered import added, altered
 from drivers.causes_study import strip
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
-from musatpy.blunders.hypotheses import Hypothesis, hypotheses
+from musatpy.blunders.hypotheses import Hypothesis, hypotheses, revised
 from musatpy.blunders.linear_model import dropped, linear_model
 from musatpy.blunders.scene import Effort, staged
 from musatpy.model import CauseKind
@@ -66,6 +66,15 @@ def test_errors_are_given_minus_true() -> None:
     assert found.key == control.key
     np.testing.assert_allclose(found.error, SHIFT, atol=4.0 * found.sigma.max())
     assert found.sigma.max() < 0.25 * SHIFT  # the signs are certain
+
+
+def test_a_radial_distortion_is_given_minus_true() -> None:
+    """One that is 0.03 mm larger at the farthest image is estimated as larger by that."""
+    block = revised(wrong().block, Hypothesis(kind=_K.DISTORTION, value=-0.03))
+    scene, state = staged(block, None, None, Effort(left=math.inf))
+    model = linear_model(scene, wrong().factors(), state)
+    sizes = [next(one for one in of if one.kind is _K.DISTORTION).error[0] for of in (options(), hypotheses(model))]
+    assert sizes[1] - sizes[0] == pytest.approx(0.03, abs=0.003)
 
 
 def test_a_group_that_nothing_checks_explains_nothing() -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy.adjustment.lenses import CameraLenses, ideal_plates
+from musatpy.adjustment.ports import without_ports
 from musatpy.model import LENS_PARAMETERS, Block, Initial
 from musatpy.orientation.relative import relative_orientations
 from musatpy.orientation.strips import FEWEST, common_images, common_tangents, sights_of, tangent_sigma
@@ -30,7 +31,7 @@ def with_first_lenses(block: Block) -> tuple[Block, Block, tuple[str, ...]]:
     seen, table = ideal_plates(block), block.lens_unknowns
     focal, radial = (np.flatnonzero((table.parameter == name) & np.isnan(table.sigma)) for name in ("F", "K1"))
     radial = radial[np.isin(table.camera[radial], table.camera[focal])]
-    sights, sigma = sights_of(seen), tangent_sigma(seen)
+    sights, sigma = sights_of(without_ports(seen)), tangent_sigma(seen)
     *pairs, ends, images = common_images(sights, FEWEST)
     if not (focal.size and len(ends) and block.options.initial is Initial.COMPUTE):
         return block, seen, ()

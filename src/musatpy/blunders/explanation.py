@@ -40,6 +40,7 @@ _SAME = 4.0  # of the costs of two explanations, which says nothing
 SENSIBLE = {  # sizes of errors that are common to many observations, and can be revised
     CauseKind.FOCAL_LENGTH: 15.0,  # mm
     CauseKind.PRINCIPAL_POINT: 10.0,  # mm
+    CauseKind.DISTORTION: 5.0,  # mm
     CauseKind.INDEX: 0.2,
     CauseKind.TIDES: 30.0,  # m
     **{kind: size for module in OF_KINDS for kind, size in module.SENSIBLE.items()},

@@ -16,6 +16,7 @@ import numpy as np
 
 from musatpy.adjustment.iteration import LEVEL, State, tide_groups
 from musatpy.adjustment.kinds import MEASURED, PRIORS, direct_rows
+from musatpy.adjustment.lenses import image_reach
 from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.sightings import index_partials, residuals
@@ -230,12 +231,14 @@ def common_errors(model: LinearModel) -> list[Hypothesis]:
     for camera in range(cameras):
         columns.append(Hypothesis(kind=CauseKind.FOCAL_LENGTH, member=camera))
         columns += [Hypothesis(kind=CauseKind.PRINCIPAL_POINT, member=2 * camera + axis) for axis in range(2)]
+        columns.append(Hypothesis(kind=CauseKind.DISTORTION, member=camera))
     columns += [Hypothesis(kind=CauseKind.INDEX)] if index else []
+    bend = _bends(block)
     weight, pull = np.zeros((2, len(columns)))
     coupling = np.zeros((len(columns), len(model.step)))
     for checks in model.points:
         rows = slice(0, 2 * checks.rays.shape[1])
-        c = _errors_of_images(network, state, 3 * block.photos.camera, checks.rays, len(columns), index)
+        c = _errors_of_images(network, state, 4 * block.photos.camera, checks.rays, len(columns), index, bend)
         weighted = np.swapaxes(checks.weight[:, rows, None] * c, 1, 2)
         by_point = weighted @ checks.ground[:, rows]
         weight += np.einsum("kco,koc->c", weighted, c)
@@ -317,11 +320,12 @@ def _unknowns_more(
 
 
 def _errors_of_images(
-    network: Network, state: State, camera: IntArray, rays: IntArray, columns: int, index: bool
+    network: Network, state: State, camera: IntArray, rays: IntArray, columns: int, index: bool, bend: FloatArray
 ) -> FloatArray:
     """Return what errors of one unit add to images (k, m): (k, 2m, columns), in the order of `common_errors`.
 
-    `camera` (n,) is the first column of that of each photo; the `index` of the water has the last one.
+    `camera` (n,) is the first column of that of each photo; the `index` of the water has the last one, and `bend`
+    (m, 2) is what `_bends` returns.
     """
     photo = network.photo[rays]
     image = network.xy[rays] + residuals(network, state, rays.reshape(-1)).reshape(*rays.shape, 2)
@@ -330,10 +334,18 @@ def _errors_of_images(
     np.put_along_axis(out, camera[photo][..., None, None], -ray[..., None], axis=-1)
     for axis in range(2):
         np.put_along_axis(out[:, :, axis], camera[photo][..., None] + 1 + axis, -1.0, axis=-1)
+    np.put_along_axis(out, camera[photo][..., None, None] + 3, -bend[rays][..., None], axis=-1)
     if index:
         wet = network.refracted[rays]
         out[wet, :, -1] = -index_partials(network, state, rays[wet])
     return out.reshape(len(rays), 2 * rays.shape[1], -1)
+
+
+def _bends(block: Block) -> FloatArray:
+    """Return what (m, 2) mm a radial distortion of r^3 does to images, of 1 mm at the farthest one of a camera."""
+    principal, camera = block.cameras.principal_point, block.photos.camera[block.plates.photo]
+    off, reach = block.plates.xy - principal[camera], image_reach(block, principal)[0][camera, None]
+    return np.asarray(off * np.square(off).sum(axis=1, keepdims=True) / reach**3)
 
 
 def revised(block: Block, revision: Hypothesis) -> Block:
@@ -349,6 +361,10 @@ def revised(block: Block, revision: Hypothesis) -> Block:
             principal = cameras.principal_point.copy()
             principal[divmod(revision.member, 2)] -= value
             return replace(block, cameras=replace(cameras, principal_point=principal))
+        case CauseKind.DISTORTION:
+            on = photos.camera[block.plates.photo] == revision.member
+            xy = block.plates.xy + value * on[:, None] * _bends(block)
+            return replace(block, plates=replace(block.plates, xy=xy))
         case CauseKind.INDEX:
             assert block.water is not None  # no index is tested without
             return replace(block, water=replace(block.water, index=block.water.index - value, conditions=None))

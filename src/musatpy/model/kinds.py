@@ -162,6 +162,9 @@ class CauseKind(StrEnum):
     PRINCIPAL_POINT = (
         "principal point", "", Action.NONE, "CAM", "", "mm", "",
         "compare the camera card with the calibration, signs and plate axes too")
+    DISTORTION = (
+        "radial distortion", "", Action.NONE, "DST RED CAL", "at the farthest image", "mm", "",
+        "compare the distortion with the calibration: its sign, side, unit, and whether the plates have it still")
     INDEX = "refractive index", "", Action.NONE, "WTR", "", "", "", "read the water card again"
     ELEVATION = (
         "equal elevation", "equal elevation", Action.DROPPED, "EQL", "", "m", "",
