@@ -337,13 +337,13 @@ def settle_group(
     """
 
     def step(rows: IntArray, X: FloatArray) -> Step:
-        normals = point_normals(network, state, group, X, stations=False)
+        normals = point_normals(network, state, group.part(rows), X, stations=False)
         local = np.linalg.solve(normals.matrix, normals.rhs[..., None])
         fall = np.einsum("ki,kij->k", normals.rhs, local)
         return (np.swapaxes(normals.axes, -1, -2) @ local)[..., 0], normals.objective, fall
 
     def held(rows: IntArray, X: FloatArray) -> FloatArray:
-        return hold(network, group.point, X) if group.known else X
+        return hold(network, group.point[rows], X) if group.known else X
 
     return steps_to_best(step, ground, held, trial=trial)
 
@@ -352,14 +352,13 @@ def steps_to_best(
     step: Callable[[IntArray, FloatArray], Step],
     ground: FloatArray,
     held: Callable[[IntArray, FloatArray], FloatArray],
-    each: bool = False,
     trial: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
     """Return where points come to rest (k, 3) from `ground`, and their weighted squares (k,) there.
 
     `step` tells of some of them, rows (r,) at X (r, 3), the steps, the squares where they are, and by how much
-    these fall; `held` puts back what is held of them. They go on until all are at rest, or `each` until it is. What
-    a `trial` is, `settle_group` says.
+    these fall; `held` puts back what is held of them. Each goes on until it is at rest. What a `trial` is,
+    `settle_group` says.
     """
     X, best, rows = ground.copy(), ground.copy(), np.arange(len(ground))
     least, gain, last = np.full(len(ground), np.inf), np.zeros(len(ground)), np.zeros_like(ground)
@@ -371,10 +370,9 @@ def steps_to_best(
         gain[rows] = np.where(worse, 0.0, fall)
         last[rows] = np.where(worse[:, None], 0.5 * last[rows], new)
         X[rows] = held(rows, best[rows] + last[rows])
-        moving = ~(np.abs(last[rows]).max(axis=1) < STEP_LIMIT)
-        if not moving.any():
+        rows = rows[~(np.abs(last[rows]).max(axis=1) < STEP_LIMIT)]
+        if not len(rows):
             break
-        rows = rows[moving] if each else rows
     if trial:
         return best, least
     # the last step is taken without looking: its gain in squares is known to the second order

@@ -234,8 +234,8 @@ class ByFileCameras(Method):
         state = self._near_cloud(network, state, groups, network.frame.from_level(level[rows]))
         known = finite_rows(state.ground)
         covariances = covariances_in(self.run, network.pattern, network.border.size)
-        sigma = self._sigmas(network, state, groups, seen, covariances)
-        self._describe(network, state, groups, known, rows, values)
+        sigma, squares = self._sigmas(network, state, groups, seen, covariances)
+        self._describe(network, state, groups, known, rows, squares, values)
         dry = self.run.block.water is None
         taken = stated(zeros + np.inf if dry else -values["depth"][rows], sigma[:, 2], zeros, zeros)
         near = known & (taken.code == Wet.UNDECIDED)
@@ -248,7 +248,8 @@ class ByFileCameras(Method):
             of, at, parts = self._at_rest(_of_points(plates, others), held, held=True)
             height = network.frame.height(state.ground[others])
             off[others] = np.maximum(off[others], np.abs(of.frame.height(at.ground) - height))
-            larger[others] = np.maximum(larger[others], self._sigmas(of, at, parts, seen[others], covariances))
+            wider, _ = self._sigmas(of, at, parts, seen[others], covariances)
+            larger[others] = np.maximum(larger[others], wider)
         sigma[near, 0] = larger[near, 0]
         sigma[near, 1:] = np.hypot(larger[near, 1:], off[near, None])
         fault[rows] = np.where(known, np.where(near, Fault.UNDECIDED, Fault.NONE), Fault.NO_CONVERGENCE)
@@ -297,16 +298,18 @@ class ByFileCameras(Method):
         groups: Sequence[PointGroup],
         seen: IntArray,
         covariances: Cofactors,
-    ) -> FloatArray:
-        """Return sigmas (k, 3) m of points in plan, in height, and of their depths; NaN where there is no point.
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return sigmas (k, 3) m of points in plan, in height, and of their depths, and squares (k,) mm2 that
+        their residuals have in sum; NaN where there is no point.
 
         The images of all photos that have `seen` (k,) a point made it. What straight rays of the file miss in each
         cancels among all of them; with rays of fewer it counts as noise, by the share of those left out.
         """
         rays = np.bincount(network.point, minlength=len(seen))
-        v = residuals(network, state, np.arange(len(network.point)))
-        square = np.bincount(network.point, np.square(v).sum(axis=1), minlength=len(seen))
-        missed = (1.0 - rays / seen) * square / (2 * rays - 3)
+        squares = np.full(len(seen), np.nan)
+        for group in groups:
+            squares[group.point] = np.square(residuals(network, state, group.rays)).sum(axis=(1, 2))
+        missed = (1.0 - rays / seen) * squares / (2 * rays - 3)
         network = replace(network, weight=network.weight / (1.0 + network.weight * missed[network.point, None]))
         known, out = finite_rows(state.ground), np.full((len(state.ground), 3), np.nan)
         for group in groups:
@@ -314,7 +317,7 @@ class ByFileCameras(Method):
                 covariance, depth = covariances_with_depths(network, state, piece, covariances)
                 east, north, up = np.diagonal(covariance, axis1=1, axis2=2).T
                 out[piece.group.point] = np.sqrt(np.column_stack([east + north, up, depth]))
-        return out
+        return out, squares
 
     def _describe(
         self,
@@ -323,9 +326,10 @@ class ByFileCameras(Method):
         groups: Sequence[PointGroup],
         known: BoolArray,
         rows: IntArray,
+        squares: FloatArray,
         values: dict[str, FloatArray],
     ) -> None:
-        """Set depths, incidence, rays and residuals of points."""
+        """Set depths, incidence, rays and residuals of points, which have `squares` (k,) mm2 in sum."""
         for group in groups:
             group = group.part(known[group.point])
             if not len(group.point):
@@ -340,8 +344,7 @@ class ByFileCameras(Method):
             angle = np.arccos(np.clip(-np.einsum("kmi,kmi->km", over.normal, air), -1.0, 1.0))
             values["incidence"][at] = angle.mean(axis=1) / DEGREE
             values["rays"][at] = m
-            v = residuals(network, state, group.rays.reshape(-1)).reshape(len(at), -1)
-            values["py"][at] = np.sqrt(np.mean(np.square(v), axis=1)) / MICROMETRE
+            values["py"][at] = np.sqrt(squares[group.point] / (2 * m)) / MICROMETRE
 
 
 def _of_points(plates: PlateMeasurements, points: IntArray) -> PlateMeasurements:

@@ -254,7 +254,7 @@ class CompiledLoops(Loops):
             return shift[rows], points.squares[rows], points.fall[rows]
 
         ground[mine], squares[mine] = steps_to_best(
-            step, ground[mine], lambda some, X: hold(self.network, mine[some], X), each=True
+            step, ground[mine], lambda some, X: hold(self.network, mine[some], X)
         )
         return self.others
 
