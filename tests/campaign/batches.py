@@ -129,11 +129,11 @@ class Here(Executor):
 
     def submit(self, fn, /, *args, **kwargs):
         future = Future()
-        error = self.fails.get(args[0].job.deck.stem)
-        if error is None:
-            future.set_result(fn(*args, **kwargs))
-        else:
+        error = self.fails and self.fails.get(args[0].job.deck.stem)
+        if error:
             future.set_exception(error)
+        else:
+            future.set_result(fn(*args, **kwargs))
         return future
 
 
@@ -142,8 +142,3 @@ class Near(Here):
 
     def __init__(self, processes: int, on_message: object, fds: object = ()) -> None:
         super().__init__()
-
-    def submit(self, fn, /, *args, **kwargs):
-        future = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future
