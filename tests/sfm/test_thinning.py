@@ -53,10 +53,6 @@ def dry(model: Model) -> np.ndarray:
     return np.zeros(len(model.points), dtype=np.int64)
 
 
-def none(model: Model) -> np.ndarray:
-    return np.zeros(len(model.points), dtype=bool)
-
-
 def per_cell(model: Model, kept: np.ndarray) -> np.ndarray:
     """Return the images (n, 6, 8) of kept tracks in the cells of photos, all of one size along x."""
     size = np.array([(lens.width, lens.height) for lens in model.lenses])[model.camera[model.photo]]
@@ -76,7 +72,7 @@ def common(model: Model, kept: np.ndarray) -> np.ndarray:
 
 def require_pairs_and_cells(model: Model, result: Thinned, per_photo: int) -> None:
     """Each pair has 12 in common or all it has; each photo its images, in all cells that have some in turn."""
-    usable = ~result.double & ~result.single
+    usable = ~result.double & (model.counts > 1)
     every, kept = common(model, usable), common(model, result.kept)
     assert (kept >= np.minimum(every, COMMON)).all()
     full, cells = per_cell(model, usable), per_cell(model, result.kept)
@@ -88,36 +84,35 @@ def require_pairs_and_cells(model: Model, result: Thinned, per_photo: int) -> No
 @pytest.mark.skipif(not SCEAUX.is_dir(), reason="the model is not beside the checkout")
 def test_a_real_model_keeps_its_best_tracks_over_the_whole_photo() -> None:
     model = read_model(SCEAUX)
-    result = thinned(model, dry(model), none(model))
+    result = thinned(model, dry(model))
     require_pairs_and_cells(model, result, 120)
     images = np.bincount(model.photo[result.kept[model.point]], minlength=len(model.photos))
     assert result.kept.sum() < 0.25 * len(model.points) and images.mean() < 400
     assert model.counts[result.kept].mean() > 1.2 * model.counts.mean()
-    every = thinned(model, dry(model), none(model), per_photo=0)
-    assert (every.kept == ~(every.double | every.single)).all()
+    every = thinned(model, dry(model), per_photo=0)
+    assert (every.kept == ~every.double & (model.counts > 1)).all()
     pairs = np.unique(np.stack([model.photo, model.point]), axis=1, return_counts=True)
     assert every.double.sum() == len(np.unique(pairs[0][1][pairs[1] > 1]))
 
 
 def test_photos_cells_and_pairs_have_their_numbers() -> None:
     model = block()
-    result = thinned(model, dry(model), none(model))
+    result = thinned(model, dry(model))
     require_pairs_and_cells(model, result, 120)
     images = np.bincount(model.photo[result.kept[model.point]], minlength=len(model.photos))
     assert images.mean() < 200 and len(model.photo) / len(model.photos) > 400
-    few = thinned(model, dry(model), none(model), per_photo=48)
+    few = thinned(model, dry(model), per_photo=48)
     require_pairs_and_cells(model, few, 48)
     assert few.kept.sum() < result.kept.sum()
-    every = thinned(model, dry(model), none(model), per_photo=0)
-    assert (every.kept == (model.counts > 1)).all() and (every.single == (model.counts < 2)).all()
+    every = thinned(model, dry(model), per_photo=0)
+    assert (every.kept == (model.counts > 1)).all()
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_no_order_of_photos_points_and_images_matters(seed: int) -> None:
     rng, model = np.random.default_rng(seed), block(strips=3, each=4, noise=0.0)  # with ties, which ids decide
     wet = (model.position[:, 0] > 30.0).astype(np.int64)
-    always = rng.random(len(model.points)) < 0.01
-    result = thinned(model, wet, always)
+    result = thinned(model, wet)
     n, p, m = (rng.permutation(len(of)) for of in (model.photos, model.points, model.photo))
     place_n, place_p = np.argsort(n), np.argsort(p)
     other = replace(
@@ -132,8 +127,8 @@ def test_no_order_of_photos_points_and_images_matters(seed: int) -> None:
         point=place_p[model.point[m]],
         pixel=model.pixel[m],
     )
-    shuffled = thinned(other, wet[p], always[p])
-    assert (shuffled.kept == result.kept[p]).all() and (shuffled.single == result.single[p]).all()
+    shuffled = thinned(other, wet[p])
+    assert (shuffled.kept == result.kept[p]).all() and (shuffled.double == result.double[p]).all()
 
 
 def test_a_third_is_wet_and_a_third_dry_where_there_are() -> None:
@@ -143,30 +138,27 @@ def test_a_third_is_wet_and_a_third_dry_where_there_are() -> None:
     undecided = np.arange(len(wet)) % 20 == 7
     wet[undecided] = Wet.UNDECIDED
     wet[np.arange(len(wet)) % 20 == 9] = Wet.SURFACE
-    result = thinned(model, wet, none(model))
+    result = thinned(model, wet)
     assert not result.kept[wet > Wet.WET].any()
     for code in (Wet.WET, Wet.DRY):
-        usable = ~result.single & (wet == code)
+        usable = (model.counts > 1) & (wet == code)
         of = [np.bincount(model.photo[rows[model.point]], minlength=24) for rows in (usable, usable & result.kept)]
         assert (of[1] >= np.minimum(of[0], 40)).all()
     assert (wet[result.kept] == Wet.DRY).mean() > 0.25
 
 
-def test_control_is_kept_and_tracks_with_two_images_in_a_photo_are_not() -> None:
+def test_tracks_with_two_images_in_a_photo_or_one_in_all_are_left_out() -> None:
     model = block(strips=2, each=3)
-    seen = np.flatnonzero(model.counts > 2)
-    ids, other = seen[:3], int(seen[3])
-    twice = np.flatnonzero(np.isin(model.point, [ids[1], other]))
+    double, single = np.split(np.flatnonzero(model.counts > 2)[:3], [2])
+    twice = np.flatnonzero(np.isin(model.point, double))
     _, first = np.unique(model.point[twice], return_index=True)
     rows = np.concatenate([np.arange(len(model.photo)), twice[first]])
-    rows = rows[(model.point[rows] != ids[2]) | (np.cumsum(model.point[rows] == ids[2]) < 2)]
+    rows = rows[(model.point[rows] != single) | (np.cumsum(model.point[rows] == single) < 2)]
     model = replace(model, photo=model.photo[rows], point=model.point[rows], pixel=model.pixel[rows])
-    always = np.isin(np.arange(len(model.points)), ids)
-    undecided = np.where(always, Wet.UNDECIDED, Wet.DRY)
     for per_photo in (0, 10, 120):
-        result = thinned(model, undecided, always, per_photo)
-        assert result.kept[ids].tolist() == [True, False, True] and not result.single[ids[2]]
-        assert np.flatnonzero(result.double).tolist() == [ids[1], other] and not result.kept[other]
+        result = thinned(model, dry(model), per_photo)
+        assert np.flatnonzero(result.double).tolist() == double.tolist()
+        assert not result.kept[[*double, *single]].any()
 
 
 def test_the_best_have_most_rays_then_the_widest_angle_then_the_least_residual() -> None:
@@ -190,6 +182,6 @@ def test_nothing_gives_nothing() -> None:
     model = block(1, 2)
     empty = np.zeros(0, dtype=np.int64)
     model = replace(model, photo=empty, point=empty, pixel=np.zeros((0, 2)))
-    assert not thinned(model, dry(model), none(model)).kept.any()
+    assert not thinned(model, dry(model)).kept.any()
     model = replace(model, points=model.points[:0], position=model.position[:0])
-    assert len(thinned(model, dry(model), none(model)).kept) == 0
+    assert len(thinned(model, dry(model)).kept) == 0

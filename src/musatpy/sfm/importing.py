@@ -135,7 +135,7 @@ def imported(asked: Asked, title: str) -> Imported:
     warnings += _of_water(model, levels, wet)
     model, gross = of_good_images(model, max(MOST, _GROSS * proof.median), wet.code == Wet.DRY)
     warnings += gross
-    kept = thinned(model, wet.code, np.zeros(len(model.points), dtype=bool), asked.per_photo)
+    kept = thinned(model, wet.code, asked.per_photo)
     used = kept.kept & (wet.code < Wet.UNDECIDED)
     lines.append(f"{np.count_nonzero(used)} of {len(model.points)} points are taken into the job")
     if kept.double.any():

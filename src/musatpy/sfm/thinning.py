@@ -26,26 +26,23 @@ class Thinned:
 
     kept: BoolArray  # (p,)
     double: BoolArray  # (p,) dropped: two images in one photo
-    single: BoolArray  # (p,) dropped: seen in one photo or none
 
 
-def thinned(model: Model, wet: IntArray, always: BoolArray, per_photo: int = 120) -> Thinned:
+def thinned(model: Model, wet: IntArray, per_photo: int = 120) -> Thinned:
     """Return which tracks of a model are kept, so that photos have `per_photo` images at least; 0: all.
 
     `wet` (p,) are codes of `Wet`: points that are undecided or on the surface are left out, and a third of the
-    images of a photo is wet and a third dry where it has so many. `always` (p,) are control, checks and marked
-    points, kept where no photo has two images of them. Pairs of photos have 12 kept tracks in common, or all that
-    they have.
+    images of a photo is wet and a third dry where it has so many. Pairs of photos have 12 kept tracks in common, or
+    all that they have. Control, checks and markers are no tracks of a model, and all stay.
     """
     count, photos = len(model.points), len(model.photos)
     number = np.argsort(np.argsort(model.photos, kind="stable"), kind="stable")[model.photo]
     pairs = np.sort(number * max(count, 1) + model.point)
     double = np.zeros(count, dtype=bool)
     double[pairs[1:][pairs[1:] == pairs[:-1]] % max(count, 1)] = True
-    single = (model.counts < 2) & ~double & ~always
-    usable = ~double & ~single & (always | np.isin(wet, (Wet.DRY, Wet.WET)))
+    usable = ~double & (model.counts > 1) & np.isin(wet, (Wet.DRY, Wet.WET))
     if not per_photo:
-        return Thinned(kept=usable, double=double, single=single)
+        return Thinned(kept=usable, double=double)
     order = ranked(model)
     rank = np.empty(count, dtype=np.int64)
     rank[order] = np.arange(count)
@@ -53,7 +50,7 @@ def thinned(model: Model, wet: IntArray, always: BoolArray, per_photo: int = 120
     rows = rows[np.argsort(number[rows] * max(count, 1) + rank[model.point[rows]])]
     track, cell, wet = rank[model.point[rows]], _cells(model)[rows], wet[order]
     starts = np.searchsorted(number[rows], np.arange(photos + 1))
-    kept = (always & ~double)[order]
+    kept = np.zeros(count, dtype=bool)
     for first, last in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
         here, of = track[first:last], cell[first:last]
         for code in (Wet.WET, Wet.DRY):
@@ -61,7 +58,7 @@ def thinned(model: Model, wet: IntArray, always: BoolArray, per_photo: int = 120
             _add(kept, here[some], of[some], per_photo // 3)
         _add(kept, here, of, per_photo, per_photo // (COLUMNS * ROWS))
     _link(kept, track, starts)
-    return Thinned(kept=kept[rank], double=double, single=single)
+    return Thinned(kept=kept[rank], double=double)
 
 
 def ranked(model: Model) -> IntArray:
