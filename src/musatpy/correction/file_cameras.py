@@ -248,8 +248,7 @@ class ByFileCameras(Method):
             of, at, parts = self._at_rest(_of_points(plates, others), held, held=True)
             height = network.frame.height(state.ground[others])
             off[others] = np.maximum(off[others], np.abs(of.frame.height(at.ground) - height))
-            wider, _ = self._sigmas(of, at, parts, seen[others], covariances)
-            larger[others] = np.maximum(larger[others], wider)
+            larger[others] = np.maximum(larger[others], self._sigmas(of, at, parts, seen[others], covariances)[0])
         sigma[near, 0] = larger[near, 0]
         sigma[near, 1:] = np.hypot(larger[near, 1:], off[near, None])
         fault[rows] = np.where(known, np.where(near, Fault.UNDECIDED, Fault.NONE), Fault.NO_CONVERGENCE)
