@@ -65,7 +65,7 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
         return numbers
 
 
-class Sigmas(Numbers):
+class SigmasOfAxes(Numbers):
     """Sigmas of three coordinates, of which fewer may be said: by how many there are, which of them are whose."""
 
     name = "sigmas"

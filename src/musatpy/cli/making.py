@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli import options
-from musatpy.cli.depth import Sigmas
+from musatpy.cli.depth import SigmasOfAxes
 from musatpy.cli.messages import complain, complain_of, name_of, tell
 from musatpy.cli.options import FILE, FOLDER, POSITIVE, NamedPath, flag, option
 from musatpy.errors import DeckError, Problem, count_of, printable
@@ -144,7 +144,7 @@ def waves_command(spec: Path, plots: bool, form: ImageForm, out_dir: Path | None
 @option(
     "--control-sigma EAST,NORTH,UP",
     "Standard deviations of control that has none, m; one number for all, or two for plan and height.",
-    Sigmas({1: (0, 0, 0), 2: (0, 0, 1), 3: (0, 1, 2)}),  # east, north, up
+    SigmasOfAxes({1: (0, 0, 0), 2: (0, 0, 1), 3: (0, 1, 2)}),  # east, north, up
 )
 @options.set_option
 @options.submerged_option

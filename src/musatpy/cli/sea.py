@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from musatpy.cli import options
-from musatpy.cli.depth import POSITIVE, Finite, Sigmas, index_by, index_options, system_options
+from musatpy.cli.depth import POSITIVE, Finite, SigmasOfAxes, index_by, index_options, system_options
 from musatpy.cli.messages import complain, name_of, progress_through, tell
 from musatpy.cli.options import FILE, LazyGroup, flag, option, options_of
 from musatpy.errors import SeaError, count_of
@@ -38,7 +38,7 @@ precision_options = options_of(
     option(
         "--sigma M|X,Y,Z",
         "Sigma of points that have none of their own: one for all coordinates, or one for each.",
-        Sigmas({1: (0, 0, 0), 3: (0, 1, 2)}),
+        SigmasOfAxes({1: (0, 0, 0), 3: (0, 1, 2)}),
     ),
     option("--image-sigma UM", "Sigma of plate coordinates; replaces --sigma.", POSITIVE),
     options.columns_option,
