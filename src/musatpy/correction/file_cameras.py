@@ -298,11 +298,10 @@ class ByFileCameras(Method):
         seen: IntArray,
         covariances: Cofactors,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return sigmas (k, 3) m of points in plan, in height, and of their depths, and squares (k,) mm2 that
-        their residuals have in sum; NaN where there is no point.
+        """Return sigmas (k, 3) m in plan, in height and of depths, and sums (k,) mm2 of squared residuals.
 
-        The images of all photos that have `seen` (k,) a point made it. What straight rays of the file miss in each
-        cancels among all of them; with rays of fewer it counts as noise, by the share of those left out.
+        NaN where there is no point. The images of all photos that have `seen` (k,) a point made it. What straight
+        rays of the file miss in each cancels among all; of fewer it counts as noise, by the share of those missing.
         """
         rays = np.bincount(network.point, minlength=len(seen))
         squares = np.full(len(seen), np.nan)

@@ -253,7 +253,7 @@ def straight(statistics: Quality) -> Iterator[Reason]:
     wet = block.points.bathymetric & (statistics.solution.points.status != PointStatus.NOT_DETERMINED)
     if (many := int(wet.sum())) and not refracts(block):
         text = (
-            f"refraction NONE: {count_of(many, 'point')} flagged as submerged are adjusted as if there "
+            f"refraction NONE: {many} point{'s' * (many > 1)} flagged as submerged are adjusted as if there "
             "were no water; about a quarter of their depth is missing"
         )
         yield Reason(Grade.DOUBTFUL, Concern.REFRACTION, text, "Options")
