@@ -8,11 +8,12 @@ import pytest
 from altered import added, altered
 from blocks import simulation
 from musatpy.adjustment import adjust
-from musatpy.adjustment.initial import initial_photos
+from musatpy.adjustment.initial import initial_photos, placed
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, ControlKind, CoordinateSystem, Initial, Solution
+from musatpy.orientation.strips import models_of, sights_of
 from musatpy.pipeline import adjust as searched
 from musatpy.simulation import Simulation
 from orientation.flights import HEIGHT, Flight, fly, strip
@@ -243,3 +244,17 @@ def test_partial_control_of_a_geographic_job_follows_the_curved_earth(kinds: str
     block = simulated(flight={"photos": 20, **SCATTER}, points={"extra": [{"number": 150}]}).block
     block = tight(with_kinds(block, kinds))
     assert_same_solution(adjust(bare(block)), adjust(block))
+
+
+def test_a_model_on_a_slope_has_the_control_back_that_it_has_lost() -> None:
+    control = [{"kind": "full", "number": 3, "sigma": 0.1, "error": 0.0}]
+    made = simulated(**BLOCKS["local"] | {"control": control, "measurement": {"noise": 0.0}})
+    steep = attitude_matrix([1.0, 0.3, 0.0])  # of all that is known: the ground is no level
+    block = altered(bare(made.block), control={"position": made.block.control.position @ steep.T})
+    sights = sights_of(block)
+    (model,) = models_of(block, sights)
+    kept = model.point != block.control.point[2]
+    assert not kept.all()
+    place = placed(block, sights, [replace(model, point=model.point[kept], X=model.X[kept])], "model")
+    stations = made.truth.stations.xyz @ steep.T
+    np.testing.assert_allclose(place.frame.system(place.C), stations, atol=5.0)  # .002 of the flying height

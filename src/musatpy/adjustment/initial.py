@@ -32,8 +32,9 @@ GIVEN, MODEL, MOSAIC, RESECTION, THROUGH_WATER = "given", "model", "mosaic", "re
 NOT_FOUND = ""  # or how a photo was found
 
 _CONTROL_ERROR = 1e-3  # of the extent of the control: the least error that counts as one
+_BENT = 0.05  # rad, by which a lens that is little known may bend a ray
 _WRONG = 0.1  # robust weight below which control is taken as wrong
-_FEWEST_KNOWN = 3  # points of a resection
+_FEWEST_KNOWN = 3  # points of a resection, and of a model whose ground is not level
 _AS_SURE = 2.0  # resections within this factor of the surest are taken together
 UNHELD = 0.1  # of the flying height: stations less sure than this are not found
 _NOMINAL_SCALE = 10.0  # m of flying height for a mm of focal length: photographs at 1:10,000
@@ -221,7 +222,10 @@ def placed(block: Block, sights: Tangents, models: list[PhotoModel], name: str) 
         reasons={row: pairless if row in sights.photo else "nothing is measured on it" for row in range(n)},
     )
     surest, others = _known(block, frame, approximate=False), _known(block, frame, approximate=True)
+    control = surest.point[surest.point >= 0]
     for model in models:
+        if surest.known[_in_model(model, surest)[0], 0].sum() < _FEWEST_KNOWN:
+            model = _with_lost(model, sights, control)
         on = _on_control(place, model, surest, name) or _on_control(place, model, others, name)
         place = on or place.without(model.photo.tolist(), _too_little(model, surest))
     free = block.options.datum is Datum.FREE and block.options.program is Program.IIIA
@@ -290,6 +294,25 @@ def _on_control(place: PhotoPlaces, model: PhotoModel, known: _Known, name: str)
     contradict = (mask & (robust < _WRONG * known.weight[seen][:, None])).any(axis=1) & (known.control[seen] >= 0)
     wrong[known.control[seen[contradict]]] = True
     return replace(place, wrong=wrong).having(model.photo, new.C @ axes, new.M @ axes, name)
+
+
+def _with_lost(model: PhotoModel, sights: Tangents, points: IntArray) -> PhotoModel:
+    """Return a model with those of some points that it has lost, each where its rays come nearest.
+
+    A lens of which little is known bends rays farther than images of a model may be off.
+    """
+    X = dict(zip(model.point.tolist(), model.X, strict=True))
+    for point in np.setdiff1d(points, model.point).tolist():
+        rows = np.flatnonzero((sights.point == point) & np.isin(sights.photo, model.photo))
+        if len(rows) > 1:
+            at = [model.row(photo) for photo in sights.photo[rows].tolist()]
+            ray = collinearity.ray(sights.x[rows], model.M[at], *_TANGENTS)
+            place = collinearity.nearest_point(model.C[at], ray)
+            away = place - model.C[at]
+            missed = np.linalg.norm(np.cross(ray, away), axis=1) / np.linalg.norm(away, axis=1)
+            X |= {point: place} if (missed < _BENT).all() else {}
+    order = sorted(X)
+    return replace(model, point=np.array(order), X=np.array([X[point] for point in order]))
 
 
 def _in_model(model: PhotoModel, known: _Known) -> tuple[IntArray, FloatArray]:
