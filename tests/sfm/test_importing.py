@@ -1,16 +1,18 @@
 """`musat import` of a scene by the command: systems with heights above a geoid, and positions without heights."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from musatpy import adjust
 from musatpy.cli.main import main
 from musatpy.formats.musat import read_deck
 from musatpy.sfm.source import cameras_of_job
 from sfm.test_control import GIVEN, UTM, gcp_list, stations_of
-from sfm.written_models import LATITUDE, LONGITUDE, Scene, scene, write_colmap, write_opensfm
+from sfm.written_models import LATITUDE, LONGITUDE, Scene, applied, scene, transpose, write_colmap, write_opensfm
 
 COMPOUND = f"{UTM}+5703"
 HEAD = "SourceFile,GPSLatitude,GPSLongitude,GPSAltitude,RtkFlag,RtkStdLon,RtkStdLat,RtkStdHgt"
@@ -88,6 +90,30 @@ def test_metres_of_a_model_are_kept_where_they_are_those_of_rtk(
     control = ("--gcp", gcp_list(tmp_path / "gcp_list.txt", exact))
     imported("opensfm", path.parent, "--gnss", exposures(tmp_path / "exif.csv", exact, fix), *control)
     assert (cameras_of_job(tmp_path / "a.job").placement.scale == 1.0) == kept
+
+
+def test_positions_of_antennas_have_a_lever_arm(tmp_path: Path, exact: Scene) -> None:
+    write_colmap(tmp_path, exact)
+    arm = [0.3, 0.2, -1.1]  # x right, y down, z forward
+    antennas = [
+        [c + d for c, d in zip(C, applied(transpose(R), arm), strict=True)]
+        for R, C in zip(exact.R, exact.C, strict=True)
+    ]
+    of_antennas = replace(exact, C=antennas)
+    gnss = (
+        "--gnss",
+        exposures(tmp_path / "exif.csv", of_antennas, "50,.02,.02,.02"),
+        "--lever-arm",
+        "0.3,-0.2,1.1",
+    )
+    imported("colmap", tmp_path, *gnss)
+    block = read_deck(tmp_path / "a.job")
+    assert len(block.antenna_positions.photo) == len(exact.names) and np.isnan(block.photos.position_sigma).all()
+    off = (adjust(block).stations.position - stations_of(exact, 0.0)) * [6.37e6, 6.05e6, 1.0]
+    np.testing.assert_allclose(off, 0.0, atol=1e-3)  # images without noise
+    plan = exposures(tmp_path / "exif.csv", of_antennas, "16,1,1,2")
+    output = imported("colmap", tmp_path, "--gnss", plan, "--lever-arm", "0.3,-0.2,1.1", status=1).output
+    assert "a lever arm is of positions with heights" in output
 
 
 def test_components_of_colmap_are_its_folders(tmp_path: Path, exact: Scene) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from musatpy.cli.depth import NUMBER, POSITIVE
+from musatpy.cli.depth import NUMBER, POSITIVE, Numbers
 from musatpy.cli.messages import complain, name_of, tell
 from musatpy.cli.options import NamedPath, options_of, quiet_option, refuse_overwriting, water_options
 
@@ -26,6 +26,8 @@ _import_options = options_of(
                  help="Times and positions of the photos: what 'exiftool -csv -n' prints. "
                       "Default: positions that the model states."),
     click.option("--heights", is_flag=True, help="Take heights of positions without RTK too."),
+    click.option("--lever-arm", type=Numbers(3), metavar="X,Y,Z",
+                 help="From the camera to the antenna of the positions, m along the axes of the photo (z up)."),
     click.option("--crs", default="", metavar="CODE",
                  help="System of control that states none: EPSG:code[+vertical], or local."),
     click.option("--geoid", default="", metavar="GRID", help="Grid file of the geoid that its heights refer to."),

@@ -16,6 +16,7 @@ from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import geographic
 from musatpy.model import LENS_PARAMETERS, ControlKind, EllipsoidSpec
+from musatpy.model.tables import finite_rows
 from musatpy.reduction.pixel_lens import CorrectedLens, PixelLens
 from musatpy.sfm.model import Model, ModelError
 
@@ -62,7 +63,7 @@ class Placement:
 class Beside:
     """What is known besides a model of n photos and p points; NaN where something is not given."""
 
-    position: FloatArray  # (n, 3) observed stations, as `Placement.positions`
+    position: FloatArray  # (n, 3) observed stations, or antennas, as `Placement.positions`
     position_sigma: FloatArray  # (n, 3) m
     tide: FloatArray  # (n,) m
     tide_sigma: FloatArray  # (n,) m
@@ -70,6 +71,7 @@ class Beside:
     time: FloatArray  # (n,) s
     wet: BoolArray  # (p,)
     dry: BoolArray  # (p,) for certain
+    lever_arm: tuple[float, ...] = ()  # m, along the axes of a photo to the antenna of a known height; empty: none
     control: TextArray = field(default_factory=lambda: np.zeros(0, dtype=np.str_))  # (k,) ids
     control_position: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     control_sigma: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
@@ -175,13 +177,20 @@ def block_of(
     names = [str(number + 1) for number in range(len(model.lenses))]
     _add_cameras(build, model, names, size, held)
     positions = placement.positions(model.centre)
-    observed = np.isfinite(beside.position_sigma)  # in plan both or none
+    sigma = beside.position_sigma
+    antennas = finite_rows(sigma) & bool(beside.lever_arm)
+    if antennas.any():
+        of = {"position": beside.position[antennas], "sigma": sigma[antennas]}
+        build.add("antenna_positions", photo=model.photos[antennas], **of)
+        for name in names:
+            build.add("lever_arms", camera=name, offset=beside.lever_arm)
+        sigma = np.where(antennas[:, None], np.nan, sigma)
     build.add(
         "stations",
         ids=model.photos,
         camera=np.array(names)[model.camera],
-        position=np.where(observed, beside.position, positions),
-        position_sigma=beside.position_sigma,
+        position=np.where(np.isfinite(sigma), beside.position, positions),  # in plan both or none
+        position_sigma=sigma,
     )
     build.add("attitudes", ids=model.photos, attitude=placement.attitudes(model.rotation, positions))
     tidal = np.isfinite(beside.tide)

@@ -48,6 +48,7 @@ class Asked:
     gcp_sigma: float = 0.05  # m, of control whose file states none
     gnss: Path | None = None  # None: positions that the model states; NONE: none of these either
     heights: bool = False  # those of positions without RTK too
+    lever_arm: tuple[float, ...] = ()  # m, of antennas; empty: positions are those of the projection centres
     crs: str = ""
     geoid: str = ""  # grid of the heights of control
     time_zone: str = ""
@@ -118,6 +119,10 @@ def imported(asked: Asked, title: str) -> Imported:
     lines, warnings = [_size(model)], [*model.notes, *proof.notes]
     lines.append(f"straight rays miss images by {proof.median:.2f} px (median of {proof.images})")
     exposures = _exposures(asked, model)
+    if asked.lever_arm and (exposures is None or not np.isfinite(exposures.sigma).all(axis=1).any()):
+        raise ModelError.of(
+            "a lever arm is of positions with heights: --gnss with those of fixed RTK, or --heights"
+        )
     control = None if asked.gcp is None else read_control(asked.gcp, model)
     geo, control_level = _placed(asked, model, control, exposures)
     if geo.placement.ellipsoid is None:  # nothing local leads to what the file says of the earth
@@ -315,6 +320,7 @@ def _beside(
             beside,
             position=exposures.position,
             position_sigma=exposures.sigma,
+            lever_arm=asked.lever_arm,
             time=exposures.time - np.nanmin(np.append(exposures.time, np.inf)),
         )
     if levels is not None:
