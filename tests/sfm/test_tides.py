@@ -133,7 +133,7 @@ def test_what_is_wrong_with_readings_is_told_with_its_place(tmp_path: Path) -> N
     with pytest.raises(ModelError) as caught:
         read(tmp_path, "time,level\n" + "".join(f"{row},1\n" for row in rows))
     assert refusals(caught) == [
-        ":4 cols 1-16 time: '2024-05-17 10:20' states no time zone; expected: Z or +hh:mm, or an option",
+        ":4 cols 1-16 time: '2024-05-17 10:20' states no time zone; expected: Z or +hh:mm, or --zone, --tide-zone",
         ":5 cols 1-9 time: '17.5.2024' is no date and time YYYY-MM-DD hh:mm, nor seconds",
         ":6 cols 1-22 time: '2024-05-17T11:10+01:00' stands there twice",
     ]

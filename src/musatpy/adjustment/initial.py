@@ -302,15 +302,16 @@ def _with_lost(model: PhotoModel, sights: Tangents, points: IntArray) -> PhotoMo
     A lens of which little is known bends rays farther than images of a model may be off.
     """
     X = dict(zip(model.point.tolist(), model.X, strict=True))
-    for point in np.setdiff1d(points, model.point).tolist():
-        rows = np.flatnonzero((sights.point == point) & np.isin(sights.photo, model.photo))
-        if len(rows) > 1:
-            at = [model.row(photo) for photo in sights.photo[rows].tolist()]
-            ray = collinearity.ray(sights.x[rows], model.M[at], *_TANGENTS)
+    lost = np.isin(sights.point, np.setdiff1d(points, model.point))
+    rows = np.flatnonzero(lost & np.isin(sights.photo, model.photo))
+    for of in np.split(rows, np.flatnonzero(np.diff(sights.point[rows])) + 1):
+        if len(of) > 1:
+            at = [model.row(photo) for photo in sights.photo[of].tolist()]
+            ray = collinearity.ray(sights.x[of], model.M[at], *_TANGENTS)
             place = collinearity.nearest_point(model.C[at], ray)
             away = place - model.C[at]
             missed = np.linalg.norm(np.cross(ray, away), axis=1) / np.linalg.norm(away, axis=1)
-            X |= {point: place} if (missed < _BENT).all() else {}
+            X |= {int(sights.point[of[0]]): place} if (missed < _BENT).all() else {}
     order = sorted(X)
     return replace(model, point=np.array(order), X=np.array([X[point] for point in order]))
 

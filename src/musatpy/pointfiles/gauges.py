@@ -57,7 +57,7 @@ class Tide:
     """n readings of a gauge, by time."""
 
     file: str
-    time: FloatArray  # (n,) s of UTC since 1970, ascending
+    time: FloatArray  # (n,) s, ascending; of UTC since 1970 where the file has dates
     level: FloatArray  # (n,) m
     sigma: FloatArray  # (n,) m, of a reading
 
@@ -169,7 +169,7 @@ def moment(text: str, zone: tzinfo | None) -> float:
     if time is None:
         raise ValueError("is no date and time YYYY-MM-DD hh:mm, nor seconds")
     if time.tzinfo is None and zone is None:
-        raise ValueError("states no time zone; expected: Z or +hh:mm, or an option")
+        raise ValueError("states no time zone; expected: Z or +hh:mm, or --zone, --tide-zone")
     return (time if time.tzinfo else time.replace(tzinfo=zone)).timestamp()
 
 
